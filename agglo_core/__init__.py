@@ -1,0 +1,92 @@
+"""agglo: agglomeration of polygonal and polyhedral meshes into nested hierarchies, composed from plugins.
+
+>>> import agglo_core as agglo
+>>> mesh = agglo.samples.voronoi(5000, seed=3)
+>>> hierarchy = agglo.agglomerate(mesh, bisector="kmeans", h_factor=(2, 4, 8), seed=0)
+>>> values = agglo.quality(mesh, hierarchy.levels[0], metrics=("UF", "CR", "CRc"))
+>>> agglo.write("out.vtu", mesh, hierarchy)
+
+Names are imported when first used: a plugin that declares components loads none of numpy and the rest.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agglo_core import errors, functionals, plugins, samples
+    from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
+    from agglo_core.graph import Graph
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io import read, write
+    from agglo_core.mesh import Mesh
+    from agglo_core.pipeline import Pipeline, agglomerate
+    from agglo_core.plugins import Command, Component, Registry, hookimpl
+    from agglo_core.protocols import Target
+    from agglo_core.report import quality
+
+    __version__: str
+
+__all__ = [
+    "AggloError",
+    "Command",
+    "Component",
+    "FileError",
+    "Graph",
+    "Hierarchy",
+    "Mesh",
+    "MeshError",
+    "OptionError",
+    "Pipeline",
+    "PluginError",
+    "Registry",
+    "Target",
+    "__version__",
+    "agglomerate",
+    "errors",
+    "functionals",
+    "hookimpl",
+    "plugins",
+    "quality",
+    "read",
+    "samples",
+    "write",
+]
+
+_HOME = {
+    "errors": ("AggloError", "FileError", "MeshError", "OptionError", "PluginError"),
+    "graph": ("Graph",),
+    "hierarchy": ("Hierarchy",),
+    "io": ("read", "write"),
+    "mesh": ("Mesh",),
+    "pipeline": ("Pipeline", "agglomerate"),
+    "plugins": ("Command", "Component", "Registry", "hookimpl"),
+    "protocols": ("Target",),
+    "report": ("quality",),
+}
+_SUBMODULES = ("errors", "functionals", "plugins", "samples")
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        return _version()
+    if name in _SUBMODULES:
+        return import_module(f"agglo_core.{name}")
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(import_module(f"agglo_core.{module}"), name)
+    raise AttributeError(f"module 'agglo_core' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("agglo")
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        return "0+unknown"

@@ -1,0 +1,124 @@
+"""The group of commands, those of plugins among them, and what becomes of errors."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+import agglo_core
+from agglo_core.cli.console import notices
+from agglo_core.cli.generate import mesh
+from agglo_core.cli.listing import plugins
+from agglo_core.cli.measure import quality
+from agglo_core.cli.run import run
+from agglo_core.errors import AggloError, PluginError
+from agglo_core.plugins import CORE_COMMANDS, Record, default, describe
+from agglo_core.plugins.construct import resolve
+
+__all__ = ["app", "main"]
+
+
+class Commands(click.Group):
+    """agglo's own commands and those of plugins, which are imported when they are run."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Own commands first; a plugin's command whose name is taken is listed as ``plugin/name``."""
+        theirs = (
+            f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name
+            for record in default().commands()
+        )
+        return [*CORE_COMMANDS, *sorted(set(theirs))]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command:
+        """The command of that name; a plugin's stands in for the real one until it is run."""
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        try:
+            return _stand_in(cmd_name, default().record("command", cmd_name))
+        except PluginError:
+            raise click.UsageError(_unknown(cmd_name, self.list_commands(ctx))) from None
+
+
+def _stand_in(name: str, record: Record) -> click.Command:
+    """A command with the declared summary that imports the target and hands over its arguments."""
+
+    def hand_over(arguments: tuple[str, ...]) -> object:
+        real = resolve(record)
+        if not isinstance(real, click.Command):
+            raise PluginError(f"{describe(record)}: its target is {real!r:.60}, expected a click command")
+        context = click.get_current_context()
+        with real.make_context(name, list(arguments), parent=context.parent) as inner:
+            return real.invoke(inner)
+
+    summary = record.command.summary if record.command else ""
+    return click.Command(
+        name,
+        callback=hand_over,
+        params=[click.Argument(["arguments"], nargs=-1, type=click.UNPROCESSED)],
+        help=summary if record.state == "ok" else f"({record.state}) {summary}",
+        context_settings={"ignore_unknown_options": True},
+        add_help_option=False,
+    )
+
+
+def _unknown(name: str, known: list[str]) -> str:
+    close = difflib.get_close_matches(name, known, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    failed = [record for record in default().list() if record.kind == "plugin"]
+    reasons = "".join(f"; {describe(record)} is {record.state}: {record.reason}" for record in failed)
+    return f"no command {name!r}{hint}; accepted: {', '.join(known)}{reasons}"
+
+
+@click.group(cls=Commands, invoke_without_command=True)
+@click.version_option(agglo_core.__version__, prog_name="agglo")
+@click.pass_context
+def app(context: click.Context) -> None:
+    """Agglomerate polygonal and polyhedral meshes into nested hierarchies.
+
+    Exit codes: 0 done, 2 bad input, 3 not converged or a law failed.
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+for _command in (run, quality, mesh, plugins):
+    app.add_command(_command)
+
+
+def main(args: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit; errors raised on purpose become one line, bugs a traceback."""
+    with notices():
+        code = _run(args)
+    sys.exit(code)
+
+
+def _run(args: Sequence[str] | None) -> int:
+    try:
+        result = app.main(args=args, prog_name="agglo", standalone_mode=False)
+        sys.stdout.flush()
+    except click.Abort:
+        click.echo("interrupted", err=True)
+        return 130
+    except click.ClickException as error:
+        return _fail(error.format_message())
+    except AggloError as error:
+        return _fail(str(error))
+    except BrokenPipeError:  # the reader of our output left: say nothing, now and at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _fail(f"{error.filename}: {error.strerror}")
+    return result if isinstance(result, int) else 0
+
+
+def _fail(message: str) -> int:
+    click.echo(f"error: {' '.join(message.split())}", err=True)
+    return 2

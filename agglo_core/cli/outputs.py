@@ -1,0 +1,81 @@
+"""The files ``agglo run`` leaves: checked before anything is computed, written when all is done."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from agglo_core.errors import FileError, OptionError
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["check_outputs", "write_outputs"]
+
+_PICTURES = (".png", ".pdf", ".svg")
+
+
+def check_outputs(output: Path | None, plot: Path | None, bisectors: Sequence[str]) -> list[Path]:
+    """The mesh file of each run, all known to be writable as far as can be seen.
+
+    Raises
+    ------
+    FileError
+        For an unknown suffix, a folder that does not exist, or a path that is a folder.
+    OptionError
+        If a picture is asked for and matplotlib is not installed.
+    """
+    if plot is not None:
+        _check_picture(plot)
+    if output is None:
+        return []
+    from agglo_core.io import check_writable
+
+    files = [output] if len(bisectors) < 2 else _one_each(output, bisectors)
+    for file in files:
+        check_writable(file)
+    return files
+
+
+def _check_picture(plot: Path) -> None:
+    if plot.suffix.lower() not in _PICTURES:
+        raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, not {plot.suffix!r}")
+    if plot.is_dir():
+        raise FileError(f"{plot} is a folder; expected the name of a picture")
+    if not plot.parent.is_dir():
+        raise FileError(f"{plot}: there is no folder {plot.parent}")
+    if find_spec("matplotlib") is None:
+        raise OptionError("--plot needs matplotlib, which is not installed: pip install 'agglo[plot]'")
+
+
+def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
+    """``out_kmeans.vtu``, ``out_metis.vtu``; with options, whatever of them a file name may hold."""
+    names = [re.sub(r"\W+", "_", spec).strip("_") for spec in bisectors]
+    if len(set(names)) < len(names):
+        raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")
+    return [output.with_name(f"{output.stem}_{name}{output.suffix}") for name in names]
+
+
+def write_outputs(
+    mesh: Mesh, hierarchies: Mapping[str, Hierarchy], files: Sequence[Path], plot: Path | None
+) -> list[Path]:
+    """Write what was asked for and return the paths; a failed picture leaves no mesh file behind."""
+    written = []
+    if plot is not None:
+        from agglo_core.plot import draw
+
+        draw(mesh, hierarchies, plot)
+        written.append(plot)
+    if files:
+        from agglo_core.io import write
+
+        for file, hierarchy in zip(files, hierarchies.values(), strict=True):
+            write(file, mesh, hierarchy)
+            written.append(file)
+    return written

@@ -1,0 +1,231 @@
+"""The components at work on a run, and the checks of what each returns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.errors import PluginError
+from agglo_core.graph import Graph
+from agglo_core.protocols import Bisector, ConnectivityFixer, LevelBisector, Partitioner, Refiner, Target
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["Crew", "Member", "Statistics", "bisect_by_block"]
+
+_MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+
+
+def splitmix(seeds: UInt64) -> UInt64:
+    """The splitmix64 mixing step: well-spread seeds from any distinct ones."""
+    z = seeds + _MIX[0]
+    z = (z ^ (z >> np.uint64(30))) * _MIX[1]
+    z = (z ^ (z >> np.uint64(27))) * _MIX[2]
+    return np.asarray(z ^ (z >> np.uint64(31)))
+
+
+@dataclass
+class Statistics:
+    """What happened during a run: counts, and CPU seconds by phase."""
+
+    depth: int = 0
+    bisections: int = 0
+    repairs: int = 0
+    fallbacks: int = 0
+    oversized_cells: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def timed(self, phase: str) -> Iterator[None]:
+        """Add the CPU time of the block to ``seconds[phase]``."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.process_time() - start
+
+
+@dataclass(frozen=True)
+class Member:
+    """A component object and how errors call it."""
+
+    tool: Any
+    title: str
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Chosen components. Every output is checked here, at the border.
+
+    ``fallback`` splits pieces that ``bisector`` left one-sided, if it declared one; ``finisher`` splits
+    pieces when the bisector only knows direct k-way partitions.
+    """
+
+    bisector: Member
+    refiners: Sequence[Member]
+    fixer: Member
+    finisher: Member
+    fallback: Member | None = None
+    watch: Callable[[dict[str, Any]], None] | None = None
+
+    def bisect(self, level: Graph, seeds: UInt64, statistics: Statistics) -> Int:
+        """Sides ``(n,)`` in {0, 1}, both present in every block."""
+        can_bisect = isinstance(self.bisector.tool, LevelBisector | Bisector)
+        member = self.bisector if can_bisect else self.finisher
+        sides = _sides(member, level, seeds)
+        lopsided = _one_sided(level, sides)
+        if len(lopsided) and self.fallback is not None:
+            statistics.fallbacks += len(lopsided)
+            sides = sides.copy()
+            nodes = np.flatnonzero(np.isin(level.block_ids, lopsided))
+            sides[nodes] = _sides(self.fallback, level.take(lopsided), seeds[lopsided])
+            lopsided = _one_sided(level, sides)
+        if len(lopsided):
+            size = int(np.diff(level.offsets)[lopsided[0]])
+            raise PluginError(f"{member.title} put all {size} cells of a piece on one side")
+        return sides
+
+    def partition(self, graph: Graph, parts: int, seed: int) -> Int:
+        """Labels ``(n,)`` of a direct partition of one connected block, gaps closed."""
+        tool: Partitioner = self.bisector.tool
+        with _attributed(self.bisector):
+            given = tool.partition(graph, Target(parts=parts), seed)
+        labels = _integers(self.bisector, "partition", given, graph.n)
+        if labels.min() < 0 or labels.max() >= parts:
+            raise PluginError(
+                f"{self.bisector.title} returned labels {labels.min()}..{labels.max()} for {parts} parts"
+            )
+        return frozen_int(np.unique(labels, return_inverse=True)[1])
+
+    def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
+        """Labels after all refiners, each keeping the label set of every block."""
+        for member in self.refiners:
+            tool: Refiner = member.tool
+            with _attributed(member):
+                given = tool.refine(graph, frozen_int(labels), seeds, target)
+            refined = _integers(member, "refine", given, graph.n)
+            _same_parts(member, graph, labels, refined)
+            labels = frozen_int(refined)
+        return labels
+
+    def fix(self, graph: Graph, labels: Int, statistics: Statistics) -> Int:
+        """Labels whose parts are all connected; only blocks in need of it are given to the fixer."""
+        broken = broken_blocks(graph, labels)
+        if len(broken) == 0:
+            return labels
+        statistics.repairs += len(broken)
+        whole = len(broken) == graph.n_blocks
+        piece = graph if whole else graph.take(broken)
+        nodes = slice(None) if whole else np.flatnonzero(np.isin(graph.block_ids, broken))
+        before = frozen_int(labels[nodes])
+        tool: ConnectivityFixer = self.fixer.tool
+        with _attributed(self.fixer):
+            given = tool.fix(piece, before)
+        fixed = _integers(self.fixer, "fix", given, piece.n)
+        _same_parts(self.fixer, piece, before, fixed)
+        if len(broken_blocks(piece, fixed)):
+            raise PluginError(f"{self.fixer.title} left a part disconnected")
+        result = labels.copy()
+        result[nodes] = fixed
+        return frozen_int(result)
+
+
+def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[Any]:
+    """Lift the simple road to a level: one call per block, each with its own generator."""
+    sides = []
+    for b in range(level.n_blocks):
+        piece = level[b]
+        given = np.asarray(bisector.bisect(piece, np.random.default_rng(int(seeds[b]))))
+        if given.shape != (piece.n,):
+            raise PluginError(f"bisect returned shape {given.shape} for a graph of {piece.n} nodes")
+        sides.append(given)
+    return np.concatenate(sides)
+
+
+def broken_blocks(graph: Graph, labels: Int) -> Int:
+    """Blocks with a part that is not connected."""
+    from agglo_core.kernels.graphs import components
+
+    parts = _present(graph, labels, int(labels.max()) + 1).sum(axis=1)
+    _, nodes, offsets = components(graph.indptr, graph.indices, frozen_int(labels))
+    if len(offsets) - 1 == parts.sum():
+        return frozen_int(np.empty(0))
+    owner = graph.block_ids[nodes[offsets[:-1]]]
+    return frozen_int(np.flatnonzero(np.bincount(owner, minlength=graph.n_blocks) != parts))
+
+
+@contextmanager
+def _attributed(member: Member) -> Iterator[None]:
+    """Turn whatever a component raises into a PluginError that names it."""
+    try:
+        yield
+    except PluginError as error:
+        raise PluginError(f"{member.title}: {error}") from error
+    except Exception as error:
+        raise PluginError(f"{member.title} raised {type(error).__name__}: {error}") from error
+
+
+def _sides(member: Member, level: Graph, seeds: UInt64) -> Int:
+    """Sides as integers {0, 1}; probabilities are rounded (1 iff p >= 0.5)."""
+    with _attributed(member):
+        if isinstance(member.tool, LevelBisector):
+            given = np.asarray(member.tool.bisect_level(level, seeds))
+        else:
+            given = bisect_by_block(member.tool, level, seeds)
+    if given.shape != (level.n,):
+        raise PluginError(f"{member.title} returned shape {given.shape}, expected ({level.n},)")
+    if given.dtype.kind == "f":
+        if not ((given >= 0) & (given <= 1)).all():
+            raise PluginError(f"{member.title} returned probabilities that are NaN or outside [0, 1]")
+        return frozen_int(given >= 0.5)
+    if given.dtype.kind not in "iub":
+        raise PluginError(f"{member.title} returned {given.dtype}, expected integers, booleans or floats")
+    if given.min() < 0 or given.max() > 1:
+        raise PluginError(f"{member.title} returned sides {given.min()}..{given.max()}, expected 0 and 1")
+    return frozen_int(given)
+
+
+def _one_sided(level: Graph, sides: Int) -> Int:
+    ones = np.add.reduceat(sides, level.offsets[:-1])
+    return frozen_int(np.flatnonzero((ones == 0) | (ones == np.diff(level.offsets))))
+
+
+def _integers(member: Member, what: str, given: Any, n: int) -> Int:
+    labels = np.asarray(given)
+    if labels.shape != (n,) or labels.dtype.kind not in "iub":
+        raise PluginError(
+            f"{member.title}: {what} returned shape {labels.shape} of {labels.dtype}, "
+            f"expected ({n},) integers"
+        )
+    return frozen_int(labels)
+
+
+def _same_parts(member: Member, graph: Graph, before: Int, after: Int) -> None:
+    """Raise unless each block has the labels it had."""
+    stride = int(before.max()) + 1
+    if after.min() < 0 or after.max() >= stride:
+        raise PluginError(
+            f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{stride - 1}"
+        )
+    had, has = _present(graph, before, stride), _present(graph, after, stride)
+    if (had != has).any():
+        block, part = np.argwhere(had != has)[0]
+        verb = "emptied" if had[block, part] else "created"
+        raise PluginError(f"{member.title} {verb} part {part} of block {block}")
+
+
+def _present(graph: Graph, labels: Int, stride: int) -> NDArray[np.bool_]:
+    """Which labels 0..stride−1 occur in each block ``(B, stride)``."""
+    if stride == 2:
+        ones = np.add.reduceat(labels, graph.offsets[:-1])
+        return np.stack((ones < np.diff(graph.offsets), ones > 0), axis=1)
+    room = graph.n_blocks * stride
+    return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)

@@ -1,0 +1,65 @@
+"""The built-in components, declared through the same hook as any plugin's."""
+
+from __future__ import annotations
+
+from agglo_core.plugins import Component, hookimpl
+
+_METRICS = {
+    "UF": ("UniformityFactor", "Diameter over the largest diameter (paper, §4)."),
+    "UF99": ("UniformityFactor99", "Diameter over the 99th percentile of diameters; may exceed 1."),
+    "CR": ("CircleRatio", "Largest inscribed circle's radius over half the diameter (paper, §4)."),
+    "CRc": ("CentredCircleRatio", "The same with the circle centred at the centroid."),
+    "diameter_ratio": ("DiameterRatio", "Diameter over a target h*."),
+    "interface_length": ("InterfaceLength", "Measure of the faces shared with other agglomerates."),
+    "cut": ("Cut", "Number of dual edges that leave (paper, §2.1)."),
+    "ncut": ("NormalisedCut", "Cut over volume (paper, §2.1)."),
+    "components": ("Components", "Number of connected components."),
+    "cells": ("Cells", "Number of cells."),
+}
+
+
+@hookimpl
+def agglo_components() -> list[Component]:
+    """Refiner, fixer, metrics and geometric bisectors."""
+    geometric = {"deterministic": True, "3d": True, "pickles": True}
+    return [
+        Component(
+            kind="refiner",
+            name="interface",
+            target="agglo_core.defaults.refiners:InterfaceRefiner",
+            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            summary="Moves boundary cells to shorten the interface.",
+        ),
+        Component(
+            kind="fixer",
+            name="connectivity",
+            target="agglo_core.defaults.fixers:ConnectivityFixer",
+            promises={"deterministic": True, "3d": True, "pickles": True},
+            summary="Loose components join the neighbour they share most interface with.",
+        ),
+        Component(
+            kind="bisector",
+            name="coordinate",
+            target="agglo_core.defaults.geometric:CoordinateBisection",
+            promises=geometric,
+            summary="Halves by measure across the longest extent along x, y (or z).",
+        ),
+        Component(
+            kind="bisector",
+            name="inertial",
+            target="agglo_core.defaults.geometric:InertialBisection",
+            promises=geometric | {"invariant": True},
+            summary="Halves by measure across the principal axis.",
+        ),
+        *(
+            Component(
+                kind="metric",
+                name=name,
+                target=f"agglo_core.defaults.metrics:{target}",
+                promises={"deterministic": True, "pickles": True}
+                | ({"3d": True} if "CR" not in name else {}),
+                summary=summary,
+            )
+            for name, (target, summary) in _METRICS.items()
+        ),
+    ]

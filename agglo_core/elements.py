@@ -1,0 +1,96 @@
+"""Standard 3-D elements (VTK node order) as polyhedra: tables of their faces, applied to whole blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import MeshError
+
+__all__ = ["CORNERS", "Polyhedra", "concatenate", "gather", "polyhedra_from_elements", "take_cells"]
+
+_FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
+    "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
+    "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
+    "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+CORNERS: Mapping[str, int] = {"tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
+
+
+class Polyhedra(NamedTuple):
+    """Half-faces of cells: cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``."""
+
+    cell_offsets: Int  # (n_cells + 1,)
+    loop_offsets: Int  # (n_loops + 1,)
+    vertices: Int
+
+
+def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
+    """Half-faces of blocks of elements, outward, in the order of the blocks.
+
+    Parameters
+    ----------
+    blocks : mapping of kind to (n, k) int
+        Kinds "tetra" (k = 4), "hexahedron" (8), "wedge" (6), "pyramid" (5); point numbers in VTK
+        order (a wedge's first triangle is seen counter-clockwise from outside).
+
+    Raises
+    ------
+    MeshError
+        For an unknown kind or a wrong number of columns.
+
+    Examples
+    --------
+    >>> polyhedra_from_elements({"tetra": [[0, 1, 2, 3]]}).vertices.reshape(4, 3).tolist()
+    [[0, 1, 3], [1, 2, 3], [2, 0, 3], [0, 2, 1]]
+    """
+    return concatenate(_block(kind, cells) for kind, cells in blocks.items())
+
+
+def _block(kind: str, cells: ArrayLike) -> Polyhedra:
+    if kind not in _FACES:
+        raise MeshError(f"unknown element {kind!r}; known: {', '.join(_FACES)}")
+    table, nodes = _FACES[kind], np.asarray(cells, dtype=np.int64)
+    if nodes.ndim != 2 or nodes.shape[1] != CORNERS[kind]:
+        raise MeshError(f"{kind} cells must have shape (n, {CORNERS[kind]}), not {nodes.shape}")
+    n, local = len(nodes), np.concatenate([np.asarray(face) for face in table])
+    sizes = np.tile([len(face) for face in table], n)
+    return Polyhedra(
+        frozen_int(np.arange(n + 1) * len(table)),
+        frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
+        frozen_int(nodes[:, local].ravel()),
+    )
+
+
+def concatenate(parts: Iterable[Polyhedra]) -> Polyhedra:
+    """The cells of all parts, one after the other."""
+    given = list(parts)
+    return Polyhedra(
+        _join_offsets([part.cell_offsets for part in given]),
+        _join_offsets([part.loop_offsets for part in given]),
+        frozen_int(np.concatenate([np.empty(0, np.int64), *(part.vertices for part in given)])),
+    )
+
+
+def take_cells(polyhedra: Polyhedra, cells: Int) -> Polyhedra:
+    """The given cells in the given order."""
+    cell_offsets, loops = gather(polyhedra.cell_offsets, cells)
+    loop_offsets, places = gather(polyhedra.loop_offsets, loops)
+    return Polyhedra(cell_offsets, loop_offsets, frozen_int(polyhedra.vertices[places]))
+
+
+def gather(offsets: Int, rows: Int) -> tuple[Int, Int]:
+    """Offsets of the chosen rows of a CSR, and the places of their entries."""
+    sizes = np.diff(offsets)[rows]
+    new = np.concatenate(([0], np.cumsum(sizes)))
+    return frozen_int(new), frozen_int(np.arange(new[-1]) + np.repeat(offsets[rows] - new[:-1], sizes))
+
+
+def _join_offsets(parts: list[Int]) -> Int:
+    sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part) for part in parts)])
+    return frozen_int(np.concatenate(([0], np.cumsum(sizes))))

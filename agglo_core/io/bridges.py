@@ -1,0 +1,114 @@
+"""Polygons with holes as single loops: a bridge edge, walked both ways, joins two boundary loops."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.mesh import Mesh
+
+__all__ = ["single_loops"]
+
+
+def single_loops(mesh: Mesh) -> tuple[Int, Int, Int]:
+    """One closed vertex loop per cell, the cell on its left, of the same area as the cell.
+
+    Loops that share a vertex (a pinch) are joined there, others by a bridge between near vertices.
+
+    Returns
+    -------
+    offsets : (n_cells + 1,) int
+    vertices : int
+    loops : (n_cells,) int
+        Boundary loops of each cell; where it is 1 the polygon is the boundary as it is.
+
+    Raises
+    ------
+    FileError
+        If no bridge is free: an edge of the mesh cannot be one.
+    """
+    found = mesh.boundary_loops
+    loops = np.diff(found.cell_offsets)
+    several = np.flatnonzero(loops > 1)
+    if not len(several):
+        return found.loop_offsets, found.vertices, frozen_int(loops)
+    edges = _Edges(mesh)
+    starts = found.loop_offsets[found.cell_offsets]
+    pieces, sizes, done = [], np.diff(starts), 0
+    for c in several.tolist():
+        rows = range(found.cell_offsets[c], found.cell_offsets[c + 1])
+        parts = [found.vertices[found.loop_offsets[i] : found.loop_offsets[i + 1]] for i in rows]
+        joined = _join(mesh.local_points, parts, edges)
+        if joined is None:
+            raise FileError(f"cell {c} has {len(parts)} boundary loops that no free edge can join")
+        pieces += [found.vertices[done : starts[c]], joined]
+        done, sizes[c] = starts[c + 1], len(joined)
+    vertices = np.concatenate([*pieces, found.vertices[done:]])
+    return frozen_int(np.concatenate(([0], np.cumsum(sizes)))), frozen_int(vertices), frozen_int(loops)
+
+
+class _Edges:
+    """Edges that cannot be bridges: those of the mesh, and bridges already used."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._n = mesh.n_points
+        self._faces = np.sort(self._keys(mesh.face_pairs[:, 0], mesh.face_pairs[:, 1]))
+        self._bridges: set[int] = set()
+
+    def _keys(self, a: Int, b: Int) -> Int:
+        return frozen_int(np.minimum(a, b) * self._n + np.maximum(a, b))
+
+    def taken(self, a: Int, b: Int) -> NDArray[np.bool_]:
+        keys = self._keys(a, b)
+        place = np.minimum(np.searchsorted(self._faces, keys), len(self._faces) - 1)
+        used = np.fromiter(self._bridges, np.int64, len(self._bridges))
+        return np.asarray((self._faces[place] == keys) | np.isin(keys, used))
+
+    def add(self, a: int, b: int) -> None:
+        self._bridges.add(min(a, b) * self._n + max(a, b))
+
+
+def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
+    """The loops as one, nearest first, or None if no bridge is free."""
+    vertices = np.concatenate(parts)
+    part = np.repeat(np.arange(len(parts)), [len(loop) for loop in parts])
+    near, distance = np.full(len(vertices), -1), np.full(len(vertices), np.inf)
+    ring, newest = parts[0].tolist(), 0
+    waiting = part != 0
+    while waiting.any():
+        rest = np.flatnonzero(waiting)
+        anchor, gap = _nearest(points, frozen_int(vertices[rest]), parts[newest], edges)
+        closer = gap < distance[rest]
+        near[rest[closer]], distance[rest[closer]] = anchor[closer], gap[closer]
+        best = int(rest[np.argmin(distance[rest])])
+        if not np.isfinite(distance[best]):
+            return None
+        newest, a, b = int(part[best]), int(near[best]), int(vertices[best])
+        loop = parts[newest].tolist()
+        turn = loop.index(b)
+        walk = loop[turn:] + loop[:turn]
+        place = ring.index(a) + 1
+        ring[place:place] = [*walk[1:], a] if a == b else [*walk, b, a]
+        if a != b:
+            edges.add(a, b)
+        waiting[part == newest] = False
+    return frozen_int(ring)
+
+
+def _nearest(points: Float, rest: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
+    """For each vertex of ``rest`` the nearest of ``loop`` that may be joined to it, and how far it is."""
+    tree = cKDTree(points[loop])
+    for k in (min(8, len(loop)), len(loop)):
+        gap, place = tree.query(points[rest], k=range(1, k + 1))
+        anchor = loop[place]
+        own = np.repeat(rest[:, None], k, axis=1)
+        apart = (gap == 0) & (anchor != own)  # two points at one place: no edge between them
+        gap = np.where(apart | ((anchor != own) & edges.taken(anchor, own)), np.inf, gap)
+        if np.isfinite(gap).any():
+            break
+    best = np.argmin(gap, axis=1)
+    row = np.arange(len(rest))
+    return frozen_int(anchor[row, best]), gap[row, best]

@@ -1,0 +1,45 @@
+"""Hierarchies and files: what the labels of levels say without their targets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from agglo_core.arrays import Int
+from agglo_core.errors import MeshError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+
+__all__ = ["check_belongs", "split_levels"]
+
+
+def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy]:
+    """Mesh without its tags ``level_0``, ``level_1``, …, and the hierarchy that they are."""
+    tags = dict(mesh.cell_tags)
+    levels: list[Int] = []
+    while f"level_{len(levels)}" in tags:
+        levels.append(mesh.check_labels(tags.pop(f"level_{len(levels)}")))
+    mesh = replace(mesh, cell_tags=tags)
+    nested = all(_nests(fine, coarse) for fine, coarse in pairwise(levels))
+    targets = [{"parts": int(labels.max()) + 1} for labels in levels]
+    return mesh, Hierarchy(mesh, mesh.graph, levels, targets, nested, {})
+
+
+def _nests(fine: Int, coarse: Int) -> bool:
+    """Whether every part of ``fine`` lies in one part of ``coarse``."""
+    first = np.unique(fine, return_index=True)[1]
+    return bool((coarse[first][fine] == coarse).all())
+
+
+def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
+    """Raise MeshError if the hierarchy was made from another mesh."""
+    if hierarchy.fingerprint not in ("", mesh.fingerprint):
+        raise MeshError(f"the hierarchy belongs to another mesh: {hierarchy.fine!r}, not {mesh!r}")
+    for i, labels in enumerate(hierarchy.levels):
+        if len(labels) != mesh.n_cells:
+            raise MeshError(
+                f"the hierarchy belongs to another mesh: level {i} has {len(labels)} labels, "
+                f"the mesh {mesh.n_cells} cells"
+            )

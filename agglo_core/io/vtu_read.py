@@ -1,0 +1,202 @@
+"""Reading VTU (VTK XML unstructured grids): every coding, several pieces, polyhedra in both layouts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.elements import Polyhedra, concatenate, gather, take_cells
+from agglo_core.errors import FileError
+from agglo_core.io.cells import Soup, mesh_from_soup, with_repairs
+from agglo_core.io.vtu_arrays import TYPES, Document, parse
+from agglo_core.mesh import Mesh
+
+__all__ = ["read_vtu"]
+
+_GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
+
+
+def read_vtu(path: Path, *, merge_points: bool) -> Mesh:
+    """Mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh.
+    """
+    document = parse(path.read_bytes())
+    grid = document.root.find("UnstructuredGrid")
+    pieces = [_piece(document, piece) for piece in (grid.findall("Piece") if grid is not None else [])]
+    soup = _join([piece for piece in pieces if len(piece.types)] or pieces)
+    soup, ghosts = _without_ghosts(soup)
+    weak = "loops" in soup.tags and bool((soup.types == 7).all())  # our writer's mark of bridges
+    if weak:
+        soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != "loops"})
+    mesh = mesh_from_soup(soup, merge_points=merge_points, weak=weak, name=path.stem)
+    return with_repairs(mesh, {"ghost cells dropped": ghosts})
+
+
+def _piece(document: Document, piece: ElementTree.Element) -> Soup:
+    try:
+        n_points, n = (int(piece.get(key, "")) for key in ("NumberOfPoints", "NumberOfCells"))
+    except ValueError:
+        raise FileError("a Piece does not say its NumberOfPoints and NumberOfCells") from None
+    points = _points(document, piece, n_points)
+    cells = {element.get("Name", ""): element for element in piece.iterfind("Cells/DataArray")}
+    if n == 0:
+        return _empty(points)
+    arrays = _Arrays(document, cells)
+    types, ends, vertices = arrays.take("types"), arrays.take("offsets"), arrays.take("connectivity")
+    if len(types) != n or len(ends) != n:
+        raise FileError(f"a Piece of {n} cells has {len(types)} types and {len(ends)} offsets")
+    offsets = _offsets(ends, len(vertices), "offsets")
+    if vertices.size and not (vertices.min() >= 0 and vertices.max() < n_points):
+        raise FileError(f"array 'connectivity' uses points outside 0..{n_points - 1}")
+    solids = _polyhedra(arrays, np.flatnonzero(types == 42), n)
+    if solids.vertices.size and not (solids.vertices.min() >= 0 and solids.vertices.max() < n_points):
+        raise FileError(f"faces of polyhedra use points outside 0..{n_points - 1}")
+    return Soup(points, types, offsets, vertices, solids, _tags(document, piece, n))
+
+
+def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
+    element = piece.find("Points/DataArray")
+    values = document.array(element) if element is not None else np.empty(0)
+    if values.size != 3 * n:
+        raise FileError(f"a Piece of {n} points has {values.size} coordinates, expected {3 * n}")
+    return frozen_float(values.reshape(-1, 3))
+
+
+def _empty(points: Float) -> Soup:
+    none = frozen_int(np.empty(0))
+    return Soup(points, none, frozen_int([0]), none, concatenate([]), {})
+
+
+def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, Int]:
+    """Integer cell data of one component."""
+    tags = {}
+    for element in piece.iterfind("CellData/DataArray"):
+        name, kind = element.get("Name", ""), element.get("type", "")
+        if not name or not kind.startswith(("Int", "UInt")) or kind not in TYPES:
+            continue
+        if element.get("NumberOfComponents", "1").strip() not in ("0", "1"):
+            continue
+        values = document.array(element)
+        if len(values) != n:
+            raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
+        tags[name] = frozen_int(values)
+    return tags
+
+
+class _Arrays(NamedTuple):
+    document: Document
+    cells: dict[str, ElementTree.Element]
+
+    def take(self, name: str) -> Int:
+        if name not in self.cells:
+            raise FileError(f"array {name!r} is missing from Cells; found {', '.join(self.cells) or 'none'}")
+        values: NDArray[Any] = self.document.array(self.cells[name])
+        if values.dtype.kind not in "iu":
+            raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
+        return frozen_int(values)
+
+
+def _offsets(ends: Int, size: int, name: str) -> Int:
+    offsets = np.concatenate(([0], ends))
+    if (np.diff(offsets) < 0).any() or offsets[-1] != size:
+        raise FileError(f"array {name!r} must rise to {size}, it ends at {offsets[-1]}")
+    return frozen_int(offsets)
+
+
+def _polyhedra(arrays: _Arrays, solids: Int, n: int) -> Polyhedra:
+    if not len(solids):
+        return concatenate([])
+    if "polyhedron_to_faces" not in arrays.cells:
+        return _face_stream(arrays.take("faces"), arrays.take("faceoffsets"), solids, n)
+    loops, faces = arrays.take("face_connectivity"), arrays.take("polyhedron_to_faces")
+    loop_offsets = _offsets(arrays.take("face_offsets"), len(loops), "face_offsets")
+    ends = arrays.take("polyhedron_offsets")
+    if len(ends) != n:
+        raise FileError(f"array 'polyhedron_offsets' has {len(ends)} values for {n} cells")
+    offsets, places = gather(_offsets(ends, len(faces), "polyhedron_offsets"), solids)
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(loop_offsets) - 1):
+        raise FileError(f"array 'polyhedron_to_faces' uses faces outside 0..{len(loop_offsets) - 2}")
+    loop_offsets, entries = gather(loop_offsets, faces[places])
+    return Polyhedra(offsets, loop_offsets, frozen_int(loops[entries]))
+
+
+def _face_stream(stream: Int, ends: Int, solids: Int, n: int) -> Polyhedra:
+    """Faces of polyhedra stored as ``n_faces, size, v…, size, v…`` per cell, up to ``ends[c]``.
+
+    The stream is walked face by face for all cells at once.
+    """
+    if len(ends) != n:
+        raise FileError(f"array 'faceoffsets' has {len(ends)} values for {n} cells")
+    stops = ends[solids]
+    starts = np.concatenate(([0], stops[:-1]))
+    if (starts >= stops).any() or starts[0] < 0 or stops[-1] > len(stream):
+        raise FileError("array 'faceoffsets' does not rise within 'faces'")
+    counts = stream[starts]
+    if (counts < 1).any() or (counts > stops - starts).any():
+        raise FileError("array 'faces': a cell claims more faces than it holds, or none")
+    offsets = np.concatenate(([0], np.cumsum(counts)))
+    sizes, places = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
+    cursor, cells = starts + 1, np.arange(len(solids))
+    for rank in range(int(counts.max())):
+        cells = cells[counts[cells] > rank]
+        if (cursor[cells] >= stops[cells]).any():
+            raise FileError("array 'faces' ends before the last face of a cell")
+        size = stream[cursor[cells]]
+        if (size < 1).any() or (cursor[cells] + size >= stops[cells]).any():
+            raise FileError("array 'faces' holds a face of no size, or one longer than its cell")
+        sizes[offsets[cells] + rank], places[offsets[cells] + rank] = size, cursor[cells] + 1
+        cursor[cells] += size + 1
+    loop_offsets = np.concatenate(([0], np.cumsum(sizes)))
+    entries = np.arange(loop_offsets[-1]) + np.repeat(places - loop_offsets[:-1], sizes)
+    return Polyhedra(frozen_int(offsets), frozen_int(loop_offsets), frozen_int(stream[entries]))
+
+
+def _join(pieces: list[Soup]) -> Soup:
+    """All pieces as one; tags that some piece lacks are left out."""
+    if not pieces:
+        raise FileError("there is no Piece in it")
+    shift = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+    ends = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    common = [key for key in pieces[0].tags if all(key in piece.tags for piece in pieces)]
+    moved = [
+        piece.solids._replace(vertices=frozen_int(piece.solids.vertices + start))
+        for piece, start in zip(pieces, shift[:-1], strict=True)
+    ]
+    return Soup(
+        frozen_float(np.concatenate([piece.points for piece in pieces])),
+        frozen_int(np.concatenate([piece.types for piece in pieces])),
+        frozen_int(
+            np.concatenate([[0], *(p.offsets[1:] + e for p, e in zip(pieces, ends[:-1], strict=True))])
+        ),
+        frozen_int(np.concatenate([p.vertices + s for p, s in zip(pieces, shift[:-1], strict=True)])),
+        concatenate(moved),
+        {key: frozen_int(np.concatenate([piece.tags[key] for piece in pieces])) for key in common},
+    )
+
+
+def _without_ghosts(soup: Soup) -> tuple[Soup, int]:
+    """Without the cells that other pieces repeat."""
+    tags = dict(soup.tags)
+    ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
+    if not ghost.any():
+        return soup._replace(tags=tags), 0
+    kept = np.flatnonzero(~ghost)
+    offsets, places = gather(soup.offsets, frozen_int(kept))
+    solid = np.flatnonzero(~ghost[soup.types == 42])
+    return Soup(
+        soup.points,
+        frozen_int(soup.types[kept]),
+        offsets,
+        frozen_int(soup.vertices[places]),
+        take_cells(soup.solids, frozen_int(solid)),
+        {key: frozen_int(values[kept]) for key, values in tags.items()},
+    ), int(ghost.sum())

@@ -1,0 +1,227 @@
+"""From cell loops to faces, and from faces to cells: the topology kernels of a 2-D mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.kernels import kernel
+
+__all__ = ["cell_faces", "chain_loops", "check_polygons", "match_half_edges"]
+
+OK, FEW, REPEATED, ZERO, CROSSED = 0, 1, 2, 3, 4
+
+
+@kernel
+def _crosses(points, a, b, c, d):
+    """Whether the open segments ab and cd meet, or one passes through an end of the other."""
+    ax, ay = points[a, 0], points[a, 1]
+    bx, by = points[b, 0] - ax, points[b, 1] - ay
+    cx, cy = points[c, 0] - ax, points[c, 1] - ay
+    dx, dy = points[d, 0] - ax, points[d, 1] - ay
+    s1 = bx * cy - by * cx
+    s2 = bx * dy - by * dx
+    t1 = (dx - cx) * (0.0 - cy) - (dy - cy) * (0.0 - cx)
+    t2 = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+    if s1 == 0.0 and s2 == 0.0:  # on one line: do the intervals overlap?
+        bb = bx * bx + by * by
+        pc, pd = cx * bx + cy * by, dx * bx + dy * by
+        return min(pc, pd) < bb and max(pc, pd) > 0.0 and bb > 0.0
+    return (s1 <= 0.0 <= s2 or s2 <= 0.0 <= s1) and (t1 <= 0.0 <= t2 or t2 <= 0.0 <= t1)
+
+
+@kernel
+def _is_convex(points, loop):
+    """Whether all turns go one way and the boundary winds once (so it cannot cross itself)."""
+    m = len(loop)
+    sign, previous, flips = 0.0, 0.0, 0
+    for i in range(m):
+        p, v, w = loop[i - 1], loop[i], loop[(i + 1) % m]
+        ux, uy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
+        vx, vy = points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]
+        turn = ux * vy - uy * vx
+        if turn == 0.0:
+            if ux * vx + uy * vy < 0.0:
+                return False
+        elif sign * turn < 0.0:
+            return False
+        else:
+            sign = turn
+        step = vx if vx != 0.0 else vy  # its sign changes twice in one turn around
+        if previous * step < 0.0:
+            flips += 1
+        previous = step
+    return flips <= 2
+
+
+@kernel
+def _loop_fault(points, loop):
+    """Fault of a non-convex loop: a vertex met twice, edges that cross or fold back."""
+    m = len(loop)
+    for i in range(m):
+        for j in range(i + 1, m):
+            if loop[i] == loop[j]:
+                return REPEATED
+    for i in range(m):
+        a, b, c = loop[i - 1], loop[i], loop[(i + 1) % m]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
+        if ux * vy - uy * vx == 0.0 and ux * vx + uy * vy < 0.0:
+            return CROSSED
+        for j in range(i + 1, m - 1 if i == 0 else m):  # edges (i-1, i) and (j, j+1)
+            d, e = loop[j], loop[(j + 1) % m]
+            if d != a and d != b and e != a and e != b and _crosses(points, a, b, d, e):
+                return CROSSED
+    return OK
+
+
+@kernel
+def check_polygons(points, offsets, vertices, weak):
+    """Signed area and a fault code of each polygon (weak: it may touch itself)."""
+    n = len(offsets) - 1
+    area = np.zeros(n)
+    fault = np.zeros(n, np.int64)
+    for c in range(n):
+        loop = vertices[offsets[c] : offsets[c + 1]]
+        m = len(loop)
+        if m < 3:
+            fault[c] = FEW
+            continue
+        x0, y0 = points[loop[0], 0], points[loop[0], 1]
+        extent = 0.0
+        for i in range(m):
+            v, w = loop[i], loop[(i + 1) % m]
+            if v == w:
+                fault[c] = REPEATED
+            dx, dy = points[v, 0] - x0, points[v, 1] - y0
+            area[c] += 0.5 * (dx * (points[w, 1] - y0) - dy * (points[w, 0] - x0))
+            extent = max(extent, dx * dx + dy * dy)
+        if fault[c] == OK and m > 3 and not weak and not _is_convex(points, loop):
+            fault[c] = _loop_fault(points, loop)
+        if fault[c] == OK and not abs(area[c]) > 1e-15 * extent:
+            fault[c] = ZERO
+    return area, fault
+
+
+@kernel
+def match_half_edges(offsets, vertices, n_points):
+    """Pair the directed edges of counter-clockwise cells into faces.
+
+    Returns face vertices (F, 2), face cells (F, 2), the pairs of cells (D, 2) that walk an edge the
+    same way (they overlap; each keeps a face of its own) and the first face with a third cell as
+    (face, cell), else −1. An edge that one cell walks both ways is a bridge: it is dropped.
+    """
+    n_half = len(vertices)
+    head = np.full(n_points, -1, np.int64)
+    link = np.empty(n_half, np.int64)
+    face_vertices = np.empty((n_half, 2), np.int64)
+    face_cells = np.empty((n_half, 2), np.int64)
+    double = np.empty((n_half, 2), np.int64)
+    n_faces, n_double = 0, 0
+    for c in range(len(offsets) - 1):
+        start, stop = offsets[c], offsets[c + 1]
+        for h in range(start, stop):
+            a = vertices[h]
+            b = vertices[h + 1] if h + 1 < stop else vertices[start]
+            low, high = min(a, b), max(a, b)
+            f, partner, rival = head[low], -1, -1
+            while f >= 0:
+                if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
+                    if face_cells[f, 1] >= 0 or rival >= 0 or (partner >= 0 and face_vertices[f, 0] != b):
+                        return face_vertices, face_cells, double[:0], (f, c)
+                    if face_vertices[f, 0] == b:
+                        partner = f
+                    else:
+                        rival = f
+                f = link[f]
+            if partner >= 0:
+                face_cells[partner, 1] = c
+                continue
+            if rival >= 0:
+                double[n_double, 0], double[n_double, 1] = face_cells[rival, 0], c
+                n_double += 1
+            face_vertices[n_faces, 0], face_vertices[n_faces, 1] = a, b
+            face_cells[n_faces, 0], face_cells[n_faces, 1] = c, -1
+            link[n_faces] = head[low]
+            head[low] = n_faces
+            n_faces += 1
+    kept = 0
+    for f in range(n_faces):
+        if face_cells[f, 0] != face_cells[f, 1]:
+            face_vertices[kept] = face_vertices[f]
+            face_cells[kept] = face_cells[f]
+            kept += 1
+    return face_vertices[:kept].copy(), face_cells[:kept].copy(), double[:n_double].copy(), (-1, -1)
+
+
+@kernel
+def cell_faces(face_cells, n_cells):
+    """Faces of each cell as CSR, by counting sort: faces of a cell come in ascending order."""
+    offsets = np.zeros(n_cells + 1, np.int64)
+    for f in range(len(face_cells)):
+        for s in range(2):
+            if face_cells[f, s] >= 0:
+                offsets[face_cells[f, s] + 1] += 1
+    for c in range(n_cells):
+        offsets[c + 1] += offsets[c]
+    cursor = offsets[:-1].copy()
+    faces = np.empty(offsets[n_cells], np.int64)
+    for f in range(len(face_cells)):
+        for s in range(2):
+            c = face_cells[f, s]
+            if c >= 0:
+                faces[cursor[c]] = f
+                cursor[c] += 1
+    return offsets, faces
+
+
+@kernel
+def chain_loops(points, offsets, faces, face_vertices, face_cells):
+    """Closed loops of each cell, the cell on their left; loops part at pinch vertices.
+
+    Returns loop counts per cell (n + 1,) as offsets, vertex offsets per loop, and vertices.
+    """
+    n = len(offsets) - 1
+    first = np.full(len(points), -1, np.int64)  # latest edge of this cell that starts at a vertex
+    other = np.empty(len(faces), np.int64)  # the one before it
+    start, end = np.empty(len(faces), np.int64), np.empty(len(faces), np.int64)
+    used = np.zeros(len(faces), np.bool_)
+    cell_loops = np.zeros(n + 1, np.int64)
+    loop_ends = np.empty(len(faces) + 1, np.int64)
+    loop_ends[0] = 0
+    loops = np.empty(len(faces), np.int64)
+    n_loops, filled = 0, 0
+    for c in range(n):
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            flip = 0 if face_cells[f, 0] == c else 1
+            start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
+            first[start[h]] = -1
+        for h in range(offsets[c], offsets[c + 1]):
+            other[h] = first[start[h]]
+            first[start[h]] = h
+        for seed in range(offsets[c], offsets[c + 1]):
+            if used[seed]:
+                continue
+            h = seed
+            while not used[h]:
+                used[h] = True
+                loops[filled] = start[h]
+                filled += 1
+                best, best_angle = -1, -10.0
+                g = first[end[h]]
+                ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
+                while g >= 0:
+                    if not used[g] or g == seed:
+                        vx, vy = (
+                            points[end[g], 0] - points[start[g], 0],
+                            points[end[g], 1] - points[start[g], 1],
+                        )
+                        angle = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
+                        if angle > best_angle:
+                            best, best_angle = g, angle
+                    g = other[g]
+                h = best
+            n_loops += 1
+            loop_ends[n_loops] = filled
+        cell_loops[c + 1] = n_loops
+    return cell_loops, loop_ends[: n_loops + 1].copy(), loops[:filled].copy()

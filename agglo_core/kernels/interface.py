@@ -1,0 +1,285 @@
+"""Interface relaxation: move boundary cells to the part they share more boundary with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.kernels import kernel
+
+__all__ = ["relax_interface"]
+
+_REACH = 64  # cells visited before two neighbours count as not connected around a cell
+_SWEEPS = 10
+_TIE = 1e-9
+
+
+@kernel
+def _gain(indptr, indices, interface, parts, i, target):
+    """How much shorter the interface gets when cell i moves to ``target``."""
+    gain = 0.0
+    for h in range(indptr[i], indptr[i + 1]):
+        p = parts[indices[h]]
+        if p == target:
+            gain += interface[h]
+        elif p == parts[i]:
+            gain -= interface[h]
+    return gain
+
+
+@kernel
+def _best_move(indptr, indices, interface, parts, i, pairs):
+    """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
+
+    Target −1 if nothing is saved. A pair pays where neither cell does alone.
+    """
+    own, total = 0.0, 0.0
+    target, length = -1, 0.0
+    for h in range(indptr[i], indptr[i + 1]):
+        p = parts[indices[h]]
+        total += interface[h]
+        if p == parts[i]:
+            own += interface[h]
+            continue
+        shared = 0.0
+        for g in range(indptr[i], indptr[i + 1]):
+            if parts[indices[g]] == p:
+                shared += interface[g]
+        if shared > length:
+            target, length = p, shared
+    least = _TIE * total
+    if target >= 0 and length - own > least:
+        return target, -1, length - own
+    if target < 0 or not pairs:
+        return -1, -1, 0.0
+    partner, best = -1, least
+    for h in range(indptr[i], indptr[i + 1]):
+        j = indices[h]
+        if parts[j] == parts[i]:
+            both = length - own + 2.0 * interface[h] + _gain(indptr, indices, interface, parts, j, target)
+            if both > best:
+                partner, best = j, both
+    if partner < 0:
+        return -1, -1, 0.0
+    return target, partner, best
+
+
+@kernel
+def _keeps_whole(indptr, indices, parts, i, mark, stamp, queue):
+    """Whether the neighbours of cell i in its part stay joined near it once it has left."""
+    wanted = 0
+    for h in range(indptr[i], indptr[i + 1]):
+        if parts[indices[h]] == parts[i]:
+            wanted += 1
+            queue[0] = indices[h]
+    if wanted < 2:
+        return True
+    mark[i] = stamp
+    mark[queue[0]] = stamp
+    done, filled = 0, 1
+    while done < filled:
+        node = queue[done]
+        done += 1
+        for h in range(indptr[i], indptr[i + 1]):
+            if indices[h] == node:
+                wanted -= 1
+        if wanted == 0:
+            return True
+        for h in range(indptr[node], indptr[node + 1]):
+            j = indices[h]
+            if filled < _REACH and mark[j] != stamp and parts[j] == parts[i]:
+                mark[j] = stamp
+                queue[filled] = j
+                filled += 1
+    return False
+
+
+@kernel
+def _sort_by_key(items, keys, m):
+    """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
+    for heap in range(1, m):
+        child = heap
+        while child > 0:
+            parent = (child - 1) // 2
+            if keys[items[parent]] >= keys[items[child]]:
+                break
+            items[parent], items[child] = items[child], items[parent]
+            child = parent
+    for last in range(m - 1, 0, -1):
+        items[0], items[last] = items[last], items[0]
+        parent = 0
+        while True:
+            child = 2 * parent + 1
+            if child >= last:
+                break
+            if child + 1 < last and keys[items[child + 1]] > keys[items[child]]:
+                child += 1
+            if keys[items[parent]] >= keys[items[child]]:
+                break
+            items[parent], items[child] = items[child], items[parent]
+            parent = child
+
+
+@kernel
+def _leave(
+    indptr, indices, measures, parts, part_measures, part_cells, floors, i, target, mark, stamp, queue
+):
+    """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
+    own = parts[i]
+    if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
+        return False
+    if not _keeps_whole(indptr, indices, parts, i, mark, stamp, queue):
+        return False
+    parts[i] = target
+    part_measures[own] -= measures[i]
+    part_measures[target] += measures[i]
+    part_cells[own] -= 1
+    part_cells[target] += 1
+    return True
+
+
+@kernel
+def _part_sums(start, stop, centroids, measures, parts, part_measures, part_cells, moments):
+    """Measure, cell count and first moment of each part of a block; returns its highest label + 1."""
+    present = 0
+    for i in range(start, stop):
+        present = max(present, parts[i] + 1)
+    part_measures[:present] = 0.0
+    part_cells[:present] = 0
+    moments[:present] = 0.0
+    for i in range(start, stop):
+        p = parts[i]
+        part_measures[p] += measures[i]
+        part_cells[p] += 1
+        for k in range(centroids.shape[1]):
+            moments[p, k] += measures[i] * centroids[i, k]
+    return present
+
+
+@kernel
+def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
+    """Direction from the block's centroid to its smallest part's, and the least measure of each part."""
+    small, total = -1, 0.0
+    axis[:] = 0.0
+    for p in range(present):
+        if part_measures[p] > 0.0 and (small < 0 or part_measures[p] < part_measures[small]):
+            small = p
+        total += part_measures[p]
+        for k in range(len(axis)):
+            axis[k] += moments[p, k]
+    for k in range(len(axis)):
+        axis[k] = moments[small, k] / part_measures[small] - axis[k] / total if small >= 0 else 0.0
+    for p in range(present):
+        floors[p] = floor * (part_measures[small] if present == 2 and small >= 0 else part_measures[p])
+
+
+@kernel
+def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
+    """Sweeps of interface-shortening moves, block by block; no part loses its connection.
+
+    No part falls below ``floor`` times its measure at entry (of two: the smaller one's). Sweeps run
+    along the line from the block's centroid to that of its smallest part: single cells until none
+    pays, pairs once, and single cells again.
+    """
+    n, d = len(measures), centroids.shape[1]
+    parts = labels.copy()
+    n_parts = parts.max() + 1 if n else 0
+    part_measures = np.empty(n_parts)
+    part_cells = np.empty(n_parts, np.int64)
+    floors = np.empty(n_parts)
+    moments = np.empty((n_parts, d))
+    axis = np.empty(d)
+    keys = np.empty(n)
+    listed, seen = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    boundary = np.empty(n, np.int64)
+    mark = np.full(n, -1, np.int64)
+    queue = np.empty(_REACH, np.int64)
+    now, later = np.empty(n, np.int64), np.empty(n, np.int64)
+    stamp, sweep = 0, 0
+    for b in range(len(offsets) - 1):
+        start, stop = offsets[b], offsets[b + 1]
+        present = _part_sums(start, stop, centroids, measures, parts, part_measures, part_cells, moments)
+        _axis_and_floors(present, floor, part_measures, moments, axis, floors)
+        edge = 0  # cells that are or were beside another part
+        for i in range(start, stop):
+            for h in range(indptr[i], indptr[i + 1]):
+                if parts[indices[h]] != parts[i]:
+                    boundary[edge] = i
+                    later[edge] = i
+                    listed[i] = b
+                    edge += 1
+                    break
+        candidates, pairs, paired = edge, False, False
+        for _ in range(_SWEEPS):
+            m = 0
+            for c in range(candidates):
+                i = later[c]
+                if _best_move(indptr, indices, interface, parts, i, pairs)[0] >= 0:
+                    now[m] = i
+                    m += 1
+                    keys[i] = 0.0
+                    for k in range(d):
+                        keys[i] += axis[k] * centroids[i, k]
+            _sort_by_key(now, keys, m)
+            sweep += 1
+            candidates = 0
+            for c in range(m):
+                i = now[c]
+                target, partner, _ = _best_move(indptr, indices, interface, parts, i, pairs)
+                own = parts[i]
+                stamp += 2
+                if target < 0 or not _leave(
+                    indptr,
+                    indices,
+                    measures,
+                    parts,
+                    part_measures,
+                    part_cells,
+                    floors,
+                    i,
+                    target,
+                    mark,
+                    stamp,
+                    queue,
+                ):
+                    continue
+                if partner >= 0 and not _leave(
+                    indptr,
+                    indices,
+                    measures,
+                    parts,
+                    part_measures,
+                    part_cells,
+                    floors,
+                    partner,
+                    target,
+                    mark,
+                    stamp + 1,
+                    queue,
+                ):
+                    parts[i] = own
+                    part_measures[own] += measures[i]
+                    part_measures[target] -= measures[i]
+                    part_cells[own] += 1
+                    part_cells[target] -= 1
+                    continue
+                for node in (i, partner):
+                    if node < 0:
+                        continue
+                    for h in range(indptr[node], indptr[node + 1]):
+                        j = indices[h]
+                        if seen[j] != sweep:
+                            seen[j] = sweep
+                            later[candidates] = j
+                            candidates += 1
+                        if listed[j] != b:
+                            listed[j] = b
+                            boundary[edge] = j
+                            edge += 1
+            if pairs:
+                pairs = False
+            elif candidates == 0 and not paired:
+                pairs, paired, candidates = True, True, edge
+                later[:edge] = boundary[:edge]
+            if candidates == 0:
+                break
+    return parts

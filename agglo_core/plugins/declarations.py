@@ -1,0 +1,136 @@
+"""What a plugin declares: the hooks, the records they return, and what is wrong with a record."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import pluggy
+
+__all__ = [
+    "CORE_COMMANDS",
+    "KINDS",
+    "PROMISES",
+    "Command",
+    "Component",
+    "Hooks",
+    "faults",
+    "hookimpl",
+]
+
+KINDS: Final = ("bisector", "refiner", "fixer", "metric", "solver")
+PROMISES: Final = (
+    "deterministic",
+    "invariant",
+    "connected",
+    "balanced",
+    "kway",
+    "3d",
+    "pickles",
+    "symmetric",
+)
+CORE_COMMANDS: Final = ("run", "quality", "mesh", "plugins")
+"""Names of agglo's own commands, which no plugin can take."""
+
+hookspec = pluggy.HookspecMarker("agglo")
+hookimpl = pluggy.HookimplMarker("agglo")
+"""Decorator that marks a function of a plugin as one of agglo's hooks."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component a plugin offers, described without importing it.
+
+    Attributes
+    ----------
+    kind : str
+        One of ``bisector``, ``refiner``, ``fixer``, ``metric``, ``solver``.
+    name : str
+        An identifier; users choose the component by it.
+    target : str
+        ``"module:attribute"`` of the class (or factory); its keywords are the component's options.
+    requires : tuple of str
+        Top-level modules that must be importable, as in ``import NAME``.
+    promises : mapping of str to bool or float
+        Properties the component vouches for, of those in :data:`PROMISES`.
+    summary : str
+        One line for listings.
+    fallback : str, optional
+        For a bisector that may return one-sided output: the bisector that repairs such a piece.
+    """
+
+    kind: str
+    name: str
+    target: str
+    requires: tuple[str, ...] = ()
+    promises: Mapping[str, bool | float] = field(default_factory=dict, hash=False)
+    summary: str = ""
+    fallback: str | None = None
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command a plugin adds to ``agglo``: ``target`` is a click command, imported when it is run."""
+
+    name: str
+    target: str
+    summary: str = ""
+
+
+class Hooks:
+    """The hooks a plugin may implement; each is optional, at least one is expected."""
+
+    @hookspec
+    def agglo_components(self) -> list[Component]:
+        """Return the components the plugin offers."""
+        raise NotImplementedError
+
+    @hookspec
+    def agglo_commands(self) -> list[Command]:
+        """Return the commands the plugin adds to the command line."""
+        raise NotImplementedError
+
+    @hookspec
+    def agglo_level_done(self, info: Mapping[str, Any]) -> None:
+        """Follow a run: called after each recursion level with ``depth``, ``bisected``, ``pieces``."""
+
+
+_TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+_COMMAND = re.compile(r"[a-z][a-z0-9_-]*")
+
+
+def faults(declared: Component | Command) -> Iterator[str]:
+    """Yield what is wrong with a declaration, each saying what is accepted."""
+    if not isinstance(declared.target, str) or not _TARGET.fullmatch(declared.target):
+        yield f"target {declared.target!r} is not of the form 'module:attribute'"
+    if not isinstance(declared.summary, str):
+        yield f"summary {declared.summary!r} is not a string"
+    if isinstance(declared, Component):
+        yield from _component_faults(declared)
+    elif not isinstance(declared.name, str) or not _COMMAND.fullmatch(declared.name):
+        yield f"command name {declared.name!r} is not made of lower-case letters, digits, '-' and '_'"
+
+
+def _component_faults(component: Component) -> Iterator[str]:
+    if component.kind not in KINDS:
+        yield f"kind {component.kind!r} is not known; accepted: {', '.join(KINDS)}"
+    name = component.name
+    if not isinstance(name, str) or not name.isidentifier() or name.lower() == "none":
+        yield f"name {name!r} is not an identifier (letters, digits, '_'; 'none' means no component)"
+    requires = component.requires
+    if not isinstance(requires, tuple | list) or not all(isinstance(r, str) and r for r in requires):
+        yield f"requires {requires!r} is not a tuple of module names"
+    if component.fallback is not None and component.kind != "bisector":
+        yield "fallback is for bisectors only"
+    if not isinstance(component.fallback, str | None):
+        yield f"fallback {component.fallback!r} is not the name of a bisector"
+    if not isinstance(component.promises, Mapping):
+        yield f"promises {component.promises!r} is not a mapping of promise to bool or number"
+        return
+    for promise, value in component.promises.items():
+        if promise not in PROMISES:
+            yield f"promise {promise!r} is not known; accepted: {', '.join(PROMISES)}"
+        elif not isinstance(value, bool | int | float):
+            yield f"promise {promise!r} is {value!r}, expected a bool or a number"

@@ -1,0 +1,97 @@
+"""Random 2-D samples: Delaunay triangles and Voronoi cells of points in the unit square."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float
+from agglo_core.mesh import Mesh
+from agglo_core.samples.grids import check_size
+
+__all__ = ["delaunay_mesh", "random_triangles", "voronoi", "voronoi_mesh"]
+
+_SNAP = 1e-10
+"""Points this close (relative to the unit square) are one; rounding leaves 1e-13 or so."""
+
+
+def random_triangles(n: int, seed: int = 0) -> Mesh:
+    """Delaunay triangles of ``n`` uniform points and round(√(n/2)) evenly spaced ones per side."""
+    n = check_size(n, 1, "n", "random_triangles")
+    rng = np.random.default_rng(check_size(seed, 0, "seed", "random_triangles"))
+    return delaunay_mesh(rng.random((n, 2)), f"random triangles n={n} seed={seed}")
+
+
+def voronoi(n: int, seed: int = 0) -> Mesh:
+    """Voronoi cells of ``n`` uniform points, clipped to the unit square; cell i belongs to point i."""
+    n = check_size(n, 1, "n", "voronoi")
+    rng = np.random.default_rng(check_size(seed, 0, "seed", "voronoi"))
+    return voronoi_mesh(rng.random((n, 2)), f"voronoi n={n} seed={seed}")
+
+
+def delaunay_mesh(interior: Float, name: str) -> Mesh:
+    """Delaunay mesh of the unit square with the points ``(n, 2)`` and about √(n/2) segments per side."""
+    from scipy.spatial import Delaunay
+
+    per_side = max(1, round(np.sqrt(len(interior) / 2)))
+    t = np.arange(per_side) / per_side
+    zero = np.zeros(per_side)
+    sides = [(t, zero), (zero + 1, t), (1 - t, zero + 1), (zero, 1 - t)]
+    points = np.concatenate([interior, *(np.stack(side, axis=1) for side in sides)])
+    cells = Delaunay(points).simplices
+    corner, u, v = (points[cells[:, k]] for k in range(3))
+    area = np.abs(np.linalg.det(np.stack((u - corner, v - corner), axis=1)))
+    return Mesh.from_polygons(points, cells[area > _SNAP**2].astype(np.int64), name=name)
+
+
+def voronoi_mesh(seeds: Float, name: str) -> Mesh:
+    """Voronoi mesh of the seeds ``(n, 2)`` in the unit square.
+
+    Mirror images of the seeds clip the cells exactly. Images of the seeds near a side are enough if
+    the cells then stay inside: inside the square an image is never nearer than its seed.
+    """
+    near = 5.0 / np.sqrt(len(seeds))
+    corners, owners = _cell_corners(seeds, near)
+    if near < 1.0 and not ((corners > -_SNAP) & (corners < 1 + _SNAP)).all():
+        corners, owners = _cell_corners(seeds, 1.0)
+    for side in (0.0, 1.0):
+        corners[np.abs(corners - side) < _SNAP] = side
+    points, vertices = _merge_close(corners)
+    pairs = np.unique(np.stack((owners, vertices), axis=1), axis=0)
+    spoke = points[pairs[:, 1]] - seeds[pairs[:, 0]]
+    order = np.lexsort((np.arctan2(spoke[:, 1], spoke[:, 0]), pairs[:, 0]))
+    offsets = np.searchsorted(pairs[:, 0], np.arange(len(seeds) + 1))
+    return Mesh.from_polygons(points, (offsets, pairs[order, 1]), name=name)
+
+
+def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
+    """Corners of the cells ``(c, 2)`` and whose they are; seeds within ``near`` of a side are mirrored."""
+    from scipy.spatial import Voronoi
+
+    images = [seeds]
+    for axis in (0, 1):
+        for side in (0.0, 1.0):
+            image = seeds[np.abs(seeds[:, axis] - side) <= near]
+            image[:, axis] = 2 * side - image[:, axis]
+            images.append(image)
+    diagram = Voronoi(np.concatenate(images))
+    ends = np.asarray(diagram.ridge_vertices)
+    sites = diagram.ridge_points
+    ours = np.stack((sites, sites), axis=2).reshape(-1)
+    corner = np.stack((ends, ends), axis=1).reshape(-1)
+    kept = ours < len(seeds)
+    plane = np.vstack((diagram.vertices, np.full(2, np.inf)))  # −1 is a corner at infinity
+    return plane[corner[kept]], ours[kept]
+
+
+def _merge_close(corners: Float) -> tuple[Float, Float]:
+    """Distinct points and the number of each corner's point; corners within ``_SNAP`` are one."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    distinct, number = np.unique(corners, axis=0, return_inverse=True)
+    close = cKDTree(distinct).query_pairs(_SNAP, output_type="ndarray")
+    links = coo_array((np.ones(len(close)), close.T), shape=(len(distinct), len(distinct)))
+    group = connected_components(links, directed=False)[1]
+    _, first = np.unique(group, return_index=True)
+    return distinct[first], group[number.reshape(-1)]

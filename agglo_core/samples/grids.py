@@ -1,0 +1,85 @@
+"""Regular 2-D samples: squares, triangles, hexagons, and shapes that put agglomeration to the test."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+
+__all__ = ["check_size", "disconnected", "hexagons", "ring", "squares", "strip", "triangles"]
+
+
+def check_size(value: object, least: int, option: str, sample: str) -> int:
+    """``value`` as an int of at least ``least``, or OptionError naming the option and the sample."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise OptionError(f"{option} of sample {sample} must be a whole number >= {least}, not {value!r}")
+    return int(value)
+
+
+def _lattice(nx: int, ny: int) -> tuple[Float, Int]:
+    """Integer points of an nx × ny grid and its squares ``(nx·ny, 4)``, counter-clockwise, row by row."""
+    y, x = np.divmod(np.arange((nx + 1) * (ny + 1)), nx + 1)
+    j, i = np.divmod(np.arange(nx * ny), nx)
+    corner = j * (nx + 1) + i
+    cells = np.stack((corner, corner + 1, corner + nx + 2, corner + nx + 1), axis=1)
+    return np.stack((x, y), axis=1).astype(float), cells
+
+
+def squares(n: int) -> Mesh:
+    """Unit square cut into ``n`` × ``n`` squares."""
+    n = check_size(n, 1, "n", "squares")
+    points, cells = _lattice(n, n)
+    return Mesh.from_polygons(points / n, cells, name=f"squares {n}x{n}")
+
+
+def triangles(n: int) -> Mesh:
+    """Unit square cut into ``n`` × ``n`` squares, each split along the diagonal of direction (1, −1)."""
+    n = check_size(n, 1, "n", "triangles")
+    points, cells = _lattice(n, n)
+    halves = cells[:, [0, 1, 3, 1, 2, 3]].reshape(-1, 3)
+    return Mesh.from_polygons(points / n, halves, name=f"triangles {n}x{n}x2")
+
+
+def strip(n: int) -> Mesh:
+    """``n`` squares in a row, of total length 1."""
+    n = check_size(n, 1, "n", "strip")
+    points, cells = _lattice(n, 1)
+    return Mesh.from_polygons(points / n, cells, name=f"strip of {n}")
+
+
+def disconnected(n: int) -> Mesh:
+    """Two unit squares half a unit apart, each cut into ``n`` × ``n`` squares."""
+    n = check_size(n, 1, "n", "disconnected")
+    points, cells = _lattice(n, n)
+    both = np.concatenate((points / n, points / n + [1.5, 0.0]))
+    return Mesh.from_polygons(both, np.concatenate((cells, cells + len(points))), name=f"two {n}x{n} squares")
+
+
+def hexagons(n: int) -> Mesh:
+    """``n`` rows of ``n`` regular hexagons, odd rows shifted by half a cell; total width 1 for n > 1.
+
+    Corners are counted on a lattice of half widths and half radii, so that neighbours share them.
+    """
+    n = check_size(n, 1, "n", "hexagons")
+    j, i = np.divmod(np.arange(n * n), n)
+    centres = np.stack((2 * i + 1 + j % 2, 3 * j + 2), axis=1)
+    corners = np.array([(1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1), (0, -2)])
+    lattice, cells = np.unique((centres[:, None] + corners).reshape(-1, 2), axis=0, return_inverse=True)
+    unit = 1.0 / (2 * n + 1)
+    points = lattice * [unit, unit / np.sqrt(3.0)]
+    return Mesh.from_polygons(points, cells.reshape(-1, 6), name=f"hexagons {n}x{n}")
+
+
+def ring(n: int) -> Mesh:
+    """Annulus of radii 1/2 and 1: ``n`` quadrilaterals around, in as many layers as make them squarish."""
+    n = check_size(n, 3, "n", "ring")
+    layers = max(1, round(n / (3 * np.pi)))
+    lattice, cells = _lattice(n, layers)  # x counts around, y inwards
+    kept = lattice[:, 0] < n
+    radius, angle = 1.0 - 0.5 * lattice[kept, 1] / layers, 2 * np.pi * lattice[kept, 0] / n
+    points = radius[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    last = cells % (n + 1) == n  # the last column of the lattice is the first again
+    number = np.cumsum(kept) - 1
+    return Mesh.from_polygons(points, number[np.where(last, cells - n, cells)], name=f"ring {n}x{layers}")

@@ -1,0 +1,47 @@
+"""3-D samples: hexahedra and tetrahedra filling the unit cube."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.mesh import Mesh
+from agglo_core.samples.grids import check_size
+
+__all__ = ["boxes", "tetrahedra"]
+
+
+def boxes(n: int) -> Mesh:
+    """Unit cube cut into ``n``³ cubes."""
+    from agglo_core.elements import polyhedra_from_elements
+
+    n = check_size(n, 1, "n", "boxes")
+    points, corners = _cubes(n)
+    hexahedra = corners[:, [0, 1, 3, 2, 4, 5, 7, 6]]  # bottom loop, then top loop
+    cells = polyhedra_from_elements({"hexahedron": hexahedra})
+    return Mesh.from_polyhedra(points, cells, name=f"boxes {n}x{n}x{n}")
+
+
+def tetrahedra(n: int) -> Mesh:
+    """Unit cube cut into ``n``³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn)."""
+    from agglo_core.elements import polyhedra_from_elements
+
+    n = check_size(n, 1, "n", "tetrahedra")
+    points, corners = _cubes(n)
+    paths = []
+    for x, y, z in permutations((1, 2, 4)):  # corner 0 to corner 7, one axis after the other
+        even = (x, y, z) in ((1, 2, 4), (2, 4, 1), (4, 1, 2))
+        paths.append([0, x, x + y, 7] if even else [0, x + y, x, 7])
+    cells = polyhedra_from_elements({"tetra": corners[:, paths].reshape(-1, 4)})
+    return Mesh.from_polyhedra(points, cells, name=f"tetrahedra {n}x{n}x{n}x6")
+
+
+def _cubes(n: int) -> tuple[Float, Int]:
+    """Points and ``(n³, 8)`` corners of the cubes; bits 1, 2, 4 of a corner's place are x, y, z."""
+    grid = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)
+    z, y, x = np.unravel_index(grid.ravel(), grid.shape)
+    place = np.arange(8)
+    step = (place & 1) + (place >> 1 & 1) * (n + 1) + (place >> 2) * (n + 1) ** 2
+    return np.stack((x, y, z), axis=1) / n, grid[:-1, :-1, :-1].reshape(-1, 1) + step

@@ -1,0 +1,33 @@
+"""k-means bisection: the batched deterministic one, and the paper's through scikit-learn."""
+
+from __future__ import annotations
+
+from agglo_core import Component, hookimpl
+
+
+@hookimpl
+def agglo_components() -> list[Component]:
+    """Both bisectors."""
+    return [
+        Component(
+            kind="bisector",
+            name="kmeans",
+            target="agglo_kmeans.kmeans:KMeans",
+            promises={
+                "deterministic": True,
+                "invariant": True,
+                "kway": True,
+                "3d": True,
+                "pickles": True,
+            },
+            summary="Batched deterministic 2-means from up to eight axes; k-way by Lloyd steps.",
+        ),
+        Component(
+            kind="bisector",
+            name="kmeans_sklearn",
+            target="agglo_kmeans.sklearn_kmeans:SklearnKMeans",
+            requires=("sklearn",),
+            promises={"deterministic": True, "3d": True, "pickles": True},
+            summary="The paper's: scikit-learn 2-means, k-means++ and 10 restarts.",
+        ),
+    ]

@@ -1,0 +1,18 @@
+"""Declaration of the METIS plugin."""
+
+from agglo_core import Component, hookimpl
+
+
+@hookimpl
+def agglo_components() -> list[Component]:
+    """The component ``metis``."""
+    return [
+        Component(
+            kind="bisector",
+            name="metis",
+            target="agglo_metis.metis:Metis",
+            requires=("pymetis",),
+            promises={"deterministic": True, "kway": True, "3d": True, "pickles": True},
+            summary="METIS: multilevel bisection, or k-way partition in one call.",
+        )
+    ]

@@ -1,0 +1,17 @@
+"""Declaration of the spectral plugin."""
+
+from agglo_core import Component, hookimpl
+
+
+@hookimpl
+def agglo_components() -> list[Component]:
+    """The component ``spectral``."""
+    return [
+        Component(
+            kind="bisector",
+            name="spectral",
+            target="agglo_spectral.spectral:Spectral",
+            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            summary="Fiedler vector of the weighted graph Laplacian, cut where the normalised cut is least.",
+        )
+    ]

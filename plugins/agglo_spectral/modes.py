@@ -1,0 +1,151 @@
+"""The lowest eigenpairs of the graph Laplacian of each block: dense in batches, iterative above.
+
+L x = λ M x with L = D − W, W the edge weights and M the diagonal of masses (shares of the block, so that
+the modes are orthonormal whatever the units), solved as S z = λ z with S = M^{-1/2} L M^{-1/2}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from agglo_core.arrays import Float, Int
+from agglo_core.defaults.geometric import block_extents, block_shares, principal_frames
+from agglo_core.graph import Graph
+
+__all__ = ["laplacian_modes"]
+
+_BATCH = 2**22  # entries of a stack of dense matrices: 32 MiB
+_SHIFT = 1e-3  # of the Rayleigh quotient of the coordinates: makes the Laplacian regular
+_RESIDUAL = 1e-8  # of the lowest eigenvalue
+_SWEEPS = 200
+
+
+def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) -> tuple[Float, Float]:
+    """The ``count`` lowest eigenpairs above the constant, of each block.
+
+    Parameters
+    ----------
+    weighted : bool
+        Weigh edges by interface over distance of centroids and nodes by their weight, which makes
+        them those of −Δu = λu with Neumann conditions on any mesh; otherwise all by 1.
+    dense_limit : int
+        Blocks of up to this many nodes are solved densely.
+
+    Returns
+    -------
+    values : (B, count) float
+        Rising; infinite where a block has too few nodes.
+    modes : (n, count) float
+        Orthonormal with respect to the masses, zero where the value is infinite.
+    """
+    values = np.full((level.n_blocks, count), np.inf)
+    modes = np.zeros((level.n, count))
+    for blocks in _batches(np.diff(level.offsets), dense_limit):
+        part = level.take(blocks)
+        nodes = np.isin(level.block_ids, blocks, kind="table")
+        masses = block_shares(part.weights if weighted else np.ones(part.n), part.block_ids)
+        roots = np.sqrt(np.maximum(masses, np.finfo(float).eps))
+        solve = _dense if np.diff(part.offsets).max() <= dense_limit else _iterative
+        values[blocks], scaled = solve(part, roots, _edge_weights(part, weighted), count)
+        modes[nodes] = scaled / roots[:, None]
+    return values, modes
+
+
+def _batches(sizes: Int, dense_limit: int) -> Iterator[Int]:
+    """Blocks of similar size in stacks; each block above ``dense_limit`` alone."""
+    yield from np.flatnonzero(sizes > dense_limit)[:, None]
+    padded = np.where(sizes <= dense_limit, _padded(sizes), 0)
+    for size in np.unique(padded[padded > 0]):
+        blocks = np.flatnonzero(padded == size)
+        yield from np.array_split(blocks, -(-len(blocks) * size**2 // _BATCH))
+
+
+def _padded(sizes: Int) -> Int:
+    """Size of the dense matrix of a block: 2, 3, 4, 6, 8, 12, 16, …; it depends on no other block."""
+    powers = 2 ** np.arange(1, 32)
+    steps = np.sort(np.concatenate((powers, powers // 2 * 3)))
+    return np.asarray(steps[np.searchsorted(steps, sizes)])
+
+
+def _edge_weights(level: Graph, weighted: bool) -> Float:
+    """Interface over distance of the centroids (bounded below), ``(m,)``."""
+    if not weighted:
+        return np.ones(len(level.indices))
+    owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    steps = level.centroids[owners] - level.centroids[level.indices]
+    distances = np.sqrt((steps**2).sum(axis=1))
+    extents = np.sqrt((block_extents(level, level.centroids) ** 2).sum(axis=1))
+    floor = (1e-6 * extents)[level.block_ids[owners]]
+    distances = np.maximum(distances, floor)
+    return np.divide(level.interface, distances, out=np.ones_like(distances), where=distances > 0)
+
+
+def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
+    """Eigenpairs of a stack of equally padded matrices; padding lies above the spectrum."""
+    sizes = np.diff(level.offsets)
+    n = int(_padded(sizes).max())
+    owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    places = np.arange(level.n) - level.offsets[level.block_ids]
+    degrees = np.bincount(owners, weights, minlength=level.n) / roots**2
+    tops = np.maximum.reduceat(degrees, level.offsets[:-1])
+    scales = np.where(tops > 0, tops, 1.0)
+    stack = np.zeros((level.n_blocks, n, n))
+    stack[:, range(n), range(n)] = 4.0  # the spectrum lies in [0, 2] by Gershgorin, after scaling
+    blocks = level.block_ids[owners]
+    couplings = weights / (roots[owners] * roots[level.indices] * scales[blocks])
+    stack[blocks, places[owners], places[level.indices]] = -couplings
+    stack[level.block_ids, places, places] = degrees / scales[level.block_ids]
+    values, vectors = np.linalg.eigh(stack)
+    chosen = np.minimum(1 + np.arange(count), n - 1)
+    absent = 1 + np.arange(count) >= sizes[:, None]
+    modes = vectors[level.block_ids[:, None], places[:, None], chosen]
+    modes = np.where(absent[level.block_ids], 0.0, modes)
+    return np.where(absent, np.inf, values[:, chosen] * scales[:, None]), modes
+
+
+def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
+    """Eigenpairs of one block by inverse iteration of a subspace.
+
+    It starts from the linear and quadratic monomials of the principal coordinates, which turn with
+    the mesh and lie close to the lowest modes; nothing is random.
+    """
+    n = graph.n
+    adjacency = sparse.csr_array((weights, graph.indices.astype(np.int64), graph.indptr), shape=(n, n))
+    scaling = sparse.diags_array(1.0 / roots)
+    degrees = sparse.diags_array(adjacency.sum(axis=1))
+    matrix = sparse.csc_array(scaling @ (degrees - adjacency) @ scaling)
+    space = _orthonormal(_monomials(principal_frames(graph)[1]) * roots[:, None], roots)
+    shift = _SHIFT * np.min(np.einsum("ni,ni->i", space, matrix @ space))
+    factors = splu(
+        matrix + shift * sparse.eye_array(n, format="csc"),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+    for _ in range(_SWEEPS):
+        space = _orthonormal(factors.solve(space), roots)
+        image = matrix @ space
+        values, rotation = np.linalg.eigh(space.T @ image)
+        space = space @ rotation
+        residuals = np.linalg.norm(image @ rotation - space * values, axis=0)
+        if residuals[:count].max() <= _RESIDUAL * values[0]:
+            break
+    return values[None, :count], space[:, :count]
+
+
+def _orthonormal(space: Float, roots: Float) -> Float:
+    """Orthonormal basis of the columns without their constant part (``roots`` after scaling)."""
+    constant = roots / np.linalg.norm(roots)
+    space = space - constant[:, None] * (constant @ space)
+    basis: Float = np.linalg.qr(space / np.linalg.norm(space, axis=0).clip(min=np.finfo(float).tiny))[0]
+    return basis - constant[:, None] * (constant @ basis)
+
+
+def _monomials(coordinates: Float) -> Float:
+    """Linear and quadratic monomials of the columns of ``coordinates``."""
+    i, j = np.triu_indices(coordinates.shape[1])
+    return np.concatenate((coordinates, coordinates[:, i] * coordinates[:, j]), axis=1)

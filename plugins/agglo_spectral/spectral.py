@@ -1,0 +1,186 @@
+"""Spectral bisection: the lowest mode of a piece, cut where it divides the piece best.
+
+Sources: Fiedler, "A property of eigenvectors of nonnegative symmetric matrices" (1975); Shi and Malik,
+"Normalized cuts and image segmentation" (2000) for the sweep over the sorted mode.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, UInt64
+from agglo_core.defaults.geometric import (
+    block_extents,
+    block_ranks,
+    block_shares,
+    block_sums,
+    integer_shares,
+    principal_frames,
+    split_at_median,
+)
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_spectral.modes import laplacian_modes
+
+__all__ = ["Spectral"]
+
+Flags = NDArray[np.bool_]
+
+_TIE = 1e-9  # relative difference of normalised cuts that does not count
+
+
+class Spectral:
+    """Bisect each block along the Fiedler vector of its graph Laplacian.
+
+    Where the lowest eigenvalues (nearly) agree, as on squares, the mode is a choice: eight directions
+    of the plane, spread from the axes of the block, are tried and the lowest normalised cut is kept.
+
+    Parameters
+    ----------
+    split : {"ncut", "median"}
+        Cut the sorted mode where the normalised cut (interface over weight) is least, or at the
+        weighted median.
+    weighted : bool
+        Weigh edges by interface over distance and nodes by their weight; otherwise all by 1.
+    balance : float in [0, 0.5]
+        ``ncut`` leaves each side at least this share of the weight, where some cut does.
+    degeneracy : float
+        Eigenvalues within this relative distance of the lowest span the modes tried.
+    dense_limit : int
+        Up to this many nodes blocks are solved densely, in batches.
+
+    Raises
+    ------
+    OptionError
+        If an option is outside these ranges.
+    """
+
+    def __init__(
+        self,
+        split: Literal["ncut", "median"] = "ncut",
+        weighted: bool = True,
+        balance: float = 0.25,
+        degeneracy: float = 1.0,
+        dense_limit: int = 64,
+    ) -> None:
+        if split not in ("ncut", "median"):
+            raise OptionError(f"spectral: split must be 'ncut' or 'median', not {split!r}")
+        if not 0 <= balance <= 0.5:
+            raise OptionError(f"spectral: balance must lie in [0, 0.5], not {balance!r}")
+        if not degeneracy >= 0:
+            raise OptionError(f"spectral: degeneracy must not be negative, given {degeneracy!r}")
+        if dense_limit < 16:
+            raise OptionError(f"spectral: dense_limit must be at least 16, not {dense_limit!r}")
+        self.split, self.weighted, self.balance = split, weighted, balance
+        self.degeneracy, self.dense_limit = degeneracy, dense_limit
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
+        """Return the sides ``(n,)``, both in every block of at least two nodes; seeds are not needed."""
+        values, modes = laplacian_modes(level, level.dim, self.weighted, self.dense_limit)
+        coordinates = principal_frames(level)[1]
+        near = np.isfinite(values) & (values <= (1 + self.degeneracy) * values[:, :1])
+        sides, _ = self._cut(level, modes[:, 0], coordinates)
+        several = np.flatnonzero(near.sum(axis=1) > 1)
+        if len(several):
+            nodes = near.sum(axis=1)[level.block_ids] > 1
+            basis = _aligned(level.take(several), modes[nodes], near[several], coordinates[nodes])
+            sides[nodes] = self._best(level.take(several), basis, coordinates[nodes])
+        return sides
+
+    def _best(self, level: Graph, basis: Float, coordinates: Float) -> Int:
+        """Sides of the direction in the span of ``basis`` whose normalised cut is lowest."""
+        best = np.full(level.n_blocks, np.inf)
+        sides = np.zeros(level.n, dtype=np.int64)
+        for direction in _directions(level.dim):
+            trial, score = self._cut(level, (basis * direction).sum(axis=1), coordinates)
+            better = score < best * (1 - _TIE)
+            best = np.where(better, score, best)
+            sides = np.where(better[level.block_ids], trial, sides)
+        return sides
+
+    def _cut(self, level: Graph, mode: Float, coordinates: Float) -> tuple[Int, Float]:
+        """Sides ``(n,)`` along one mode and their normalised cut ``(B,)``."""
+        thirds = block_sums(level, (block_shares(level.weights, level.block_ids) * mode**3)[:, None])[:, 0]
+        mode = np.where(thirds < 0, -1.0, 1.0)[level.block_ids] * mode
+        if self.split == "median":
+            sides = split_at_median(level, mode, coordinates)
+        else:
+            sides, found = _sweep(level, mode, self.balance)
+            if not found.all():  # one node outweighs the rest, or all have the same value
+                sides = np.where(found[level.block_ids], sides, split_at_median(level, mode, coordinates))
+        return sides, _normalised_cut(level, sides)
+
+
+def _sweep(level: Graph, mode: Float, balance: float) -> tuple[Int, Flags]:
+    """Sides ``(n,)`` of the least normalised cut between two values of the mode; whether there is one."""
+    blocks, starts, ends = level.block_ids, level.offsets[:-1], level.offsets[1:] - 1
+    ranks = block_ranks(level, mode, block_extents(level, mode[:, None])[:, 0])
+    order = np.lexsort((ranks, blocks))
+    places = np.empty(level.n, dtype=np.int64)
+    places[order] = np.arange(level.n)
+    below = _running(level, integer_shares(level.weights, blocks)[order])
+    share = below / below[ends][blocks]
+    crossing = _running(level, _changes(level, places))
+    last = np.append(ranks[order][1:] > ranks[order][:-1], False)
+    allowed = last & (share >= balance - _TIE) & (share <= 1 - balance + _TIE)
+    allowed[ends] = False
+    scores = np.where(allowed, crossing / np.where(allowed, share * (1 - share), 1.0), np.inf)
+    lowest = np.minimum.reduceat(scores, starts)
+    good = np.flatnonzero(scores <= (lowest * (1 + _TIE))[blocks])
+    cut = good[np.searchsorted(good, starts)]
+    return (places > cut[blocks]).astype(np.int64), np.isfinite(lowest)
+
+
+def _running(level: Graph, values: Int) -> Int:
+    """Running sum of integers (exact, whatever lies beside a block) from the start of each block."""
+    sums = np.cumsum(values)
+    before = np.concatenate(([0], sums[level.offsets[1:-1] - 1]))
+    return np.asarray(sums - before[level.block_ids])
+
+
+def _changes(level: Graph, places: Int) -> Int:
+    """What each place, joining the lower side, adds to the interface between the sides."""
+    owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    lengths = integer_shares(level.interface, level.block_ids[owners])
+    signs = np.where(places[owners] < places[level.indices], 1, -1)
+    changes = np.bincount(places[owners], signs * lengths, minlength=level.n)
+    return changes.astype(np.int64)  # exact: bincount adds integers below 2**53
+
+
+def _normalised_cut(level: Graph, sides: Int) -> Float:
+    """Interface between the sides times the total weight over the product of their weights, ``(B,)``."""
+    owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    crossing = np.where(sides[owners] != sides[level.indices], level.interface, 0.0)
+    cut = np.bincount(level.block_ids[owners], crossing, minlength=level.n_blocks) / 2
+    share = block_sums(level, (block_shares(level.weights, level.block_ids) * sides)[:, None])[:, 0]
+    spread = share * (1 - share)
+    values: Float = np.divide(cut, spread, out=np.full(level.n_blocks, np.inf), where=spread > 0)
+    return values
+
+
+def _aligned(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Float:
+    """Orthonormal basis ``(n, d)`` of the near modes, as close as can be to the linear functions.
+
+    The orthogonal factor of the projections of the coordinates on the modes (Procrustes): a basis that
+    depends neither on numbering nor on the basis an eigenvalue solver returns.
+    """
+    modes = np.where(near[level.block_ids], modes, 0.0)
+    masses = block_shares(level.weights, level.block_ids)[:, None, None]
+    projections = block_sums(level, masses * modes[:, :, None] * coordinates[:, None, :])
+    left, _, right = np.linalg.svd(projections)
+    rank = np.arange(level.dim) < near.sum(axis=1)[:, None]
+    rotation = (left * rank[:, None, :]) @ right
+    return np.asarray((modes[:, :, None] * rotation[level.block_ids]).sum(axis=1))
+
+
+def _directions(dim: int) -> Float:
+    """Directions tried, axes first: 8 in the plane; axes and diagonals of the cube (13) in space."""
+    if dim == 2:
+        angles = np.pi * np.array([0, 4, 2, 6, 1, 3, 5, 7]) / 8
+        return np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    signs = [d for d in product((0, 1, -1), repeat=3) if d > (0, 0, 0) and d[np.flatnonzero(d)[0]] > 0]
+    return np.array(sorted(signs, key=lambda d: np.count_nonzero(d)), dtype=float)

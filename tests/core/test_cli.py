@@ -1,0 +1,275 @@
+"""The command line: what each command prints and leaves, exit codes, errors in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import click
+import pytest
+
+from agglo_core.cli import main
+from agglo_core.cli.specs import parse_spec
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.plugins import CORE_COMMANDS, Command, hookimpl
+from agglo_core.plugins import default as default_registry
+
+
+class Done(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Agglo = Callable[..., Done]
+
+
+@pytest.fixture
+def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
+    """Run the command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> Done:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as done:
+            main(arguments)
+        assert isinstance(done.value.code, int)
+        return Done(done.value.code, *capsys.readouterr())
+
+    return call
+
+
+@click.command()
+@click.argument("word")
+@click.option("--exit", "code", type=int)
+@click.pass_context
+def shout(context: click.Context, word: str, code: int | None) -> None:
+    """Say a word loudly."""
+    if word == "bad":
+        raise MeshError("cell 3\nhas no area")
+    if word == "bug":
+        raise ZeroDivisionError
+    click.echo(word.upper())
+    if code is not None:
+        context.exit(code)
+
+
+@pytest.fixture
+def plugin_commands(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A plugin with a good command, one without a target, and one whose name is taken."""
+    home = SimpleNamespace(shout=shout)
+    monkeypatch.setitem(__import__("sys").modules, "shouting", home)
+    names = {"shout": "shouting:shout", "absent": "shouting:absent", "run": "shouting:shout"}
+    commands = [Command(name, target, f"Says {name}.") for name, target in names.items()]
+    plugin = SimpleNamespace(agglo_commands=hookimpl(lambda: commands))
+    default_registry().register(plugin, "shouting", distribution="loud", version="7")
+    yield
+    default_registry().unregister("shouting")
+
+
+def test_help_lists_the_commands(agglo: Agglo, plugin_commands: None) -> None:
+    code, out, _ = agglo("--help")
+    assert code == 0
+    assert agglo() == (0, out, "")
+    for name in (*CORE_COMMANDS, "shout", "absent", "shouting/run"):
+        assert f"  {name} " in out
+    assert "Says shout." in out
+    assert agglo("--version").out.startswith("agglo, version ")
+
+
+@pytest.mark.parametrize("command", CORE_COMMANDS)
+def test_each_command_explains_itself(agglo: Agglo, command: str) -> None:
+    code, out, _ = agglo(command, "--help")
+    assert code == 0
+    assert out.startswith(f"Usage: agglo {command}")
+
+
+def test_commands_of_plugins_run(agglo: Agglo, plugin_commands: None) -> None:
+    assert agglo("shout", "hello") == (0, "HELLO\n", "")
+    assert agglo("shouting/run", "hello").out == "HELLO\n"
+    assert agglo("shout", "no", "--exit", "3").code == 3
+    assert "Say a word loudly." in agglo("shout", "--help").out
+    assert agglo("shout").err == "error: Missing argument 'WORD'.\n"
+    assert agglo("shout", "bad") == (2, "", "error: cell 3 has no area\n")
+
+
+def test_a_broken_command_is_explained(agglo: Agglo, plugin_commands: None) -> None:
+    code, _, err = agglo("absent")
+    assert code == 2
+    assert err.startswith("error: command 'absent' (plugin 'shouting', distribution loud 7)")
+
+
+def test_a_bug_keeps_its_traceback(plugin_commands: None) -> None:
+    with pytest.raises(ZeroDivisionError):
+        main(["shout", "bug"])
+
+
+def test_unknown_commands_say_what_there_is(agglo: Agglo) -> None:
+    code, _, err = agglo("plugns")
+    assert code == 2
+    assert err.startswith("error: no command 'plugns'; did you mean 'plugins'?")
+
+
+def test_plugins_are_listed(agglo: Agglo) -> None:
+    default_registry().register(SimpleNamespace(), "hollow")
+    try:
+        table, verbose, data = agglo("plugins"), agglo("plugins", "-v"), agglo("plugins", "--json")
+    finally:
+        default_registry().unregister("hollow")
+    assert (table.code, verbose.code, data.code) == (0, 0, 0)
+    for text in (table.out, verbose.out):
+        assert "it implements no hook" in text
+    records = {(r["kind"], r["name"]): r for r in json.loads(data.out)}
+    assert records["plugin", "hollow"]["state"] == "broken"
+    kmeans = records["bisector", "kmeans"]
+    assert (kmeans["distribution"], kmeans["state"], kmeans["plugin"]) == ("agglo", "ok", "kmeans")
+    assert kmeans["target"].startswith("agglo_kmeans")
+    assert kmeans["target"] in verbose.out
+
+
+def test_specs_are_read() -> None:
+    assert parse_spec("kmeans") == ("kmeans", {})
+    assert parse_spec("theirs/metis:ufactor=30,contig=True,tol=1e-3,seed=none,mode=fast") == (
+        "theirs/metis",
+        {"ufactor": 30, "contig": True, "tol": 1e-3, "seed": None, "mode": "fast"},
+    )
+    assert parse_spec("a:path=x=y")[1] == {"path": "x=y"}
+    for wrong in ("", ":n=1", "a:n", "a:n=", "a:=1", "a:n=1,,m=2", "a:n=1,n=2"):
+        with pytest.raises(OptionError):
+            parse_spec(wrong)
+
+
+def test_run_prints_json_of_one_form(agglo: Agglo) -> None:
+    code, out, _ = agglo("run", "squares:n=8", "--bisector", "kmeans", "--parts", "16,4", "--json")
+    assert code == 0
+    data = json.loads(out)
+    assert set(data) == {"mesh", "runs"}
+    assert (set(data["mesh"]), data["mesh"]["cells"]) == ({"name", "cells", "h0"}, 64)
+    assert data["mesh"]["h0"] == pytest.approx(2**0.5 / 8)
+    (run,) = data["runs"]
+    assert set(run) == {"bisector", "levels", "seconds", "statistics"}
+    assert run["bisector"] == "kmeans"
+    keys = {"target", "parts", "max_diameter", "UF", "CR", "CRc", "connected"}
+    assert all(set(level) == keys for level in run["levels"])
+    assert [level["parts"] for level in run["levels"]] == [16, 4]
+    coarse = run["levels"][1]
+    assert [coarse[key] for key in ("UF", "CR", "CRc", "connected")] == pytest.approx(
+        [1, 0.5**0.5, 0.5**0.5, 1], abs=1e-3
+    )
+    assert coarse["max_diameter"] == pytest.approx(2**0.5 / 2)
+
+
+def test_solids_have_no_circle_ratio(agglo: Agglo) -> None:
+    code, out, _ = agglo("run", "boxes:n=2", "--parts", "2", "--json")
+    assert code == 0
+    (level,) = json.loads(out)["runs"][0]["levels"]
+    assert level["CR"] is None
+    assert level["CRc"] is None
+    assert level["parts"] == 2
+
+
+def test_two_bisectors_are_compared_written_and_drawn(agglo: Agglo, tmp_path: Path) -> None:
+    pytest.importorskip("pymetis")
+    pytest.importorskip("matplotlib")
+    two = ["--bisector", "kmeans", "--bisector", "metis", "--cells-per-part", "16"]
+    code, out, _ = agglo("run", "squares:n=8", *two, "-o", "out.vtu", "--plot", "out.png")
+    assert code == 0
+    assert "kmeans" in out
+    assert "metis" in out
+    assert {"out_kmeans.vtu", "out_metis.vtu", "out.png"} <= {file.name for file in tmp_path.iterdir()}
+    assert not Path("out.vtu").exists()
+    code, out, _ = agglo("quality", "out_kmeans.vtu", "--json")
+    assert code == 0
+    assert [level["parts"] for level in json.loads(out)["levels"]] == [4]
+
+
+def test_quiet_runs_print_nothing(agglo: Agglo, tmp_path: Path) -> None:
+    assert agglo("mesh", "squares:n=4", "-o", "in.vtu", "--quiet") == (0, "", "")
+    assert agglo("run", "in.vtu", "--parts", "4", "-o", "out.npz", "--quiet") == (0, "", "")
+    levels = json.loads(agglo("quality", "out.npz", "--json").out)["levels"]
+    assert [level["parts"] for level in levels] == [4]
+
+
+def test_cells_of_a_plain_mesh_are_measured(agglo: Agglo) -> None:
+    assert "16 cells" in agglo("mesh", "squares:n=4", "-o", "in.vtu").out
+    (level,) = json.loads(agglo("quality", "in.vtu", "--json").out)["levels"]
+    assert (level["parts"], level["level"]) == (16, "cells")
+    assert level["CR"] == pytest.approx(0.5**0.5, abs=1e-3)
+    assert "cells" in agglo("quality", "in.vtu").out
+
+
+def test_components_can_be_chosen_and_switched_off(agglo: Agglo) -> None:
+    off = agglo(
+        "run", "squares:n=4", "--parts", "4", "--refiner", "none", "--fixer", "connectivity", "--json"
+    )
+    assert off.code == 0
+    Path("run.toml").write_text('seed = 3\nn_parts = [2]\n[bisector]\nname = "coordinate"\n')
+    code, out, _ = agglo("run", "squares:n=4", "--config", "run.toml", "--json")
+    assert code == 0
+    assert json.loads(out)["runs"][0]["levels"][0]["parts"] == 2
+
+
+WRONG: dict[str, tuple[list[str], str]] = {
+    "no such file": (["run", "absent.vtu"], "neither a file"),
+    "no such sample": (["run", "sqares"], "neither a file (there is none of that name) nor a sample"),
+    "wrong option of a sample": (["run", "squares:m=3"], "squares"),
+    "a folder": (["run", "folder"], "folder"),
+    "an empty file": (["run", "empty.vtu"], "empty.vtu"),
+    "not a mesh": (["run", "text.vtu"], "text.vtu"),
+    "two targets": (["run", "squares:n=4", "--parts", "2", "--h-star", "1"], "--h-star and --parts"),
+    "letters for numbers": (["run", "squares:n=4", "--parts", "2,x"], "comma list of whole numbers"),
+    "a fraction of a part": (["run", "squares:n=4", "--parts", "2.5"], "comma list of whole numbers"),
+    "more parts than cells": (["run", "squares:n=2", "--parts", "5"], "5"),
+    "no parts": (["run", "squares:n=2", "--parts", "0"], "0"),
+    "a negative size": (["run", "squares:n=2", "--h-star", "-1"], "-1"),
+    "a size that is no number": (["run", "squares:n=2", "--h-star", "nan"], "nan"),
+    "an unknown bisector": (["run", "squares:n=4", "--bisector", "kmean"], "did you mean 'kmeans'?"),
+    "an unknown option": (["run", "squares:n=4", "--bisector", "kmeans:no_such=1"], "no option 'no_such'"),
+    "half an option": (["run", "squares:n=4", "--bisector", "kmeans:axes"], "not of the form option=value"),
+    "one bisector twice": (["run", "squares:n=4", *["--bisector", "kmeans"] * 2], "given twice"),
+    "an unknown refiner": (["run", "squares:n=4", "--refiner", "nope"], "no refiner is named 'nope'"),
+    "an unknown fixer": (["run", "squares:n=4", "--fixer", "nope"], "no fixer is named 'nope'"),
+    "an unknown method": (["run", "squares:n=4", "--method", "direct"], "recursive"),
+    "no such config": (["run", "squares:n=4", "--config", "absent.toml"], "absent.toml"),
+    "an unknown suffix": (["run", "squares:n=4", "-o", "out.xyzzy"], "xyzzy"),
+    "a folder as output": (["run", "squares:n=4", "-o", "folder"], "folder"),
+    "no folder for output": (["run", "squares:n=4", "-o", "absent/out.vtu"], "absent"),
+    "not a picture": (["run", "squares:n=4", "--plot", "out.doc"], ".png"),
+    "no folder for the picture": (["run", "squares:n=4", "--plot", "absent/out.png"], "absent"),
+    "a picture of a solid": (["run", "boxes:n=2", "--plot", "out.png"], "plane meshes"),
+    "quality of nothing": (["quality", "absent.vtu"], "absent.vtu"),
+    "quality of a folder": (["quality", "folder"], "folder"),
+    "an unknown suffix for a mesh": (["mesh", "squares:n=4", "-o", "out.xyzzy"], "xyzzy"),
+    "an unknown sample for a mesh": (["mesh", "sqares:n=4", "-o", "out.vtu"], "sqares"),
+    "an unknown flag": (["run", "squares:n=4", "--no-such-flag"], "--no-such-flag"),
+    "nothing to run": (["run"], "Missing argument"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), WRONG.values(), ids=WRONG.keys())
+def test_bad_input_is_one_line_and_leaves_nothing(
+    agglo: Agglo, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "empty.vtu").touch()
+    (tmp_path / "text.vtu").write_text("not a mesh")
+    before = sorted(tmp_path.rglob("*"))
+    if arguments[0] == "run" and "-o" not in arguments:
+        arguments = [*arguments, "-o", "left.vtu"]
+    code, out, err = agglo(*arguments)
+    assert (code, out) == (2, "")
+    errors = [line for line in err.splitlines() if not line.startswith("note: ")]
+    assert len(errors) == 1
+    assert errors[0].startswith("error: ")
+    assert message in errors[0]
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_every_file_of_several_runs_has_its_own_name(agglo: Agglo) -> None:
+    clash: list[Any] = ["--bisector", "a:n=1", "--bisector", "a:n_1", "-o", "out.vtu"]
+    code, _, err = agglo("run", "squares:n=4", *clash)
+    assert code == 2
+    assert "files of the same name" in err

@@ -1,0 +1,264 @@
+"""Metrics: hand values, shapely as oracle for circles, invariance, slow twins."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
+from shapely.affinity import scale
+
+from agglo_core import samples
+from agglo_core.defaults.metrics import (
+    Cells,
+    CentredCircleRatio,
+    CircleRatio,
+    Components,
+    Cut,
+    DiameterRatio,
+    InterfaceLength,
+    NormalisedCut,
+    UniformityFactor,
+    UniformityFactor99,
+)
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.plugins import default
+
+EVERY = {
+    "UF": UniformityFactor(),
+    "UF99": UniformityFactor99(),
+    "CR": CircleRatio(),
+    "CRc": CentredCircleRatio(),
+    "diameter_ratio": DiameterRatio(h_star=0.3),
+    "interface_length": InterfaceLength(),
+    "cut": Cut(),
+    "ncut": NormalisedCut(),
+    "components": Components(),
+    "cells": Cells(),
+}
+
+
+def _ragged(mesh: Mesh, k: int, seed: int, swaps: float = 0.06) -> np.ndarray:
+    """Labels of about ``k`` agglomerates with holes, islands and pinch vertices."""
+    rng = np.random.default_rng(seed)
+    labels = cKDTree(rng.random((k, 2))).query(mesh.cell_centroids)[1]
+    astray = rng.random(mesh.n_cells) < swaps
+    labels = np.where(astray, rng.integers(0, k, mesh.n_cells), labels)
+    return np.unique(labels, return_inverse=True)[1]
+
+
+def _cells_of(mesh: Mesh) -> np.ndarray:
+    loops = mesh.boundary_loops
+    corners = np.insert(loops.vertices, loops.loop_offsets[1:], loops.vertices[loops.loop_offsets[:-1]])
+    owner = np.repeat(np.arange(mesh.n_cells), np.diff(loops.loop_offsets) + 1)
+    return shapely.polygons(shapely.linearrings(mesh.points[corners], indices=owner))
+
+
+def _whole(mesh: Mesh) -> Mesh:
+    return mesh.coarsen(np.zeros(mesh.n_cells, int))
+
+
+def _measure(metric, mesh: Mesh) -> np.ndarray:
+    return metric.measure(mesh, np.arange(mesh.n_cells))
+
+
+# -- circles ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 1.1])
+@pytest.mark.parametrize(
+    ("mesh", "value"), [(samples.squares(3), 0.5**0.5), (samples.hexagons(3), 0.75**0.5)]
+)
+def test_circles_of_regular_cells_are_exact(mesh: Mesh, value: float, angle: float) -> None:
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    loops = mesh.boundary_loops
+    turned = Mesh.from_polygons(mesh.points @ turn + 1e4, (loops.loop_offsets, loops.vertices))
+    for metric in (CircleRatio(), CentredCircleRatio()):
+        np.testing.assert_allclose(_measure(metric, turned), value, rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [12, 13, 60])
+def test_ring_is_exact(n: int) -> None:
+    ring = _whole(samples.ring(n))
+    c = np.cos(np.pi / n)  # largest circle: from an inner corner to the two outer edges around it
+    radius = _measure(CircleRatio(), ring)[0] * ring.h / 2
+    assert radius == pytest.approx(0.5 * c / (1 + c), rel=1e-9)
+    assert _measure(CentredCircleRatio(), ring)[0] == 0.0
+
+
+@pytest.mark.parametrize("n", [2, 7, 100, 400])
+def test_strips_are_exact(n: int) -> None:
+    strip = _whole(samples.strip(n))
+    assert _measure(CircleRatio(), strip)[0] == pytest.approx(1 / np.hypot(1, n), rel=1e-9)
+
+
+def test_triangle_has_its_incircle_and_its_centroid_circle() -> None:
+    mesh = samples.triangles(2)
+    diameter, leg = mesh.h, 0.5
+    np.testing.assert_allclose(_measure(CircleRatio(), mesh) * diameter, 2 * leg - diameter, rtol=1e-9)
+    np.testing.assert_allclose(
+        _measure(CentredCircleRatio(), mesh) * diameter / 2, leg / (3 * 2**0.5), rtol=1e-9
+    )
+
+
+def test_l_shape_is_exact() -> None:
+    shape = Mesh.from_polygons([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], [range(6)])
+    radius = 2 - 2**0.5  # touches both outer sides and the inner corner
+    assert _measure(CircleRatio(), shape)[0] == pytest.approx(2 * radius / 18**0.5, rel=1e-9)
+
+
+def test_needle_stays_cheap_and_close() -> None:
+    needle = Mesh.from_polygons([(0, 0), (1, 0), (0.3, 1e-5)], [range(3)])
+    radius = _measure(CircleRatio(), needle)[0] / 2
+    assert radius == pytest.approx(1e-5 / needle.face_measures.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "k", "swaps"),
+    [
+        (samples.voronoi(3000, seed=1), 200, 0.06),
+        (samples.random_triangles(1500, seed=2), 200, 0.0),
+        (samples.triangles(30), 120, 0.1),
+    ],
+    ids=["holes", "triangles", "pinches"],
+)
+def test_circles_agree_with_shapely(mesh: Mesh, k: int, swaps: float) -> None:
+    labels = _ragged(mesh, k, seed=3, swaps=swaps)
+    ratio, centred = CircleRatio().measure(mesh, labels), CentredCircleRatio().measure(mesh, labels)
+    cells, diameters = _cells_of(mesh), mesh.coarsen(labels).cell_diameters
+    for part in range(labels.max() + 1):
+        shape = shapely.union_all(cells[labels == part])
+        size = 1 / diameters[part]
+        unit = scale(shape, size, size, origin=shape.centroid)
+        exact = shapely.maximum_inscribed_circle(unit, tolerance=1e-5).length
+        assert ratio[part] / 2 == pytest.approx(exact, rel=1e-3)
+        inside = shape.contains(shape.centroid)
+        about = shape.boundary.distance(shape.centroid) if inside else 0.0
+        assert centred[part] * diameters[part] / 2 == pytest.approx(about, rel=1e-6, abs=1e-9)
+
+
+# -- the rest -----------------------------------------------------------------------------------
+
+
+def test_diameters_agree_with_all_pairs() -> None:
+    mesh = samples.voronoi(300, seed=4)
+    labels = _ragged(mesh, 20, seed=4)
+    corners = [
+        np.unique(mesh.face_vertices.reshape(-1, 2)[(mesh.face_cells == c).any(axis=1)]) for c in range(300)
+    ]
+    diameters = np.array(
+        [
+            pdist(
+                mesh.points[np.unique(np.concatenate([corners[c] for c in np.flatnonzero(labels == part)]))]
+            ).max()
+            for part in range(labels.max() + 1)
+        ]
+    )
+    np.testing.assert_allclose(UniformityFactor().measure(mesh, labels), diameters / diameters.max())
+    np.testing.assert_allclose(
+        UniformityFactor99().measure(mesh, labels), diameters / np.percentile(diameters, 99)
+    )
+    np.testing.assert_allclose(DiameterRatio(h_star=0.2).measure(mesh, labels), diameters / 0.2)
+
+
+def test_counting_metrics_agree_with_slow_twins() -> None:
+    mesh = samples.voronoi(300, seed=5)
+    labels = _ragged(mesh, 20, seed=5)
+    k = labels.max() + 1
+    length, edges, volume = np.zeros(k), np.zeros(k), np.zeros(k)
+    for (a, b), measure in zip(mesh.face_cells, mesh.face_measures, strict=True):
+        if b >= 0:
+            for cell in (a, b):
+                volume[labels[cell]] += 1
+                if labels[a] != labels[b]:
+                    length[labels[cell]] += measure
+                    edges[labels[cell]] += 1
+    np.testing.assert_allclose(InterfaceLength().measure(mesh, labels), length)
+    np.testing.assert_array_equal(Cut().measure(mesh, labels), edges)
+    np.testing.assert_allclose(NormalisedCut().measure(mesh, labels), edges / volume)
+    np.testing.assert_array_equal(
+        Cells().measure(mesh, labels), [(labels == part).sum() for part in range(k)]
+    )
+
+
+def test_components_are_counted_per_part() -> None:
+    mesh = samples.squares(4)
+    checkered = np.add.outer(np.arange(4), np.arange(4)).ravel() % 2
+    np.testing.assert_array_equal(Components().measure(mesh, checkered), [8, 8])
+    np.testing.assert_array_equal(Components().measure(mesh, np.repeat([0, 1, 0, 2], 4)), [2, 1, 1])
+
+
+def test_one_part_has_no_interface() -> None:
+    mesh = samples.squares(3)
+    whole = np.zeros(9, int)
+    for metric in (InterfaceLength(), Cut(), NormalisedCut()):
+        values = metric.measure(mesh, whole)
+        assert values.dtype == np.float64
+        np.testing.assert_array_equal(values, [0.0])
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_declared_bounds_and_homogeneity_hold(name: str) -> None:
+    metric, factor = EVERY[name], 1000.0
+    mesh = samples.voronoi(400, seed=6)
+    labels = _ragged(mesh, 25, seed=6)
+    loops = mesh.boundary_loops
+    larger = Mesh.from_polygons(factor * mesh.points, (loops.loop_offsets, loops.vertices))
+    values = metric.measure(mesh, labels)
+    assert values.shape == (labels.max() + 1,)
+    assert values.dtype == np.float64
+    assert metric.better in ("high", "low")
+    assert (values >= metric.bounds[0]).all()
+    assert (values <= metric.bounds[1] * (1 + 1e-12)).all()
+    np.testing.assert_allclose(metric.measure(larger, labels), factor**metric.homogeneity * values, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, metric in EVERY.items() if getattr(metric, "shape_only", False)]
+)
+def test_shape_only_metrics_see_the_same_on_the_coarse_mesh(name: str) -> None:
+    mesh = samples.voronoi(400, seed=7)
+    labels = _ragged(mesh, 25, seed=7)
+    coarse = mesh.coarsen(labels)
+    np.testing.assert_array_equal(_measure(EVERY[name], coarse), EVERY[name].measure(mesh, labels))
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_metrics_are_declared_under_their_names(name: str) -> None:
+    options = {"h_star": 0.3} if name == "diameter_ratio" else {}
+    assert type(default().build("metric", name, **options)) is type(EVERY[name])
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_solids(name: str) -> None:
+    mesh = samples.boxes(2)
+    labels = np.repeat([0, 1], 4)
+    if name in ("CR", "CRc"):
+        with pytest.raises(MeshError, match=f"metric {name} exists only for 2-D"):
+            EVERY[name].measure(mesh, labels)
+        return
+    expected = {
+        "UF": 1,
+        "UF99": 1,
+        "diameter_ratio": 1.5 / 0.3,
+        "interface_length": 1,
+        "cut": 4,
+        "ncut": 4 / 12,
+        "components": 1,
+        "cells": 4,
+    }
+    np.testing.assert_allclose(EVERY[name].measure(mesh, labels), expected[name])
+
+
+@pytest.mark.parametrize("h_star", [0.0, -1.0, np.nan, np.inf])
+def test_bad_h_star_is_refused(h_star: float) -> None:
+    with pytest.raises(OptionError, match="h_star of metric diameter_ratio"):
+        DiameterRatio(h_star=h_star)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_labels_with_gaps_are_refused(name: str) -> None:
+    with pytest.raises(MeshError, match="gaps"):
+        EVERY[name].measure(samples.squares(2), np.array([0, 0, 2, 2]))

@@ -1,0 +1,112 @@
+"""quality and summary: names, options and objects; one line of plain data per level."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from agglo_core import samples
+from agglo_core.errors import MeshError, OptionError, PluginError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.report import quality, summary
+
+
+class FirstCell:
+    """A metric of a third party: the smallest cell number of each part."""
+
+    better, bounds, homogeneity = "low", (0.0, np.inf), 0
+
+    def measure(self, mesh: Mesh, labels: np.ndarray) -> np.ndarray:
+        return np.unique(labels, return_index=True)[1]
+
+
+class Scalar:
+    better, bounds, homogeneity = "low", (0.0, np.inf), 0
+
+    def measure(self, mesh: Mesh, labels: np.ndarray) -> float:
+        return 1.0
+
+
+def _quarters(n: int) -> np.ndarray:
+    side = np.arange(n) // (n // 2)
+    return np.add.outer(2 * side, side).ravel()
+
+
+def _hierarchy(mesh: Mesh, *levels: np.ndarray) -> Hierarchy:
+    targets = [{"parts": int(labels.max()) + 1} for labels in levels]
+    return Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
+
+
+def test_default_metrics_on_quarters_of_a_square() -> None:
+    values = quality(samples.squares(8), _quarters(8))
+    assert list(values) == ["UF", "CR", "CRc"]
+    np.testing.assert_allclose(values["UF"], np.ones(4))
+    np.testing.assert_allclose(values["CR"], np.full(4, 0.5**0.5))
+    np.testing.assert_allclose(values["CRc"], np.full(4, 0.5**0.5))
+
+
+def test_names_options_and_objects_mix() -> None:
+    mesh = samples.squares(4)
+    metrics = ("cells", ("diameter_ratio", {"h_star": 0.5}), FirstCell())
+    values = quality(mesh, _quarters(4), metrics=metrics)
+    assert list(values) == ["cells", "diameter_ratio", "FirstCell"]
+    np.testing.assert_array_equal(values["cells"], [4, 4, 4, 4])
+    np.testing.assert_allclose(values["diameter_ratio"], 2**0.5)
+    np.testing.assert_array_equal(values["FirstCell"], [0, 2, 8, 10])  # it is given the fine mesh
+    assert values["FirstCell"].dtype == np.float64
+
+
+def test_quality_equals_each_metric_on_its_own() -> None:
+    mesh = samples.voronoi(200, seed=1)
+    labels = np.unique(np.floor(mesh.cell_centroids * 4).astype(int) @ [1, 4], return_inverse=True)[1]
+    together = quality(mesh, labels, ("UF", "UF99", "CR", "CRc", "interface_length", "cut", "components"))
+    for name, values in together.items():
+        np.testing.assert_array_equal(values, quality(mesh, labels, (name,))[name])
+
+
+def test_faulty_requests_are_explained() -> None:
+    mesh, labels = samples.squares(2), np.array([0, 0, 1, 1])
+    with pytest.raises(PluginError, match="UFO"):
+        quality(mesh, labels, ("UFO",))
+    with pytest.raises(OptionError, match="h_star"):
+        quality(mesh, labels, ("diameter_ratio",))
+    with pytest.raises(OptionError, match="given twice"):
+        quality(mesh, labels, ("CR", "CR"))
+    with pytest.raises(OptionError, match="not the text"):
+        quality(mesh, labels, "CR")
+    with pytest.raises(OptionError, match="no metric"):
+        quality(mesh, labels, (object(),))  # type: ignore[arg-type]
+    with pytest.raises(PluginError, match=r"'Scalar' .* expected \(2,\)"):
+        quality(mesh, labels, (Scalar(),))  # type: ignore[arg-type]
+    with pytest.raises(MeshError, match="gaps"):
+        quality(mesh, [0, 0, 2, 2])
+
+
+def test_summary_of_a_plane_mesh() -> None:
+    mesh = samples.squares(4)
+    split = np.add.outer(np.arange(4), np.arange(4)).ravel() % 2
+    lines = summary(mesh, _hierarchy(mesh, _quarters(4), split))
+    assert [list(line) for line in lines] == [
+        ["target", "parts", "max_diameter", "UF", "CR", "CRc", "connected"]
+    ] * 2
+    first, second = lines
+    assert first["target"] == {"parts": 4}
+    assert first["parts"] == 4
+    assert first["max_diameter"] == pytest.approx(0.5**0.5)
+    assert first["UF"] == pytest.approx(1.0)
+    assert first["CR"] == first["CRc"] == pytest.approx(0.5**0.5)
+    assert first["connected"] == 1.0
+    assert second["connected"] == 0.0
+    json.dumps(lines)
+
+
+def test_summary_of_solids_has_no_circles() -> None:
+    mesh = samples.boxes(2)
+    (line,) = summary(mesh, _hierarchy(mesh, np.repeat([0, 1], 4)))
+    assert line["CR"] is None
+    assert line["CRc"] is None
+    assert line["UF"] == pytest.approx(1.0)
+    assert line["max_diameter"] == pytest.approx(1.5)

@@ -1,0 +1,151 @@
+"""METIS: direct calls as the oracle, small blocks, weights, blocks of a level, errors."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pymetis
+import pytest
+
+import agglo_core as agglo
+from agglo_core.graph import Graph
+from agglo_core.protocols import Target
+from agglo_metis.metis import Metis
+
+UNWEIGHTED = {"vertex_weights": False, "edge_weights": False}
+
+
+def path(n, weights=None):
+    """Path graph along x."""
+    rows = [[j for j in (i - 1, i + 1) if 0 <= j < n] for i in range(n)]
+    indptr = np.concatenate(([0], np.cumsum([len(row) for row in rows])))
+    return Graph.from_arrays(indptr, sum(rows, []), np.c_[np.arange(n), np.zeros(n)], weights=weights)
+
+
+def level_of(mesh, parts):
+    """The mesh cut by inertia into connected blocks of very unequal sizes."""
+    labels = agglo.agglomerate(mesh, bisector="inertial", n_parts=parts).levels[0]
+    return mesh.graph.split(np.where(labels == 0, 0, np.minimum(labels, 1) * np.arange(mesh.n_cells) // 2))[0]
+
+
+def seeds_for(level, root=0):
+    return np.arange(root, root + level.n_blocks, dtype=np.uint64)
+
+
+def test_bisection_is_the_library_s_own():
+    graph = agglo.samples.random_triangles(60, seed=1).graph
+    direct = pymetis.part_graph(
+        2,
+        pymetis.CSRAdjacency(graph.indptr, graph.indices.astype(np.int64)),
+        recursive=True,
+        options=pymetis.Options(seed=5, niter=10, ncuts=1),
+    )
+    sides = Metis(**UNWEIGHTED).bisect_level(graph, np.array([5], np.uint64))
+    assert sides.tolist() == list(direct.vertex_part)
+
+
+@pytest.mark.parametrize("algorithm", ["kway", "recursive"])
+def test_partition_is_the_library_s_own(algorithm):
+    graph = agglo.samples.squares(12).graph
+    options = pymetis.Options(seed=3, niter=10, ncuts=2, ufactor=40)
+    if algorithm == "kway":
+        options.contig = 1
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices.astype(np.int64))
+    direct = pymetis.part_graph(9, adjacency, recursive=algorithm == "recursive", options=options)
+    component = Metis(algorithm, ufactor=40, ncuts=2, **UNWEIGHTED)
+    assert component.partition(graph, Target(parts=9), 3).tolist() == list(direct.vertex_part)
+
+
+@pytest.mark.parametrize("options", [{}, UNWEIGHTED])
+@pytest.mark.parametrize("n", range(1, 9))
+def test_small_paths_are_cut_once(n, options):
+    graph = path(n)
+    for seed in range(10):
+        sides = Metis(**options).bisect_level(graph, np.array([seed], np.uint64))
+        assert (np.diff(sides) != 0).sum() == min(n - 1, 1)
+        if n > 1:
+            assert abs(2 * sides.sum() - n) <= 1 + n % 2
+
+
+@pytest.mark.parametrize("heavy", range(3))
+def test_a_node_that_outweighs_the_rest_is_parted_from_it(heavy):
+    weights = np.full(4, 1e-9)
+    weights[heavy] = 1.0
+    for seed in range(10):
+        sides = Metis().bisect_level(path(4, weights), np.array([seed], np.uint64))
+        assert set(sides.tolist()) == {0, 1}
+
+
+def test_vertex_weights_balance_measure_and_edge_weights_avoid_long_interfaces():
+    weights = np.array([1.0, 1, 1, 1, 1, 1, 3, 3])
+    sides = Metis(edge_weights=False).bisect_level(path(8, weights), np.zeros(1, np.uint64))
+    assert np.bincount(sides, weights).tolist() == [6, 6]
+    graph = path(8)
+    interface = np.where(
+        np.minimum(graph.indices, np.repeat(np.arange(8), np.diff(graph.indptr))) == 4, 0.1, 9
+    )
+    weak = Graph.from_arrays(graph.indptr, graph.indices, graph.centroids, interface=interface)
+    sides = Metis(ufactor=400).bisect_level(weak, np.zeros(1, np.uint64))
+    assert sides[4] != sides[5]
+    assert (np.diff(sides) != 0).sum() == 1
+
+
+@pytest.mark.parametrize("sample", ["random_triangles:n=150,seed=2", "boxes:n=5"])
+def test_a_level_is_its_blocks(sample):
+    level = level_of(agglo.samples.from_spec(sample), 2)
+    assert np.diff(level.offsets).max() > 50
+    assert np.diff(level.offsets).min() <= 2
+    seeds = seeds_for(level, 7)
+    together = Metis().bisect_level(level, seeds)
+    apart = [Metis().bisect_level(level[b], seeds[b : b + 1]) for b in range(level.n_blocks)]
+    assert np.array_equal(together, np.concatenate(apart))
+    big = np.diff(level.offsets) > 1
+    ones = np.add.reduceat(together, level.offsets[:-1])
+    assert ((ones > 0) & (ones < np.diff(level.offsets)))[big].all()
+
+
+def test_seeds_decide_and_nothing_else():
+    graph = agglo.samples.voronoi(200, seed=0).graph
+    states = np.random.get_state()[1].copy(), random.getstate()
+    runs = [Metis().bisect_level(graph, np.array([2**63 + 5], np.uint64)) for _ in range(2)]
+    parts = [Metis().partition(graph, Target(parts=12), 2**40) for _ in range(2)]
+    assert np.array_equal(*runs)
+    assert np.array_equal(*parts)
+    assert np.array_equal(np.random.get_state()[1], states[0])
+    assert random.getstate() == states[1]
+
+
+def test_kway_parts_are_connected_by_default():
+    graph = agglo.samples.random_triangles(400, seed=4).graph
+    labels = Metis().partition(graph, Target(parts=50), 0)
+    assert len(np.unique(graph.components(labels))) == len(np.unique(labels))
+
+
+@pytest.mark.parametrize("parts", [1, 5, 6, 100])
+def test_no_more_parts_than_nodes(parts):
+    labels = Metis().partition(path(6), Target(parts=parts), 0)
+    assert np.unique(labels).tolist() == list(range(min(parts, 6)))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"algorithm": "multilevel"}, {"ufactor": 0}, {"niter": 1.5}, {"ncuts": True}, {"ufactor": -3}],
+)
+def test_options_outside_their_range_are_refused(options):
+    with pytest.raises(agglo.errors.OptionError, match=next(iter(options))):
+        Metis(**options)
+
+
+def test_a_size_target_is_refused():
+    with pytest.raises(agglo.errors.OptionError, match="number of parts"):
+        Metis().partition(path(4), Target(h_star=1.0), 0)
+
+
+@pytest.mark.parametrize("method", ["recursive", "kway"])
+@pytest.mark.parametrize("sample", ["squares:n=12", "boxes:n=5", "disconnected:n=5"])
+def test_through_the_pipeline_counts_are_exact_and_parts_connected(method, sample):
+    mesh = agglo.samples.from_spec(sample)
+    labels = agglo.agglomerate(mesh, bisector="metis", n_parts=10, method=method).levels[0]
+    assert np.unique(labels).tolist() == list(range(10))
+    assert len(np.unique(mesh.graph.components(labels))) == 10
