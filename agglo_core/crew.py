@@ -71,6 +71,7 @@ class Crew:
 
     bisector: Member
     refiners: Sequence[Member]
+    post_refiners: Sequence[Member]
     fixer: Member
     finisher: Member
     fallback: Member | None = None
@@ -105,9 +106,9 @@ class Crew:
             )
         return frozen_int(np.unique(labels, return_inverse=True)[1])
 
-    def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
-        """Labels after all refiners, each keeping the label set of every block."""
-        for member in self.refiners:
+    def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
+        """Labels after all (post-)refiners, each keeping the label set of every block."""
+        for member in self.post_refiners if post else self.refiners:
             tool: Refiner = member.tool
             with _attributed(member):
                 given = tool.refine(graph, frozen_int(labels), seeds, target)

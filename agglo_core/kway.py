@@ -6,26 +6,25 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.crew import Crew, Statistics
-from agglo_core.driver import (
-    ByDiameter,
-    ByQuota,
-    Growth,
-    Rule,
-    apportion,
-    grow,
-    note_oversized,
-    part_measures,
-)
+from agglo_core.driver import grow, note_oversized
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
+from agglo_core.post import PostPass
 from agglo_core.protocols import Target
+from agglo_core.rules import ByDiameter, ByQuota, Rule, apportion, part_measures
 from agglo_core.targets import Levels
 
 __all__ = ["kway_levels"]
 
 
 def kway_levels(
-    graph: Graph, levels: Levels, nested: bool, crew: Crew, seed: int, statistics: Statistics
+    graph: Graph,
+    levels: Levels,
+    nested: bool,
+    crew: Crew,
+    post: PostPass,
+    seed: int,
+    statistics: Statistics,
 ) -> list[Int]:
     """Labels of each level, finest first.
 
@@ -38,6 +37,7 @@ def kway_levels(
         size = target if levels.sizes else None
         parts = _estimate(graph, target) if levels.sizes else int(target)
         labels = _one_level(current, parts, size, crew, seed, statistics)
+        labels = post.apply(current, current.components(), labels, size, crew, seed, statistics)
         result.append(by_first_cell(labels[fine_to_current]))
         if nested:
             fine_to_current = result[-1]
@@ -113,9 +113,7 @@ def _finish(
         if shares:
             extra[np.repeat(found < quotas, found)] = np.concatenate(shares)
         rule = ByQuota(frozen_int(extra))
-    growth = Growth(graph.n)
-    leaves = grow(graph, growth, labels, None, rule, crew, seed, statistics)
-    tree = growth.tree()
+    tree, leaves = grow(graph, labels, rule, crew, seed, statistics)
     if h_star is not None:
         note_oversized(tree, leaves, h_star, statistics)
     return tree.labels(leaves)

@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from agglo_core.arrays import frozen_int
+from agglo_core.arrays import Int, frozen_int
 from agglo_core.crew import Crew, Member, Statistics
-from agglo_core.driver import levels_by_count, levels_by_size
+from agglo_core.driver import recursive_levels
 from agglo_core.errors import FileError, OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy, by_first_cell
@@ -19,6 +19,7 @@ from agglo_core.kway import kway_levels
 from agglo_core.mesh import Mesh
 from agglo_core.ordering import curve_order
 from agglo_core.plugins import default, describe
+from agglo_core.post import PostPass
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 from agglo_core.targets import Levels, Numbers, resolve_targets
 
@@ -43,6 +44,10 @@ class Pipeline:
         ``kway`` needs a bisector that implements ``partition``.
     nested : bool
         Whether each level must be a coarsening of the one before.
+    merge : bool
+        Size targets: merge neighbouring parts while their union meets the target.
+    post_refiners : sequence of Choice
+        Applied to each finished level; moves that make a part miss its size are taken back.
     seed : int
         Root of all random numbers.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
@@ -54,6 +59,8 @@ class Pipeline:
     fixer: Choice = "connectivity"
     method: Method = "recursive"
     nested: bool = True
+    merge: bool = False
+    post_refiners: Sequence[Choice] = ()
     seed: int = 0
     h_star: Numbers | None = None
     h_factor: Numbers | None = None
@@ -65,8 +72,10 @@ class Pipeline:
             raise OptionError(f"method must be 'recursive' or 'kway', given {self.method!r}")
         if not isinstance(self.seed, int) or isinstance(self.seed, bool) or not 0 <= self.seed < 2**63:
             raise OptionError(f"seed must be an integer in 0..2^63 − 1, given {self.seed!r}")
-        if isinstance(self.refiners, str) or not isinstance(self.refiners, Sequence):
-            raise OptionError(f"refiners must be a sequence of components, given {self.refiners!r}")
+        for name in ("refiners", "post_refiners"):
+            value = getattr(self, name)
+            if isinstance(value, str) or not isinstance(value, Sequence):
+                raise OptionError(f"{name} must be a sequence of components, given {value!r}")
 
     @classmethod
     def from_toml(cls, path: str | os.PathLike[str]) -> Pipeline:
@@ -92,10 +101,11 @@ class Pipeline:
         for key in ("bisector", "fixer"):
             if key in chosen:
                 chosen[key] = _from_table(file, key, chosen[key])
-        if "refiners" in chosen:
-            if not isinstance(chosen["refiners"], list):
-                raise FileError(f"{file}: refiners must be a list")
-            chosen["refiners"] = tuple(_from_table(file, "refiners", each) for each in chosen["refiners"])
+        for key in ("refiners", "post_refiners"):
+            if key in chosen:
+                if not isinstance(chosen[key], list):
+                    raise FileError(f"{file}: {key} must be a list")
+                chosen[key] = tuple(_from_table(file, key, each) for each in chosen[key])
         return cls(**chosen)
 
     def run(self, mesh: Mesh | Graph) -> Hierarchy:
@@ -134,14 +144,14 @@ class Pipeline:
         others = (self.h_star, self.n_parts, self.cells_per_part)
         return all(value is None for value in others)
 
-    def _levels(self, graph: Graph, levels: Levels, crew: Crew, statistics: Statistics) -> list[Any]:
+    def _levels(self, graph: Graph, levels: Levels, crew: Crew, statistics: Statistics) -> list[Int]:
+        post = PostPass(self.merge, bool(self.post_refiners))
         if self.method == "kway":
-            return kway_levels(graph, levels, self.nested, crew, self.seed, statistics)
-        build: Any = levels_by_size if levels.sizes else levels_by_count
-        targets = levels.sizes or levels.counts
+            return kway_levels(graph, levels, self.nested, crew, post, self.seed, statistics)
         if self.nested:
-            return list(build(graph, targets, crew, self.seed, statistics))
-        return [build(graph, [each], crew, self.seed, statistics)[0] for each in targets]
+            return recursive_levels(graph, levels, crew, post, self.seed, statistics)
+        alone = levels.one_by_one()
+        return [recursive_levels(graph, each, crew, post, self.seed, statistics)[0] for each in alone]
 
     def _crew(self) -> Crew:
         bisector, fallback = _member("bisector", self.bisector)
@@ -154,6 +164,7 @@ class Pipeline:
         return Crew(
             bisector=bisector,
             refiners=[_member("refiner", choice)[0] for choice in self.refiners],
+            post_refiners=[_member("refiner", choice)[0] for choice in self.post_refiners],
             fixer=_member("fixer", self.fixer)[0],
             finisher=bisector if bisects else _member("bisector", "inertial")[0],
             fallback=_member("bisector", fallback)[0] if fallback else None,
@@ -206,6 +217,8 @@ def agglomerate(
     nested: bool | None = None,
     refiners: Sequence[Choice] | None = None,
     fixer: Choice | None = None,
+    merge: bool | None = None,
+    post_refiners: Sequence[Choice] | None = None,
     seed: int | None = None,
     config: str | os.PathLike[str] | None = None,
 ) -> Hierarchy:
@@ -224,6 +237,10 @@ def agglomerate(
         Default True.
     refiners : sequence of components, optional
         Default ``("interface",)``; ``()`` for none.
+    merge : bool, optional
+        Size targets: merge neighbouring parts while their union meets the target. Default False.
+    post_refiners : sequence of components, optional
+        Applied to each finished level, coarsest first. Default ``()``.
     seed : int, optional
         Default 0.
     config : path, optional
@@ -259,6 +276,8 @@ def agglomerate(
         "nested": nested,
         "refiners": refiners,
         "fixer": fixer,
+        "merge": merge,
+        "post_refiners": post_refiners,
         "seed": seed,
     }
     return replace(pipeline, **{key: value for key, value in rest.items() if value is not None}).run(mesh)

@@ -25,6 +25,13 @@ class Levels:
     counts: tuple[int, ...]
     asked: tuple[dict[str, Any], ...]
 
+    def one_by_one(self) -> list[Levels]:
+        """Each target on its own."""
+        return [
+            Levels(self.sizes[i : i + 1], self.counts[i : i + 1], self.asked[i : i + 1])
+            for i in range(len(self.asked))
+        ]
+
 
 def resolve_targets(
     graph: Graph,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,7 +90,7 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
 
             write_npz(target, mesh, hierarchy)
         else:
-            from agglo_core.io.foreign import write_foreign
+            from agglo_core.io.foreign_write import write_foreign
 
             write_foreign(target, mesh, hierarchy)
 
@@ -133,7 +132,7 @@ def _read(path: str | PathLike[str], merge_points: bool) -> tuple[Mesh, Hierarch
             return read_vtu(source, merge_points=merge_points), None
         from agglo_core.io.foreign import read_foreign
 
-        return replace(read_foreign(source, merge_points=merge_points), name=source.stem), None
+        return read_foreign(source, merge_points=merge_points), None
 
 
 def _check_suffix(path: Path, *, writing: bool) -> None:

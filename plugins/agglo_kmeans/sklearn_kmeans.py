@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Float, Int
+from agglo_core.defaults.geometric import block_shares
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 
 __all__ = ["SklearnKMeans"]
+
+_LEAST_WEIGHT = 1e-6  # of the mean: clusters of weight zero would come back empty
 
 
 class SklearnKMeans:
@@ -37,13 +40,10 @@ class SklearnKMeans:
         points = _unit(graph.centroids)
         if len(np.unique(points, axis=0)) < 2:  # nothing to tell the nodes apart
             return np.arange(graph.n) * 2 // max(graph.n, 1)
-        weights = graph.weights if graph.weights.any() else np.ones(graph.n)
+        relative = graph.n * block_shares(graph.weights, graph.block_ids)
         model = KMeans(2, n_init=self.n_init, random_state=int(rng.integers(2**31)))
-        model.fit(points, sample_weight=weights / weights.mean())
-        sides = np.asarray(model.labels_, dtype=np.int64)
-        if sides.min() == sides.max():  # weights of zero leave a cluster empty
-            sides = (np.arange(graph.n) == np.argmax(_distances(points, weights))).astype(np.int64)
-        return sides
+        model.fit(points, sample_weight=np.maximum(relative, _LEAST_WEIGHT))
+        return np.asarray(model.labels_, dtype=np.int64)
 
 
 def _unit(centroids: Float) -> Float:
@@ -54,8 +54,3 @@ def _unit(centroids: Float) -> Float:
     low = centroids.min(axis=0)
     extent = float((centroids - low).max())
     return np.round((centroids - low) / extent, 12) if extent > 0 else np.zeros_like(centroids)
-
-
-def _distances(points: Float, weights: Float) -> Float:
-    """Distance of each point from the centre of mass."""
-    return np.asarray(np.linalg.norm(points - np.average(points, axis=0, weights=weights), axis=1))

@@ -84,17 +84,20 @@ class Spectral:
         coordinates = principal_frames(level)[1]
         near = np.isfinite(values) & (values <= (1 + self.degeneracy) * values[:, :1])
         sides, _ = self._cut(level, modes[:, 0], coordinates)
-        several = np.flatnonzero(near.sum(axis=1) > 1)
-        if len(several):
-            nodes = near.sum(axis=1)[level.block_ids] > 1
-            basis = _aligned(level.take(several), modes[nodes], near[several], coordinates[nodes])
-            sides[nodes] = self._best(level.take(several), basis, coordinates[nodes])
+        choice = near.sum(axis=1) > 1
+        if choice.any():
+            nodes = choice[level.block_ids]
+            part, frame = level.take(np.flatnonzero(choice)), coordinates[nodes]
+            basis = _aligned(part, modes[nodes], near[choice], frame)
+            sides[nodes] = self._best(part, basis, frame, sides[nodes])
         return sides
 
-    def _best(self, level: Graph, basis: Float, coordinates: Float) -> Int:
-        """Sides of the direction in the span of ``basis`` whose normalised cut is lowest."""
+    def _best(self, level: Graph, basis: Float, coordinates: Float, sides: Int) -> Int:
+        """Sides of the direction in the span of ``basis`` whose normalised cut is lowest.
+
+        The given ``sides`` stay where no cut leaves weight on both.
+        """
         best = np.full(level.n_blocks, np.inf)
-        sides = np.zeros(level.n, dtype=np.int64)
         for direction in _directions(level.dim):
             trial, score = self._cut(level, (basis * direction).sum(axis=1), coordinates)
             better = score < best * (1 - _TIE)
@@ -182,5 +185,5 @@ def _directions(dim: int) -> Float:
     if dim == 2:
         angles = np.pi * np.array([0, 4, 2, 6, 1, 3, 5, 7]) / 8
         return np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    signs = [d for d in product((0, 1, -1), repeat=3) if d > (0, 0, 0) and d[np.flatnonzero(d)[0]] > 0]
-    return np.array(sorted(signs, key=lambda d: np.count_nonzero(d)), dtype=float)
+    halves = [step for step in product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
+    return np.array(sorted(halves, key=np.count_nonzero), dtype=float)

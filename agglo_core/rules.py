@@ -1,0 +1,119 @@
+"""When a piece is finished: small enough, or down to the number of parts it was to become."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.protocols import Target
+
+__all__ = ["ROUNDING", "ByDiameter", "ByQuota", "Rule", "apportion", "part_measures"]
+
+ROUNDING = 1e-9
+"""A part meets a size target h* if its diameter is at most h* (1 + ROUNDING)."""
+
+
+class Rule(Protocol):
+    """When a piece is finished. ``order`` lists the cells of the pieces, ``offsets`` cuts it."""
+
+    @property
+    def target(self) -> Target:
+        """What components are told."""
+        ...
+
+    def roots(self, graph: Graph, order: Int, offsets: Int) -> tuple[Float, Mask]:
+        """State of each first piece, and whether it is finished."""
+        ...
+
+    def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:
+        """The same for the two halves of each block, given the state of the blocks."""
+        ...
+
+
+def _diameters(graph: Graph, order: Int, offsets: Int) -> Float:
+    from agglo_core.kernels.geometry import block_diameters
+
+    return frozen_float(block_diameters(offsets, order, graph.vertex_offsets, graph.vertices, graph.points))
+
+
+@dataclass(frozen=True)
+class ByDiameter:
+    """Pieces are finished at ``diam <= h_star``; a single cell is, too. State: the diameter."""
+
+    h_star: float
+
+    @property
+    def target(self) -> Target:
+        """What components are told."""
+        return Target(h_star=self.h_star)
+
+    def roots(self, graph: Graph, order: Int, offsets: Int) -> tuple[Float, Mask]:
+        """Diameters, and whether each is small enough."""
+        diameter = _diameters(graph, order, offsets)
+        return diameter, (diameter <= self.h_star * (1 + ROUNDING)) | (np.diff(offsets) == 1)
+
+    def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:
+        """The same for the two halves of each block."""
+        return self.roots(level, order, offsets)
+
+
+@dataclass(frozen=True)
+class ByQuota:
+    """A piece holds a number of parts; a split shares it by measure; at 1 it is finished."""
+
+    quotas: Int
+
+    @property
+    def target(self) -> Target:
+        """What components are told."""
+        return Target(parts=int(self.quotas.sum()))
+
+    def roots(self, graph: Graph, order: Int, offsets: Int) -> tuple[Float, Mask]:
+        """The given quotas."""
+        return frozen_float(self.quotas), self.quotas == 1
+
+    def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:
+        """``clamp(round(k · measure share), 1, min(k − 1, cells))`` on each side; they add up to k."""
+        measure = np.add.reduceat(level.measures[order], offsets[:-1]).reshape(-1, 2)
+        cells = np.diff(offsets).reshape(-1, 2)
+        share = measure[:, 0] / measure.sum(axis=1)
+        low = np.maximum(1.0, state - cells[:, 1])
+        high = np.minimum(state - 1.0, cells[:, 0])
+        first = np.clip(np.round(state * share), low, high)
+        quotas = np.stack((first, state - first), axis=1).ravel()
+        return frozen_float(quotas), quotas == 1
+
+
+def part_measures(graph: Graph, labels: Int) -> Float:
+    """Measure of each part ``(k,)``."""
+    return frozen_float(np.bincount(labels, weights=graph.measures))
+
+
+def apportion(k: int, measures: Float, cells: Int) -> Int:
+    """Share k parts among pieces by measure: at least 1 each, at most their cells, exactly k in all.
+
+    Raises
+    ------
+    OptionError
+        If there are more pieces than parts, or fewer cells.
+    """
+    if k < len(measures):
+        raise OptionError(
+            f"{k} parts are too few: the mesh has {len(measures)} pieces that share no face or level part"
+        )
+    if k > cells.sum():
+        raise OptionError(f"{k} parts are too many: there are {int(cells.sum())} cells")
+    ideal = k * measures / measures.sum()
+    quotas = np.clip(np.floor(ideal), 1, cells).astype(np.int64)
+    while (gap := k - int(quotas.sum())) != 0:
+        step = 1 if gap > 0 else -1
+        movable = quotas < cells if gap > 0 else quotas > 1
+        want = np.where(movable, (ideal - quotas) * step, -np.inf)
+        chosen = np.argsort(-want, kind="stable")[: min(abs(gap), int(movable.sum()))]
+        quotas[chosen] += step
+    return frozen_int(quotas)
