@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from itertools import chain
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,25 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
-from agglo_core.mesh import Mesh
+from agglo_core.mesh import Mesh, box_centre
 
-__all__ = ["build_polygons", "check_indices", "check_points", "drop_orphans", "merge_equal", "name_cells"]
+__all__ = [
+    "build_polygons",
+    "check_indices",
+    "check_offsets",
+    "check_points",
+    "compact_points",
+    "name_cells",
+    "note_repairs",
+    "whole_numbers",
+]
 
 _log = logging.getLogger("agglo")
-_FAULTS = {
-    1: "fewer than 3 vertices",
-    2: "a repeated vertex",
-    3: "zero area",
-    4: "a boundary that crosses itself (bow-tie)",
+_FAULTS = {  # by the codes of kernels.faces
+    1: "a repeated vertex",
+    2: "zero area",
+    3: "a boundary that crosses itself (bow-tie)",
+    4: "a boundary that folds back on itself",
 }
 
 
@@ -35,9 +44,9 @@ def name_cells(cells: ArrayLike) -> str:
 
 
 def check_points(points: ArrayLike) -> Float:
-    """Finite ``(n, 2 or 3)`` float array, or MeshError naming the point."""
+    """Finite ``(n, 2 or 3)`` float copy, or MeshError naming the point."""
     try:
-        array = frozen_float(points)
+        array = frozen_float(np.array(points, dtype=np.float64))
     except (TypeError, ValueError) as error:
         raise MeshError(f"points must be numbers of shape (n_points, d): {error}") from None
     if array.ndim != 2 or array.shape[1] not in (2, 3):
@@ -48,16 +57,37 @@ def check_points(points: ArrayLike) -> Float:
     return array
 
 
-def check_indices(offsets: Int, vertices: Int, n_points: int, what: str) -> None:
-    """Raise MeshError unless every vertex index is in 0..n_points−1."""
+def check_offsets(offsets: Int, total: int, what: str) -> None:
+    """Raise MeshError unless offsets rise from 0 to ``total``."""
+    if len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != total or (np.diff(offsets) < 0).any():
+        raise MeshError(f"{what} offsets must rise from 0 to {total}, the number of entries they cut")
+
+
+def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
+    """Raise MeshError unless every vertex of cell c, ``offsets[c]:offsets[c + 1]``, is in 0..n_points−1."""
     bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
     if len(bad):
         owner = int(np.searchsorted(offsets, bad[0], side="right")) - 1
-        raise MeshError(f"{what} {owner} uses point {vertices[bad[0]]}, but there are {n_points} points")
+        raise MeshError(f"cell {owner} uses point {vertices[bad[0]]}, but there are {n_points} points")
 
 
-def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
-    """Vertices renumbered so that exactly equal points are one; and how many points went."""
+def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Float, Int, dict[str, int]]:
+    """Points in use (equal ones merged if asked), vertices renumbered to them, and repair counts."""
+    merged = 0
+    if merge:
+        vertices, merged = _merge_equal(points, vertices)
+    used = np.zeros(len(points), bool)
+    used[vertices] = True
+    kept = int(used.sum())
+    repairs = {"equal points merged": merged, "orphan points dropped": len(points) - kept - merged}
+    if kept == len(points):
+        return points, vertices, repairs
+    number = np.cumsum(used) - 1
+    return frozen_float(points[used]), frozen_int(number[vertices]), repairs
+
+
+def _merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
+    """Vertices renumbered so that exactly equal points are one; and how many points that makes unused."""
     points = points + 0.0  # -0.0 equals 0.0
     order = np.lexsort(points.T)
     new = np.concatenate(([True], (np.diff(points[order], axis=0) != 0).any(axis=1)))
@@ -67,42 +97,39 @@ def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
     return frozen_int(target[vertices]), len(points) - len(first)
 
 
-def drop_orphans(points: Float, vertices: Int) -> tuple[Float, Int, int]:
-    """Points in use, vertices renumbered to them, and how many points went."""
-    used = np.zeros(len(points), bool)
-    used[vertices] = True
-    kept = int(used.sum())
-    if kept == len(points):
-        return points, vertices, 0
-    number = np.cumsum(used) - 1
-    return frozen_float(points[used]), frozen_int(number[vertices]), len(points) - kept
+def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
+    """The repairs that happened, each logged."""
+    found = {text: count for text, count in repairs.items() if count}
+    for text, count in found.items():
+        _log.info("%s: %d", text, count)
+    return found
+
+
+def whole_numbers(values: Any, what: str) -> Int:
+    """One-dimensional integers, or MeshError."""
+    array = np.asarray(values)
+    if array.size and array.dtype.kind not in "iu":
+        raise MeshError(f"{what} must hold integers, not {array.dtype}")
+    if array.ndim != 1:
+        raise MeshError(f"{what} must be one-dimensional, not of shape {array.shape}")
+    return frozen_int(array)
 
 
 def _as_csr(cells: Any) -> tuple[Int, Int]:
     """Offsets and vertices of loops given as a list, an (n, k) array or such a pair."""
+    if isinstance(cells, tuple) and len(cells) == 2 and any(isinstance(part, np.ndarray) for part in cells):
+        return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
+    if isinstance(cells, np.ndarray) and cells.ndim == 2:
+        n, k = cells.shape
+        return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
     try:
-        if isinstance(cells, tuple) and len(cells) == 2 and all(np.ndim(part) == 1 for part in cells):
-            first = np.asarray(cells[0])
-            if isinstance(cells[0], np.ndarray) or isinstance(cells[1], np.ndarray):
-                _whole_numbers(first)
-                _whole_numbers(np.asarray(cells[1]))
-                return frozen_int(first), frozen_int(cells[1])
-        if isinstance(cells, np.ndarray) and cells.ndim == 2:
-            _whole_numbers(cells)
-            n, k = cells.shape
-            return frozen_int(np.arange(0, n * k + 1, k) if k else np.zeros(n + 1)), frozen_int(cells.ravel())
-        loops = [np.asarray(loop) for loop in cells]
+        loops = list(cells)
         sizes = [len(loop) for loop in loops]
-        flat = np.array(list(chain.from_iterable(loops)))
-        _whole_numbers(flat)
-    except TypeError as error:
+        arrays = bool(loops) and isinstance(loops[0], np.ndarray)
+        flat = np.concatenate(loops) if arrays else np.array(list(chain.from_iterable(loops)))
+    except (TypeError, ValueError) as error:
         raise MeshError(f"cells must be vertex loops of integers: {error}") from None
-    return frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))), frozen_int(flat)
-
-
-def _whole_numbers(array: np.ndarray[Any, Any]) -> None:
-    if array.size and array.dtype.kind not in "iu":
-        raise MeshError(f"cells must hold integers (point numbers), not {array.dtype}")
+    return frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))), whole_numbers(flat, "cells")
 
 
 def _plane(points: Float) -> Float:
@@ -129,31 +156,26 @@ def build_polygons(
     """What :meth:`Mesh.from_polygons` does."""
     offsets, vertices = _as_csr(cells)
     points = check_points(points)
+    check_offsets(offsets, len(vertices), "cell")
     if len(offsets) < 2:
         raise MeshError("the mesh is empty: it has no cells")
-    if offsets[0] != 0 or offsets[-1] != len(vertices) or (np.diff(offsets) < 0).any():
-        raise MeshError("cell offsets must rise from 0 to the number of vertices given")
-    check_indices(offsets, vertices, len(points), "cell")
-    repairs: dict[str, int] = {}
-    if merge_points:
-        vertices, repairs["equal points merged"] = merge_equal(points, vertices)
-    points, vertices, repairs["orphan points dropped"] = drop_orphans(points, vertices)
+    few = np.flatnonzero(np.diff(offsets) < 3)
+    if len(few):
+        raise MeshError(f"{name_cells(few)}: fewer than 3 vertices")
+    check_indices(offsets, vertices, len(points))
+    points, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points)
-    origin = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    local = frozen_float(points - origin)
+    local = frozen_float(points - box_centre(points))
     vertices, repairs["clockwise cells reversed"] = _orient(local, offsets, vertices, weak)
     face_vertices, face_cells, overlaps = _faces(offsets, vertices, len(points), strict)
     repairs["overlapping edges left apart"] = overlaps
-    repairs = {text: count for text, count in repairs.items() if count}
-    for text, count in repairs.items():
-        _log.info("%s: %d", text, count)
     mesh = Mesh(
         points=points,
         face_offsets=frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
         face_vertices=face_vertices.ravel(),
         face_cells=face_cells,
-        cell_tags={key: frozen_int(values) for key, values in cell_tags.items()},
-        repairs=repairs,
+        cell_tags={key: np.array(values) for key, values in cell_tags.items()},
+        repairs=note_repairs(repairs),
         name=name,
     )
     if strict:
@@ -188,20 +210,25 @@ def _faces(offsets: Int, vertices: Int, n_points: int, strict: bool) -> tuple[In
     if face >= 0:
         a, b = face_vertices[face]
         cells = [c for c in (*face_cells[face].tolist(), cell) if c >= 0]
-        raise MeshError(f"the face between points {a} and {b} has more than two cells, among them {cells}")
+        _refuse_twins(offsets, vertices, [*combinations(cells, 2), *double.tolist()])
+        raise MeshError(
+            f"the face between points {a} and {b} has more than two cells: cells {', '.join(map(str, cells))}"
+        )
+    _refuse_twins(offsets, vertices, double.tolist())
     for first, second in double.tolist():
-        if first == second:
-            raise MeshError(f"cell {first}: a repeated vertex (it walks an edge twice)")
-        if _same(offsets, vertices, first, second):
-            raise MeshError(f"cells {first} and {second} are duplicates: they have the same vertices")
         if strict:
             raise MeshError(f"cells {first} and {second} overlap: both lie on the same side of an edge")
     return frozen_int(face_vertices), frozen_int(face_cells), len(double)
 
 
-def _same(offsets: Int, vertices: Int, a: int, b: int) -> bool:
-    loops = (np.sort(vertices[offsets[c] : offsets[c + 1]]) for c in (a, b))
-    return np.array_equal(*loops)
+def _refuse_twins(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int]]) -> None:
+    """Raise MeshError if a pair of cells is one cell twice, or a cell walks an edge twice."""
+    for first, second in pairs:
+        if first == second:
+            raise MeshError(f"cell {first}: a repeated vertex (it walks an edge twice)")
+        a, b = (np.sort(vertices[offsets[c] : offsets[c + 1]]) for c in (first, second))
+        if np.array_equal(a, b):
+            raise MeshError(f"cells {first} and {second} are duplicates: they have the same vertices")
 
 
 def _check_coverage(mesh: Mesh, offsets: Int, vertices: Int) -> None:
@@ -215,10 +242,10 @@ def _check_coverage(mesh: Mesh, offsets: Int, vertices: Int) -> None:
     wrong = shapely.coverage_invalid_edges(shapely.polygons(rings))
     cells = np.flatnonzero(~shapely.is_empty(wrong))
     if len(cells):
-        where = shapely.get_coordinates(wrong[cells[0]])[0] + mesh.origin
+        a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + mesh.origin).tolist()
         raise MeshError(
             f"{name_cells(cells)} overlap a neighbour or touch it at an unlisted vertex, "
-            f"first near {where.tolist()}"
+            f"first along the edge from {a} to {b} of cell {cells[0]}"
         )
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
+from agglo_core.plugins.discovery import PLUGIN_FAILURES
 from agglo_core.protocols import Bisector, ConnectivityFixer, LevelBisector, Partitioner, Refiner, Target
 
 if TYPE_CHECKING:
@@ -91,7 +92,8 @@ class Crew:
             lopsided = _one_sided(level, sides)
         if len(lopsided):
             size = int(np.diff(level.offsets)[lopsided[0]])
-            raise PluginError(f"{member.title} put all {size} cells of a piece on one side")
+            rescue = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
+            raise PluginError(f"{member.title} put all {size} cells of a piece on one side{rescue}")
         return sides
 
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:
@@ -170,7 +172,7 @@ def _attributed(member: Member) -> Iterator[None]:
         yield
     except PluginError as error:
         raise PluginError(f"{member.title}: {error}") from error
-    except Exception as error:
+    except PLUGIN_FAILURES as error:
         raise PluginError(f"{member.title} raised {type(error).__name__}: {error}") from error
 
 

@@ -170,8 +170,9 @@ def _shares(graph: Graph, labels: Int, parts: int) -> Int:
 
 
 def note_oversized(tree: Tree, leaves: Int, h_star: float, statistics: Statistics) -> None:
-    """Count single cells larger than the smallest target, and warn about them."""
+    """Count single cells larger than the smallest target (it has the most), and warn about them."""
     count = int((tree.diameter[leaves] > h_star * (1 + ROUNDING)).sum())
-    if count:
-        statistics.oversized_cells += count
-        _log.warning("%d cells are larger than h* = %g and stay alone", count, h_star)
+    if count > statistics.oversized_cells:
+        statistics.oversized_cells = count
+        cells = "1 cell is" if count == 1 else f"{count} cells are"
+        _log.warning("%s larger than h* = %g; what is larger stays alone", cells, h_star)

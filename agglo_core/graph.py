@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +13,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Index, Int, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
-
-if TYPE_CHECKING:
-    from agglo_core.mesh import Mesh
+from agglo_core.mesh import Mesh, check_labels
 
 __all__ = ["Graph"]
 
@@ -119,7 +117,7 @@ class Graph:
         Raises
         ------
         MeshError
-            If shapes disagree, an index is out of range, a value is not finite or positive, or the
+            If shapes disagree, an index is out of range, a value is not finite or negative, or the
             CSR is not symmetric or has a self-loop.
         """
         centre = frozen_float(centroids)
@@ -149,33 +147,44 @@ class Graph:
 
     def check(self) -> None:
         """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
-        n, m = self.n, len(self.indices)
-        for key, shape in (("interface", (m,)), ("measures", (n,)), ("boundary", (n,)), ("weights", (n,))):
+        n, m, d = self.n, len(self.indices), self.points.shape[-1]
+        if n == 0:
+            raise MeshError("the graph is empty: it has no nodes")
+        for key, shape in (
+            ("interface", (m,)),
+            ("measures", (n,)),
+            ("boundary", (n,)),
+            ("weights", (n,)),
+            ("centroids", (n, d)),
+        ):
             values = getattr(self, key)
             if values.shape != shape:
                 raise MeshError(f"{key} must have shape {shape}, not {values.shape}")
-            bad = np.flatnonzero(~(np.isfinite(values) & (values >= 0)))
+            good = np.isfinite(values) & ((values >= 0) | (key == "centroids"))
+            bad = np.argwhere(~good)
             if len(bad):
-                raise MeshError(f"{key}[{bad[0]}] is {values[bad[0]]}: it must be finite and not negative")
-        if n == 0:
-            raise MeshError("the graph is empty: it has no nodes")
-        if len(self.indptr) != n + 1 or self.indptr[-1] != m or (np.diff(self.indptr) < 0).any():
-            raise MeshError(f"indptr must have {n + 1} entries rising from 0 to {m}")
-        if m and (self.indices.min() < 0 or self.indices.max() >= n):
-            raise MeshError(f"indices must lie in 0..{n - 1}")
-        if not np.isfinite(self.centroids).all():
-            raise MeshError(
-                f"centroid of node {int(np.argmin(np.isfinite(self.centroids).all(axis=1)))} is not finite"
-            )
+                where = tuple(bad[0].tolist())
+                raise MeshError(f"{key}{list(where)} is {values[where]}: it must be finite and not negative")
         for key, values in self.data.items():
             if len(values) != n:
                 raise MeshError(f"data {key!r} has {len(values)} rows, expected {n}")
+        self._check_edges()
+
+    def _check_edges(self) -> None:
+        n, m = self.n, len(self.indices)
+        rising = len(self.indptr) == n + 1 and self.indptr[0] == 0 and (np.diff(self.indptr) >= 0).all()
+        if not rising or self.indptr[-1] != m:
+            raise MeshError(f"indptr must have {n + 1} entries rising from 0 to {m}")
+        if m and (self.indices.min() < 0 or self.indices.max() >= n):
+            raise MeshError(f"indices must lie in 0..{n - 1}")
+        loops = np.flatnonzero(np.repeat(np.arange(n), np.diff(self.indptr)) == self.indices)
+        if len(loops):
+            raise MeshError(f"node {self.indices[loops[0]]} has an edge to itself")
         matrix = self.to_scipy()
+        pattern = sparse.csr_array((np.ones(m), matrix.indices, matrix.indptr), shape=matrix.shape)
         gap = abs(matrix - matrix.T)
-        if gap.nnz and gap.max() > 1e-9 * abs(matrix).max():
+        if (pattern != pattern.T).nnz or (gap.nnz and gap.max() > 1e-9 * abs(matrix).max()):
             raise MeshError("the graph must be symmetric: each edge in both directions, the same interface")
-        if matrix.diagonal().any():
-            raise MeshError(f"node {int(np.argmax(matrix.diagonal() != 0))} has an edge to itself")
 
     @property
     def n(self) -> int:
@@ -280,7 +289,7 @@ class Graph:
         """Exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
         from agglo_core.kernels.geometry import block_diameters
 
-        array = frozen_int(labels)
+        array = check_labels(labels, self.n)
         cells = frozen_int(np.argsort(array, kind="stable"))
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return frozen_float(block_diameters(offsets, cells, self.vertex_offsets, self.vertices, self.points))
@@ -302,8 +311,13 @@ class Graph:
 
         Interfaces, measures, boundaries and weights add up, centroids are averaged by measure,
         vertices are collected. ``data`` is not carried: what it means on an agglomerate is not known.
+
+        Raises
+        ------
+        MeshError
+            If the labels have another shape, or leave gaps.
         """
-        array = frozen_int(labels)
+        array = check_labels(labels, self.n)
         k = int(array.max()) + 1
         gather = sparse.csr_array((np.ones(self.n), (array, np.arange(self.n))), shape=(k, self.n))
         quotient = sparse.coo_array(gather @ self.to_scipy() @ gather.T)
@@ -312,6 +326,7 @@ class Graph:
             (quotient.data[outer], (quotient.row[outer], quotient.col[outer])), shape=(k, k)
         )
         measures = frozen_float(gather @ self.measures)
+        heft = self.measures if (measures > 0).all() else np.ones(self.n)
         corners = np.unique(np.repeat(array, np.diff(self.vertex_offsets)) * len(self.points) + self.vertices)
         counts = np.bincount(corners // len(self.points), minlength=k)
         return replace(
@@ -319,7 +334,7 @@ class Graph:
             indptr=frozen_int(matrix.indptr),
             indices=frozen_index(matrix.indices),
             interface=matrix.data,
-            centroids=(gather @ (self.centroids * self.measures[:, None])) / measures[:, None],
+            centroids=(gather @ (self.centroids * heft[:, None])) / (gather @ heft)[:, None],
             measures=measures,
             boundary=gather @ self.boundary,
             weights=measures if self.weights is self.measures else gather @ self.weights,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_int
 
@@ -23,14 +24,14 @@ def curve_order(centroids: Float) -> Int:
     return frozen_int(np.argsort(key, kind="stable"))
 
 
-def _spread2(x: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _spread2(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Insert a zero bit between the 16 low bits."""
     for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
         x = (x | (x << np.uint32(shift))) & np.uint32(mask)
     return x
 
 
-def _spread3(x: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _spread3(x: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Insert two zero bits between the 10 low bits."""
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         x = (x | (x << np.uint32(shift))) & np.uint32(mask)

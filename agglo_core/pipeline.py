@@ -6,6 +6,7 @@ import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
@@ -70,8 +71,12 @@ class Pipeline:
     def __post_init__(self) -> None:
         if self.method not in ("recursive", "kway"):
             raise OptionError(f"method must be 'recursive' or 'kway', given {self.method!r}")
-        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or not 0 <= self.seed < 2**63:
+        if not isinstance(self.seed, Integral) or isinstance(self.seed, bool) or not 0 <= self.seed < 2**63:
             raise OptionError(f"seed must be an integer in 0..2^63 − 1, given {self.seed!r}")
+        object.__setattr__(self, "seed", int(self.seed))
+        for name in ("nested", "merge"):
+            if not isinstance(getattr(self, name), bool):
+                raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
         for name in ("refiners", "post_refiners"):
             value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):
@@ -186,10 +191,16 @@ def _short(choice: Choice) -> str:
     return choice[0] if isinstance(choice, tuple) else type(choice).__name__
 
 
+def _named(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
+    if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
+        return choice[0], choice[1]
+    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {choice!r}")
+
+
 def _member(kind: str, choice: Choice) -> tuple[Member, str | None]:
     """The component a choice stands for, and the name of the fallback it declared."""
     if isinstance(choice, str | tuple):
-        name, options = (choice, {}) if isinstance(choice, str) else choice
+        name, options = (choice, {}) if isinstance(choice, str) else _named(kind, choice)
         tool = default().build(kind, name, **options)
         record = default().record(kind, name)
         return Member(tool, describe(record)), record.component.fallback if record.component else None

@@ -186,7 +186,7 @@ def _title(line: Mapping[str, Any]) -> str:
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]
     if "h_star" in target:
-        factor = f" ({target['h_factor']:.3g} h)" if target.get("h_factor") else ""
+        factor = f" ({target['h_factor']:.3g} h0)" if target.get("h_factor") else ""
         parts = f"h* = {target['h_star']:.3g}{factor}: {parts}"
     return f"{parts}\nUF {line['UF']:.2f}   CR {line['CR']:.2f}"
 

@@ -79,8 +79,9 @@ class ByQuota:
 
     def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:
         """``clamp(round(k · measure share), 1, min(k − 1, cells))`` on each side; they add up to k."""
-        measure = np.add.reduceat(level.measures[order], offsets[:-1]).reshape(-1, 2)
         cells = np.diff(offsets).reshape(-1, 2)
+        measure = np.add.reduceat(level.measures[order], offsets[:-1]).reshape(-1, 2)
+        measure = np.where(measure.sum(axis=1, keepdims=True) > 0, measure, cells)
         share = measure[:, 0] / measure.sum(axis=1)
         low = np.maximum(1.0, state - cells[:, 1])
         high = np.minimum(state - 1.0, cells[:, 0])
@@ -97,6 +98,8 @@ def part_measures(graph: Graph, labels: Int) -> Float:
 def apportion(k: int, measures: Float, cells: Int) -> Int:
     """Share k parts among pieces by measure: at least 1 each, at most their cells, exactly k in all.
 
+    Pieces without any measure are shared by cells.
+
     Raises
     ------
     OptionError
@@ -104,16 +107,19 @@ def apportion(k: int, measures: Float, cells: Int) -> Int:
     """
     if k < len(measures):
         raise OptionError(
-            f"{k} parts are too few: the mesh has {len(measures)} pieces that share no face or level part"
+            f"too few parts, {k}: there are {len(measures)} pieces already, not joined or made so by a "
+            "coarser level"
         )
     if k > cells.sum():
-        raise OptionError(f"{k} parts are too many: there are {int(cells.sum())} cells")
-    ideal = k * measures / measures.sum()
-    quotas = np.clip(np.floor(ideal), 1, cells).astype(np.int64)
-    while (gap := k - int(quotas.sum())) != 0:
-        step = 1 if gap > 0 else -1
-        movable = quotas < cells if gap > 0 else quotas > 1
-        want = np.where(movable, (ideal - quotas) * step, -np.inf)
-        chosen = np.argsort(-want, kind="stable")[: min(abs(gap), int(movable.sum()))]
-        quotas[chosen] += step
+        raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")
+    share = measures if measures.sum() > 0 else cells
+    ideal = k * share / share.sum()
+    low, high = -float(k), float(k)
+    for _ in range(80):  # the quotas nearest to ideal + shift add up to more as the shift rises
+        shift = 0.5 * (low + high)
+        fits = np.clip(np.floor(ideal + shift + 0.5), 1, cells).sum() <= k
+        low, high = (shift, high) if fits else (low, shift)
+    quotas = np.clip(np.floor(ideal + low + 0.5), 1, cells).astype(np.int64)
+    want = np.where(quotas < cells, ideal - quotas, -np.inf)
+    quotas[np.argsort(-want, kind="stable")[: k - int(quotas.sum())]] += 1
     return frozen_int(quotas)

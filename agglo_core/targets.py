@@ -68,6 +68,8 @@ def resolve_targets(
         pairs = [(v, {"h_star": v}) for v in values]
     elif name == "h_factor":
         size = _mesh_size(graph) if h0 is None else h0
+        if not size > 0:
+            raise OptionError("the cells have no extent, so h_factor means nothing: give h_star or n_parts")
         pairs = [(v * size, {"h_star": v * size, "h_factor": v}) for v in values]
     elif name == "n_parts":
         pairs = [(_count(v, graph.n), {"n_parts": int(v)}) for v in values]
@@ -88,12 +90,17 @@ def _mesh_size(graph: Graph) -> float:
 
 
 def _positive(name: str, value: Any) -> list[float]:
-    many = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str)
-    values = list(value) if many else [value]
+    many = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and np.ndim(value) > 0
+    values = list(value) if many else [value[()] if isinstance(value, np.ndarray) else value]
     if not values:
         raise OptionError(f"{name} is empty: give at least one value")
     for each in values:
-        if not isinstance(each, Real) or not np.isfinite(float(each)) or float(each) <= 0:
+        if (
+            isinstance(each, bool | np.bool_)
+            or not isinstance(each, Real)
+            or not np.isfinite(float(each))
+            or float(each) <= 0
+        ):
             raise OptionError(f"{name} must be positive and finite, given {each!r}")
     return [float(each) if not isinstance(each, Integral) else int(each) for each in values]
 
@@ -102,5 +109,5 @@ def _count(value: float, n: int) -> int:
     if value != int(value):
         raise OptionError(f"n_parts must be a whole number, given {value!r}")
     if value > n:
-        raise OptionError(f"{int(value)} parts are too many: the mesh has {n} cells")
+        raise OptionError(f"too many parts, {value:.6g}: the mesh has {n} cells")
     return int(value)

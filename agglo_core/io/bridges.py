@@ -64,8 +64,8 @@ class _Edges:
     def taken(self, a: Int, b: Int) -> NDArray[np.bool_]:
         keys = self._keys(a, b)
         place = np.minimum(np.searchsorted(self._faces, keys), len(self._faces) - 1)
-        used = np.fromiter(self._bridges, np.int64, len(self._bridges))
-        return np.asarray((self._faces[place] == keys) | np.isin(keys, used))
+        used = [key in self._bridges for key in keys.ravel().tolist()]
+        return np.asarray((self._faces[place] == keys) | np.reshape(used, keys.shape))
 
     def add(self, a: int, b: int) -> None:
         self._bridges.add(min(a, b) * self._n + max(a, b))

@@ -21,20 +21,17 @@ from agglo_core.mesh import Mesh
 __all__ = ["read_foreign", "suffixes"]
 
 _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
+_READ_ONLY, _WRITE_ONLY = (".foam",), (".svg",)
 _MEMORY, _MEMORY_PER_BYTE = 8 << 30, 400
 
 
 def suffixes(*, writing: bool) -> list[str]:
-    """Suffixes that meshlane reads, or writes too."""
-    from meshlane import _helpers
+    """Suffixes that meshlane reads, or reads and writes."""
+    from meshlane import extension_to_filetypes
 
-    known = _helpers._writer_map if writing else _helpers.reader_map
+    left_out = {".vtu", ".npz", *_WRITE_ONLY, *(_READ_ONLY if writing else ())}
     return sorted(
-        suffix
-        for suffix, formats in _helpers.extension_to_filetypes.items()
-        if suffix.count(".") == 1
-        and suffix not in (".vtu", ".npz")
-        and any(name in known for name in formats)
+        suffix for suffix in extension_to_filetypes if suffix.count(".") == 1 and suffix not in left_out
     )
 
 
@@ -46,9 +43,21 @@ def read_foreign(path: Path, *, merge_points: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh.
     """
+    _check_end(path)
     soup, sets = _soup(path)
     mesh = mesh_from_soup(soup, merge_points=merge_points, weak=False, name=path.stem)
     return _without_empty_sets(mesh, sets)
+
+
+def _check_end(path: Path) -> None:
+    """Refuse a Gmsh file without its end: cut inside the last number it would still be read."""
+    with open(path, "rb") as file:
+        if file.read(11) != b"$MeshFormat":
+            return
+        file.seek(max(0, path.stat().st_size - 200))
+        last = file.read().rstrip().rpartition(b"\n")[2]
+    if not last.startswith(b"$End"):
+        raise FileError("truncated: the last line of a Gmsh file begins with $End")
 
 
 def _soup(path: Path) -> tuple[Soup, set[str]]:

@@ -76,8 +76,8 @@ class Document:
             return self._compressed(data, start, raw)
         width = self.header.itemsize
         prefix, after = _take(data, start, width, raw)
-        size = int(np.frombuffer(prefix[:width], self.header)[0])
-        if raw or data[after - 1 : after] == b"=":  # the length coded apart from the data
+        size = int(np.frombuffer(prefix, self.header)[0])
+        if raw or len(base64.b64decode(data[start:after])) == width:  # the length coded apart from the data
             return _take(data, after, size, raw)[0]
         return _take(data, start, width + size, raw)[0][width:]
 

@@ -32,7 +32,8 @@ def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
 
     The fine mesh carries its cell tags and the labels of every level (``level_0``, …). A cell of
     several boundary loops (a hole) is one polygon that walks a bridge between them both ways; then
-    integer cell data ``loops`` say how many loops each cell has.
+    integer cell data ``loops`` say how many loops each cell has. VTK reads such polygons but its
+    triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
     """
     levels = list(hierarchy.levels) if hierarchy is not None else []
     tags = {**mesh.cell_tags, **{f"level_{i}": labels for i, labels in enumerate(levels)}}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ __all__ = ["first_use", "kernel"]
 
 _log = logging.getLogger("agglo")
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-_unwritable: list[str] = []  # at most one entry: the warning is given once per process
 
 
 def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
@@ -31,15 +31,25 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError as error:  # numba's word for "no cache folder is writable"
-        if not _unwritable:
-            _unwritable.append(str(error))
-            _log.warning("no folder for compiled kernels is writable: they are compiled anew in each run")
+        if "cache" not in str(error):
+            raise
+        _warn_unwritable()
         return numba.njit(**options)(function)
+
+
+@cache  # once per process
+def _warn_unwritable() -> None:
+    _log.warning(
+        "no folder for compiled kernels is writable: they are compiled anew in each run; "
+        "set NUMBA_CACHE_DIR to a folder that is"
+    )
 
 
 def first_use() -> bool:
     """Whether the kernels of the recursion are not compiled on disk yet (the first run takes longer)."""
-    from agglo_core.kernels import graphs
+    from agglo_core.kernels.graphs import permute_graph
 
-    folder = Path(graphs.permute_graph.stats.cache_path or "")
-    return not any(folder.glob("graphs.permute_graph*.nbi"))
+    if permute_graph.signatures:
+        return False
+    folder = permute_graph.stats.cache_path  # None where no folder is writable
+    return folder is None or not any(Path(folder).glob("graphs.permute_graph-*.nbi"))

@@ -8,7 +8,7 @@ from agglo_core.kernels import kernel
 
 __all__ = ["cell_faces", "chain_loops", "check_polygons", "match_half_edges"]
 
-OK, FEW, REPEATED, ZERO, CROSSED = 0, 1, 2, 3, 4
+OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
 
 
 @kernel
@@ -66,7 +66,9 @@ def _loop_fault(points, loop):
         ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
         if ux * vy - uy * vx == 0.0 and ux * vx + uy * vy < 0.0:
-            return CROSSED
+            return FOLDED
+    for i in range(m):
+        a, b = loop[i - 1], loop[i]
         for j in range(i + 1, m - 1 if i == 0 else m):  # edges (i-1, i) and (j, j+1)
             d, e = loop[j], loop[(j + 1) % m]
             if d != a and d != b and e != a and e != b and _crosses(points, a, b, d, e):
@@ -76,16 +78,13 @@ def _loop_fault(points, loop):
 
 @kernel
 def check_polygons(points, offsets, vertices, weak):
-    """Signed area and a fault code of each polygon (weak: it may touch itself)."""
+    """Signed area and a fault code of each polygon of 3 or more vertices (weak: it may touch itself)."""
     n = len(offsets) - 1
     area = np.zeros(n)
     fault = np.zeros(n, np.int64)
     for c in range(n):
         loop = vertices[offsets[c] : offsets[c + 1]]
         m = len(loop)
-        if m < 3:
-            fault[c] = FEW
-            continue
         x0, y0 = points[loop[0], 0], points[loop[0], 1]
         extent = 0.0
         for i in range(m):
@@ -97,7 +96,7 @@ def check_polygons(points, offsets, vertices, weak):
             extent = max(extent, dx * dx + dy * dy)
         if fault[c] == OK and m > 3 and not weak and not _is_convex(points, loop):
             fault[c] = _loop_fault(points, loop)
-        if fault[c] == OK and not abs(area[c]) > 1e-15 * extent:
+        if (fault[c] == OK or fault[c] == FOLDED) and not abs(area[c]) > 1e-15 * extent:
             fault[c] = ZERO
     return area, fault
 
@@ -126,7 +125,7 @@ def match_half_edges(offsets, vertices, n_points):
             f, partner, rival = head[low], -1, -1
             while f >= 0:
                 if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
-                    if face_cells[f, 1] >= 0 or rival >= 0 or (partner >= 0 and face_vertices[f, 0] != b):
+                    if face_cells[f, 1] >= 0 or rival >= 0 or partner >= 0:
                         return face_vertices, face_cells, double[:0], (f, c)
                     if face_vertices[f, 0] == b:
                         partner = f
@@ -147,8 +146,9 @@ def match_half_edges(offsets, vertices, n_points):
     kept = 0
     for f in range(n_faces):
         if face_cells[f, 0] != face_cells[f, 1]:
-            face_vertices[kept] = face_vertices[f]
-            face_cells[kept] = face_cells[f]
+            for s in range(2):  # numba takes a second longer to compile row copies
+                face_vertices[kept, s] = face_vertices[f, s]
+                face_cells[kept, s] = face_cells[f, s]
             kept += 1
     return face_vertices[:kept].copy(), face_cells[:kept].copy(), double[:n_double].copy(), (-1, -1)
 
@@ -175,8 +175,26 @@ def cell_faces(face_cells, n_cells):
 
 
 @kernel
+def _next_edge(points, start, end, first, other, used, h, seed):
+    """Edge that goes on from edge h: the leftmost one, so that the same corner of the cell is followed."""
+    g = first[end[h]]
+    if g < 0 or other[g] < 0:
+        return g
+    ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
+    best, best_angle = -1, -10.0
+    while g >= 0:
+        if not used[g] or g == seed:
+            vx, vy = points[end[g], 0] - points[start[g], 0], points[end[g], 1] - points[start[g], 1]
+            angle = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
+            if angle > best_angle:
+                best, best_angle = g, angle
+        g = other[g]
+    return best
+
+
+@kernel
 def chain_loops(points, offsets, faces, face_vertices, face_cells):
-    """Closed loops of each cell, the cell on their left; loops part at pinch vertices.
+    """Closed loops of each cell, the cell on their left; no loop meets a vertex twice.
 
     Returns loop counts per cell (n + 1,) as offsets, vertex offsets per loop, and vertices.
     """
@@ -185,9 +203,10 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells):
     other = np.empty(len(faces), np.int64)  # the one before it
     start, end = np.empty(len(faces), np.int64), np.empty(len(faces), np.int64)
     used = np.zeros(len(faces), np.bool_)
+    place = np.full(len(points), -1, np.int64)  # where in the walk a vertex stands
+    walk = np.empty(len(faces), np.int64)
     cell_loops = np.zeros(n + 1, np.int64)
-    loop_ends = np.empty(len(faces) + 1, np.int64)
-    loop_ends[0] = 0
+    loop_ends = np.zeros(len(faces) + 1, np.int64)
     loops = np.empty(len(faces), np.int64)
     n_loops, filled = 0, 0
     for c in range(n):
@@ -196,32 +215,29 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells):
             flip = 0 if face_cells[f, 0] == c else 1
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
             first[start[h]] = -1
+            first[end[h]] = -1
         for h in range(offsets[c], offsets[c + 1]):
             other[h] = first[start[h]]
             first[start[h]] = h
         for seed in range(offsets[c], offsets[c + 1]):
-            if used[seed]:
-                continue
-            h = seed
-            while not used[h]:
+            h, length = seed, 0
+            while h >= 0 and (not used[h] or (h == seed and length > 0)):
+                v = start[h]
+                if place[v] >= 0:  # what was walked since the last visit is a loop of its own
+                    back = place[v]
+                    for k in range(back, length):
+                        place[walk[k]] = -1
+                        loops[filled] = walk[k]
+                        filled += 1
+                    n_loops += 1
+                    loop_ends[n_loops] = filled
+                    length = back
+                if used[h]:
+                    break
                 used[h] = True
-                loops[filled] = start[h]
-                filled += 1
-                best, best_angle = -1, -10.0
-                g = first[end[h]]
-                ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
-                while g >= 0:
-                    if not used[g] or g == seed:
-                        vx, vy = (
-                            points[end[g], 0] - points[start[g], 0],
-                            points[end[g], 1] - points[start[g], 1],
-                        )
-                        angle = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
-                        if angle > best_angle:
-                            best, best_angle = g, angle
-                    g = other[g]
-                h = best
-            n_loops += 1
-            loop_ends[n_loops] = filled
+                place[v] = length
+                walk[length] = v
+                length += 1
+                h = _next_edge(points, start, end, first, other, used, h, seed)
         cell_loops[c + 1] = n_loops
     return cell_loops, loop_ends[: n_loops + 1].copy(), loops[:filled].copy()

@@ -54,8 +54,8 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     for b in range(n_blocks):
         # distinct vertices of the block, and their bounding box
         m = 0
-        low[:] = np.inf
-        high[:] = -np.inf
+        for k in range(d):
+            low[k], high[k] = np.inf, -np.inf
         for i in range(block_offsets[b], block_offsets[b + 1]):
             for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
                 v = vertices[h]
@@ -63,7 +63,8 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
                     stamp[v] = b
                     if m == len(unique):
                         grown = np.empty(2 * m, np.int64)
-                        grown[:m] = unique
+                        for k in range(m):  # numba takes seconds longer to compile slice copies
+                            grown[k] = unique[k]
                         unique = grown
                     unique[m] = v
                     m += 1

@@ -50,14 +50,15 @@ class KMeans:
         labels may be left unused. ``seed`` is not used.
         """
         k = target.parts or 1
+        weights = graph.weights if graph.weights.all() else graph.weights + (graph.weights.mean() or 1.0)
         order = curve_order(graph.centroids)
-        rank = np.cumsum(graph.weights[order]) - 0.5 * graph.weights[order]
+        rank = np.cumsum(weights[order]) - 0.5 * weights[order]
         labels = np.empty(graph.n, np.int64)
-        labels[order] = np.minimum((rank / graph.weights.sum() * k).astype(np.int64), k - 1)
+        labels[order] = np.minimum((rank / weights.sum() * k).astype(np.int64), k - 1)
         for _ in range(self.iterations):
             used, labels = np.unique(labels, return_inverse=True)
-            total = np.bincount(labels, graph.weights, minlength=len(used))
-            means = [np.bincount(labels, graph.weights * x) / total for x in graph.centroids.T]
+            total = np.bincount(labels, weights, minlength=len(used))
+            means = [np.bincount(labels, weights * x) / total for x in graph.centroids.T]
             labels = cKDTree(np.stack(means, axis=1)).query(graph.centroids)[1]
         return frozen_int(labels)
 

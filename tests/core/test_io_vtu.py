@@ -1,0 +1,516 @@
+"""VTU: every coding, pieces, cell kinds, both polyhedron layouts; round trips; broken files."""
+
+from __future__ import annotations
+
+import base64
+import lzma
+import os
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from agglo_core.elements import polyhedra_from_elements
+from agglo_core.errors import AggloError, FileError, MeshError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.io import check_writable, read, read_hierarchy, write
+from agglo_core.io.bridges import single_loops
+from agglo_core.mesh import Mesh
+
+# -- meshes ------------------------------------------------------------------------------------
+
+
+def squares(n: int, m: int | None = None) -> Mesh:
+    """Grid of n by m unit squares, cell (i, j) has number j n + i."""
+    m = n if m is None else m
+    points = np.stack(np.meshgrid(np.arange(n + 1), np.arange(m + 1)), axis=-1).reshape(-1, 2)
+    i, j = np.meshgrid(np.arange(n), np.arange(m))
+    corner = (j * (n + 1) + i).ravel()
+    cells = np.stack((corner, corner + 1, corner + n + 2, corner + n + 1), axis=1)
+    return Mesh.from_polygons(points, cells, name="squares")
+
+
+def boxes(n: int) -> Mesh:
+    """n x n x n unit cubes."""
+    axis = np.arange(n + 1)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    i, j, k = (part.ravel() for part in np.meshgrid(*[np.arange(n)] * 3, indexing="ij"))
+
+    def at(a: int, b: int, c: int) -> NDArray[np.int64]:
+        return np.asarray(((i + a) * (n + 1) + j + b) * (n + 1) + k + c)
+
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+    cells = np.stack([at(*corner) for corner in corners], axis=1)
+    return Mesh.from_polyhedra(points, polyhedra_from_elements({"hexahedron": cells}), name="boxes")
+
+
+def contiguous(labels: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.unique(labels, return_inverse=True)[1]
+
+
+def hierarchy_of(mesh: Mesh, *levels: NDArray[np.int64]) -> Hierarchy:
+    targets = [{"parts": int(labels.max()) + 1} for labels in levels]
+    return Hierarchy(mesh, mesh.graph, levels, targets, True, {"seconds": 0.5})
+
+
+# -- files by hand -----------------------------------------------------------------------------
+
+NAMES = {
+    "i1": "Int8",
+    "i4": "Int32",
+    "i8": "Int64",
+    "u1": "UInt8",
+    "u8": "UInt64",
+    "f4": "Float32",
+    "f8": "Float64",
+}
+
+
+class Writer:
+    """An independent, slow VTU writer with every coding the format knows."""
+
+    def __init__(self, form: str = "ascii", packing: str = "", header: str = "u8", order: str = "<") -> None:
+        self.form, self.packing, self.header, self.order = form, packing, header, order
+        self.appended = b""
+
+    def coded(self, values: NDArray[np.generic], *, raw: bool) -> bytes:
+        content = values.astype(values.dtype.newbyteorder(self.order)).tobytes()
+        code: Callable[[bytes], bytes] = (lambda data: data) if raw else base64.b64encode
+        head = np.dtype(self.order + self.header)
+        if not self.packing:
+            return code(np.array([len(content)], head).tobytes() + content)
+        pack = zlib.compress if self.packing == "zlib" else lzma.compress
+        blocks = [pack(content[i : i + 16]) for i in range(0, len(content), 16)]
+        sizes = [len(blocks), 16, len(content) % 16, *(len(block) for block in blocks)]
+        return code(np.array(sizes, head).tobytes()) + code(b"".join(blocks))
+
+    def array(self, name: str, values: object, dtype: str, components: int = 1) -> str:
+        given = np.asarray(values, dtype).ravel()
+        head = f'<DataArray type="{NAMES[dtype]}" Name="{name}" NumberOfComponents="{components}"'
+        if self.form == "ascii":
+            return f'{head} format="ascii">{" ".join(str(v) for v in given.tolist())}</DataArray>'
+        if self.form == "binary":
+            return f'{head} format="binary">\n {self.coded(given, raw=False).decode()}\n</DataArray>'
+        offset = len(self.appended)
+        self.appended += self.coded(given, raw=self.form == "raw")
+        return f'{head} format="appended" offset="{offset}"/>'
+
+    def piece(
+        self, points: object, cells: list[tuple[int, list[int]]], extra: str = "", data: str = ""
+    ) -> str:
+        given = np.asarray(points, float).reshape(-1, 3)
+        ends = np.cumsum([len(nodes) for _, nodes in cells])
+        return (
+            f'<Piece NumberOfPoints="{len(given)}" NumberOfCells="{len(cells)}"><Points>'
+            + self.array("Points", given, "f8", 3)
+            + "</Points><Cells>"
+            + self.array("connectivity", [v for _, nodes in cells for v in nodes], "i4")
+            + self.array("offsets", ends, "i8")
+            + self.array("types", [kind for kind, _ in cells], "u1")
+            + f"{extra}</Cells><CellData>{data}</CellData></Piece>"
+        )
+
+    def file(self, *pieces: str) -> bytes:
+        order = "LittleEndian" if self.order == "<" else "BigEndian"
+        packer = {
+            "": "",
+            "zlib": 'compressor="vtkZLibDataCompressor"',
+            "lzma": 'compressor="vtkLZMADataCompressor"',
+        }
+        text = (
+            f'<?xml version="1.0"?><VTKFile type="UnstructuredGrid" version="1.0" byte_order="{order}" '
+            f'header_type="{"UInt64" if self.header == "u8" else "UInt32"}" {packer[self.packing]}>'
+            f"<UnstructuredGrid>{''.join(pieces)}</UnstructuredGrid>"
+        ).encode()
+        if self.form in ("raw", "base64"):
+            text += (
+                f'<AppendedData encoding="{self.form}">\n  _'.encode() + self.appended + b"\n</AppendedData>"
+            )
+        return text + b"</VTKFile>"
+
+
+SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0]]
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("header", ["u4", "u8"])
+@pytest.mark.parametrize("packing", ["", "zlib", "lzma"])
+@pytest.mark.parametrize("form", ["ascii", "binary", "raw", "base64"])
+def test_every_coding(tmp_path: Path, form: str, packing: str, header: str, order: str) -> None:
+    w = Writer(form, packing, header, order)
+    data = (
+        w.array("mat", [7, -9], "i4") + w.array("heat", [0.5, 1], "f8") + w.array("pair", range(4), "i4", 2)
+    )
+    piece = w.piece(SQUARE, [(9, [0, 1, 2, 3]), (7, [1, 4, 5, 2])], data=data)
+    file = tmp_path / "two.vtu"
+    file.write_bytes(w.file(piece))
+    mesh = read(file)
+    assert mesh.name == "two"
+    assert mesh.n_cells == 2
+    assert mesh.n_faces == 7
+    np.testing.assert_array_equal(mesh.cell_measures, [1, 1])
+    assert {name: tag.tolist() for name, tag in mesh.cell_tags.items()} == {"mat": [7, -9]}
+
+
+def test_inline_header_coded_apart(tmp_path: Path) -> None:
+    w = Writer("binary", header="u4")
+    piece = w.piece(SQUARE[:4], [(9, [0, 1, 2, 3])])
+    content = np.asarray(SQUARE[:4], "<f8").tobytes()
+    joined = base64.b64encode(np.array([len(content)], "<u4").tobytes() + content).decode()
+    apart = base64.b64encode(np.array([len(content)], "<u4").tobytes()) + base64.b64encode(content)
+    file = tmp_path / "a.vtu"
+    file.write_bytes(w.file(piece.replace(joined, apart.decode())))
+    assert read(file).cell_measures.tolist() == [1]
+
+
+def test_cell_kinds_2d(tmp_path: Path) -> None:
+    w = Writer()
+    points = [[x, y, 3] for y in range(3) for x in range(9)]  # 9 columns, spacing 1
+    cells = [
+        (8, [0, 2, 18, 20]),  # pixel
+        (5, [2, 4, 20]),
+        (22, [4, 22, 20, 13, 21, 12]),  # quadratic triangle
+        (23, [4, 6, 24, 22, 5, 15, 23, 13]),  # quadratic quad
+        (36, [6, 8, 26, 24, 7, 17, 25, 15]),  # quadratic polygon
+        (3, [0, 2]),
+        (1, [0]),
+    ]
+    file = tmp_path / "kinds.vtu"
+    file.write_bytes(w.file(w.piece(points, cells, data=w.array("tag", [1, 2, 3, 4, 5, 66, 7], "i8"))))
+    mesh = read(file)
+    np.testing.assert_allclose(mesh.cell_measures, [4, 2, 2, 4, 4])
+    assert mesh.cell_tags["tag"].tolist() == [1, 2, 3, 4, 5]
+    assert sorted(mesh.face_tags["tag"].tolist())[-1] == 66
+    assert (mesh.face_tags["tag"] >= 0).sum() == 1
+    face = int(np.argmax(mesh.face_tags["tag"]))
+    assert mesh.points[mesh.face_pairs[face]].tolist() == [[0, 0], [2, 0]]
+    assert mesh.repairs["higher-order cells reduced to their corners"] == 3
+    assert mesh.repairs["lower-dimensional cells dropped"] == 1
+    assert mesh.repairs["lower-dimensional cells kept as face tags"] == 1
+
+
+ELEMENTS = {
+    10: ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], 1 / 6),
+    11: ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], 1),
+    12: ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], 1),
+    13: ([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 1, 1], [1, 0, 1]], 1 / 2),
+    14: ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]], 1 / 3),
+}
+
+
+@pytest.mark.parametrize("kind", ELEMENTS)
+def test_cell_kinds_3d(tmp_path: Path, kind: int) -> None:
+    points, volume = ELEMENTS[kind]
+    w = Writer()
+    file = tmp_path / "one.vtu"
+    file.write_bytes(w.file(w.piece(points, [(kind, list(range(len(points))))])))
+    mesh = read(file)
+    np.testing.assert_allclose(mesh.cell_measures, [volume], rtol=1e-14)
+    assert mesh.repairs == {}
+
+
+CUBE_FACES = [[3, 0, 4, 7], [1, 2, 6, 5], [0, 1, 5, 4], [2, 3, 7, 6], [3, 2, 1, 0], [4, 5, 6, 7]]
+
+
+def polyhedra(w: Writer, layout: str) -> str:
+    """A pyramid on a cube; the cube a polyhedron; between them in the list a quad (2-D)."""
+    if layout == "stream":
+        stream = [6, *(v for face in CUBE_FACES for v in (4, *face))]
+        return w.array("faces", stream, "i8") + w.array("faceoffsets", [-1, -1, len(stream)], "i8")
+    return (
+        w.array("face_connectivity", CUBE_FACES, "i8")
+        + w.array("face_offsets", range(4, 25, 4), "i8")
+        + w.array("polyhedron_to_faces", range(6), "i8")
+        + w.array("polyhedron_offsets", [0, 0, 6], "i8")
+    )
+
+
+@pytest.mark.parametrize("layout", ["stream", "csr"])
+@pytest.mark.parametrize("form", ["ascii", "raw"])
+def test_polyhedra_in_pieces(tmp_path: Path, layout: str, form: str) -> None:
+    w, points = Writer(form), [*ELEMENTS[12][0], [0.5, 0.5, 4]]
+    cells = [(14, [4, 5, 6, 7, 8]), (9, [0, 1, 2, 3]), (42, list(range(8)))]
+    pieces = [
+        w.piece(
+            np.asarray(points) + np.array([shift, 0, 0]),
+            cells,
+            polyhedra(w, layout),
+            w.array("mat", np.array([1, 5, 2]) + 10 * shift, "i4"),
+        )
+        for shift in (0, 1)
+    ]
+    empty = '<Piece NumberOfPoints="0" NumberOfCells="0"><Points/><Cells/></Piece>'
+    file = tmp_path / "poly.vtu"
+    file.write_bytes(w.file(pieces[0], empty, pieces[1]))
+    mesh = read(file)
+    np.testing.assert_allclose(mesh.cell_measures, [1, 1, 1, 1])
+    assert mesh.cell_tags["mat"].tolist() == [1, 2, 11, 12]
+    assert sorted(tag for tag in mesh.face_tags["mat"].tolist() if tag >= 0) == [5, 15]
+    assert mesh.n_faces == 2 * 10 - 1  # the cubes share a face once equal points are merged
+    assert read(file, merge_points=False).n_faces == 20
+
+
+def test_ghost_cells_dropped(tmp_path: Path) -> None:
+    w = Writer()
+    cells = [(9, [0, 1, 2, 3]), (9, [1, 4, 5, 2])]
+    data = w.array("vtkGhostType", [0, 1], "u1") + w.array("mat", [4, 5], "i4")
+    file = tmp_path / "ghost.vtu"
+    file.write_bytes(w.file(w.piece(SQUARE, cells, data=data)))
+    mesh = read(file)
+    assert mesh.n_cells == 1
+    assert mesh.cell_tags["mat"].tolist() == [4]
+    assert list(mesh.cell_tags) == ["mat"]
+    assert mesh.repairs["ghost cells dropped"] == 1
+
+
+# -- round trips -------------------------------------------------------------------------------
+
+
+def test_hierarchy_round_trip(tmp_path: Path) -> None:
+    mesh = squares(6)
+    fine = contiguous((mesh.cell_centroids // 2) @ np.array([1, 3])).astype(np.int64)
+    levels = hierarchy_of(mesh, fine, fine // 3)
+    tagged = Mesh(mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, {"a <b>&": fine % 2})
+    write(tmp_path / "out.vtu", tagged, levels)
+    assert sorted(os.listdir(tmp_path)) == ["out.vtu", "out_level0.vtu", "out_level1.vtu"]
+    back, found = read_hierarchy(tmp_path / "out.vtu")
+    np.testing.assert_array_equal(back.points, mesh.points)
+    np.testing.assert_array_equal(back.cell_measures, mesh.cell_measures)
+    assert list(back.cell_tags) == ["a <b>&"]
+    assert back.cell_tags["a <b>&"].tolist() == (fine % 2).tolist()
+    assert found is not None
+    assert found.nested
+    assert back.repairs == {}
+    for labels, expected in zip(found.levels, levels.levels, strict=True):
+        np.testing.assert_array_equal(labels, expected)
+    assert sorted(read(tmp_path / "out.vtu").cell_tags) == ["a <b>&", "level_0", "level_1"]
+    np.testing.assert_array_equal(read(tmp_path / "out_level1.vtu").cell_measures, [12, 12, 12])
+
+
+def test_hole_is_bridged(tmp_path: Path) -> None:
+    mesh = squares(5)
+    ring = np.ones(25, np.int64)
+    ring[[6, 7, 8, 11, 12, 13, 16, 17, 18]] = 0
+    write(tmp_path / "ring.vtu", mesh.coarsen(ring))
+    back = read(tmp_path / "ring.vtu")
+    np.testing.assert_array_equal(back.cell_measures, [9, 16])
+    assert back.n_faces == 12 + 20
+    assert np.diff(back.boundary_loops.cell_offsets).tolist() == [1, 2]
+    assert "loops" not in back.cell_tags
+    assert back.repairs == {}
+    assert 'Name="loops"' in (tmp_path / "ring.vtu").read_text()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(2, 7), st.integers(2, 7), st.integers(1, 6), st.integers(0, 2**32 - 1))
+def test_coarse_polygons_keep_their_areas(n: int, m: int, k: int, seed: int) -> None:
+    """Random labels: holes, holes in holes, pinches, disconnected parts."""
+    import tempfile
+
+    mesh = squares(n, m)
+    labels = contiguous(np.random.default_rng(seed).integers(0, k, mesh.n_cells))
+    coarse = mesh.coarsen(labels)
+    offsets, vertices, _ = single_loops(coarse)
+    for c in range(coarse.n_cells):  # shoelace, one polygon at a time
+        x, y = coarse.points[vertices[offsets[c] : offsets[c + 1]]].T
+        area = 0.5 * float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+        assert area == pytest.approx(coarse.cell_measures[c], rel=1e-12)
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / "c.vtu", coarse)
+        back = read(Path(folder) / "c.vtu")
+    np.testing.assert_allclose(back.cell_measures, coarse.cell_measures, rtol=1e-12)
+    pairs, expected = (sorted(map(sorted, mesh.face_cells.tolist())) for mesh in (back, coarse))
+    assert pairs == expected
+    np.testing.assert_array_equal(
+        np.diff(back.boundary_loops.cell_offsets), np.diff(coarse.boundary_loops.cell_offsets)
+    )
+
+
+def test_boxes_round_trip(tmp_path: Path) -> None:
+    mesh = boxes(3)
+    hollow = np.zeros(27, np.int64)
+    hollow[13] = 1  # the cube in the middle: level 0 is a shell around it
+    write(tmp_path / "b.vtu", mesh, hierarchy_of(mesh, hollow))
+    back = read(tmp_path / "b.vtu")
+    np.testing.assert_allclose(back.cell_measures, 1, rtol=1e-14)
+    np.testing.assert_allclose(back.cell_centroids, mesh.cell_centroids, rtol=1e-14)
+    assert back.n_faces == mesh.n_faces
+    assert back.repairs == {}
+    np.testing.assert_array_equal(back.cell_tags["level_0"], hollow)
+    np.testing.assert_allclose(read(tmp_path / "b_level0.vtu").cell_measures, [26, 1], rtol=1e-14)
+
+
+def test_other_meshs_hierarchy_refused(tmp_path: Path) -> None:
+    levels = hierarchy_of(squares(3), np.zeros(9, np.int64))
+    with pytest.raises(MeshError, match="another mesh"):
+        write(tmp_path / "out.vtu", squares(4), levels)
+    assert os.listdir(tmp_path) == []
+
+
+# -- broken files ------------------------------------------------------------------------------
+
+
+def refused(file: Path, match: str) -> None:
+    with pytest.raises(AggloError, match=match) as caught:
+        read(file)
+    assert str(file) in str(caught.value)
+
+
+def test_not_a_file(tmp_path: Path) -> None:
+    refused(tmp_path, "is a folder")
+    refused(tmp_path / "absent.vtu", "no such file")
+    (tmp_path / "mesh.typ2").write_text("1")
+    refused(tmp_path / "mesh.typ2", r"unknown suffix '.typ2'; expected one of .vtu .npz .*\.msh")
+    (tmp_path / "none").write_text("1")
+    refused(tmp_path / "none", "no suffix")
+    (tmp_path / "empty.vtu").write_bytes(b"")
+    refused(tmp_path / "empty.vtu", "is empty")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        ("UnstructuredGrid", "PolyData", "not well-formed|expected a VTKFile"),
+        ("</VTKFile>", "", "not well-formed"),
+        ("LittleEndian", "MiddleEndian", "byte order"),
+        ('header_type="UInt64"', 'header_type="UInt16"', "header type"),
+        (
+            'header_type="UInt64"',
+            'header_type="UInt64" compressor="vtkLZ4DataCompressor"',
+            "LZ4.*not supported",
+        ),
+        ('Name="types"', 'Name="kinds"', "'types' is missing"),
+        ('Name="offsets"', 'Name="ends"', "'offsets' is missing"),
+        (">9 7<", ">9 99<", "type 99 is not supported"),
+        (">9 7<", ">9<", "2 cells has 1 types"),
+        (">9 7<", ">9 x<", "'types'"),
+        (">4 8<", ">4 7<", "'offsets' must rise to 8"),
+        (">4 8<", ">5 4<", "'offsets' must rise"),
+        ("0 1 2 3 1 4 5 2", "0 1 2 3 1 4 5 6", "outside 0..5"),
+        ("0 1 2 3 1 4 5 2", "0 1 2 -3 1 4 5 2", "outside 0..5"),
+        ("0 1 2 3 1 4 5 2", "0 1 2 3 0 1 2 3", "duplicates"),
+        ('NumberOfCells="2"', 'NumberOfCells="1000000000000"', "1000000000000 cells"),
+        ('NumberOfPoints="6"', 'NumberOfPoints="x"', "NumberOfPoints"),
+        ('NumberOfPoints="6"', 'NumberOfPoints="1000000000000"', "coordinates"),
+        ('type="Float64"', 'type="Float99"', "unknown type 'Float99'"),
+        ('format="ascii"', 'format="morse"', "unknown format 'morse'"),
+        ("0.0 0.0", "nan 0.0", "not finite"),
+        ("0.0 0.0", "0.0 " + "1" * 100, "no number"),
+        ("7 -9", "7", "1 values for 2 cells"),
+    ],
+)
+def test_broken_text(tmp_path: Path, old: str, new: str, match: str) -> None:
+    w = Writer()
+    cells = [(9, [0, 1, 2, 3]), (7, [1, 4, 5, 2])]
+    text = w.file(w.piece(SQUARE, cells, data=w.array("mat", [7, -9], "i4"))).decode()
+    assert old in text
+    file = tmp_path / "broken.vtu"
+    file.write_text(text.replace(old, new, 1))
+    refused(file, match)
+
+
+def test_forged_sizes(tmp_path: Path) -> None:
+    """Headers that claim far more than the file holds allocate nothing."""
+    for packing, sizes in (("", [10**12]), ("zlib", [10**12, 16, 0]), ("zlib", [1, 10**12, 0, 10])):
+        w = Writer("raw", packing)
+        content = w.file(w.piece(SQUARE[:4], [(9, [0, 1, 2, 3])]))
+        start = content.index(b"\n  _") + 4
+        forged = np.array(sizes, "<u8").tobytes()
+        file = tmp_path / "forged.vtu"
+        file.write_bytes(content[:start] + forged + content[start + len(forged) :])
+        refused(file, "truncated|claims to hold")
+    stream = '<DataArray type="Int64" Name="faces" format="ascii">1000000000000 1</DataArray>'
+    ends = '<DataArray type="Int64" Name="faceoffsets" format="ascii">2</DataArray>'
+    w = Writer()
+    file.write_bytes(w.file(w.piece(ELEMENTS[12][0], [(42, list(range(8)))], stream + ends)))
+    refused(file, "more faces than it holds")
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.sampled_from(["ascii", "binary", "raw", "base64"]), st.sampled_from(["", "zlib", "lzma"]), st.data()
+)
+def test_mutations_never_leak(form: str, packing: str, data: st.DataObject) -> None:
+    """Cut or altered bytes: a mesh or our error, nothing else."""
+    import tempfile
+
+    w = Writer(form, packing)
+    cells = [(14, [4, 5, 6, 7, 8]), (9, [0, 1, 2, 3]), (42, list(range(8)))]
+    points = [*ELEMENTS[12][0], [0.5, 0.5, 4]]
+    content = bytearray(
+        w.file(w.piece(points, cells, polyhedra(w, "stream"), w.array("mat", [1, 2, 3], "i4")))
+    )
+    for _ in range(data.draw(st.integers(0, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    del content[data.draw(st.integers(len(content) // 2, 2 * len(content))) :]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "m.vtu"
+        file.write_bytes(bytes(content))
+        named = True
+        try:
+            read(file)
+        except AggloError as error:
+            named = str(file) in str(error)
+        assert named
+
+
+# -- writing -----------------------------------------------------------------------------------
+
+
+def test_check_writable(tmp_path: Path) -> None:
+    check_writable(tmp_path / "a.vtu")
+    (tmp_path / "folder.vtu").mkdir()
+    for name, match in (
+        ("a.xyz", "unknown suffix"),
+        ("no/a.vtu", "does not exist"),
+        ("folder.vtu", "is a folder"),
+    ):
+        with pytest.raises(FileError, match=match):
+            check_writable(tmp_path / name)
+        with pytest.raises(FileError, match=match):
+            write(tmp_path / name, squares(1))
+    assert os.listdir(tmp_path) == ["folder.vtu"]
+
+
+def test_nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A failure in the second file of a group leaves the first unwritten and the old one as it was."""
+    mesh = squares(4)
+    (tmp_path / "out.vtu").write_text("old")
+    (tmp_path / "out_level0.vtu").mkdir()
+    levels = hierarchy_of(mesh, np.zeros(16, np.int64))
+    with pytest.raises(FileError, match="no regular file"):
+        write(tmp_path / "out.vtu", mesh, levels)
+    assert (tmp_path / "out.vtu").read_text() == "old"
+    assert sorted(os.listdir(tmp_path)) == ["out.vtu", "out_level0.vtu"]
+
+    def full(self: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(FileError, match=r"out.vtu: No space left"):
+        write(tmp_path / "out.vtu", mesh)
+    assert (tmp_path / "out.vtu").read_text() == "old"
+    assert sorted(os.listdir(tmp_path)) == ["out.vtu", "out_level0.vtu"]
+
+
+def test_links_and_permissions_stay(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    real = tmp_path / "real" / "mesh.vtu"
+    real.write_text("old")
+    real.chmod(0o640)
+    (tmp_path / "link.vtu").symlink_to(real)
+    write(tmp_path / "link.vtu", squares(2))
+    assert (tmp_path / "link.vtu").is_symlink()
+    assert read(real).n_cells == 4
+    assert real.stat().st_mode & 0o777 == 0o640
+    before = os.umask(0o027)
+    try:
+        write(tmp_path / "new.vtu", squares(2))
+    finally:
+        os.umask(before)
+    assert (tmp_path / "new.vtu").stat().st_mode & 0o777 == 0o640
