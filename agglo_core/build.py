@@ -167,7 +167,7 @@ def build_polygons(
     points = _plane(points)
     local = frozen_float(points - box_centre(points))
     vertices, repairs["clockwise cells reversed"] = _orient(local, offsets, vertices, weak)
-    face_vertices, face_cells, overlaps = _faces(offsets, vertices, len(points), strict)
+    face_vertices, face_cells, overlaps = _faces(offsets, vertices, len(points), weak, strict)
     repairs["overlapping edges left apart"] = overlaps
     mesh = Mesh(
         points=points,
@@ -202,7 +202,7 @@ def _orient(local: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int,
     )
 
 
-def _faces(offsets: Int, vertices: Int, n_points: int, strict: bool) -> tuple[Int, Int, int]:
+def _faces(offsets: Int, vertices: Int, n_points: int, weak: bool, strict: bool) -> tuple[Int, Int, int]:
     """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
     from agglo_core.kernels.faces import match_half_edges
 
@@ -214,6 +214,8 @@ def _faces(offsets: Int, vertices: Int, n_points: int, strict: bool) -> tuple[In
         raise MeshError(
             f"the face between points {a} and {b} has more than two cells: cells {', '.join(map(str, cells))}"
         )
+    if weak:  # an agglomerate of two overlapping cells walks their common edge twice
+        double = double[double[:, 0] != double[:, 1]]
     _refuse_twins(offsets, vertices, double.tolist())
     for first, second in double.tolist():
         if strict:

@@ -342,7 +342,7 @@ class Mesh:
         MeshError
             If the labels have another shape, or leave gaps.
         """
-        labels = check_labels(labels, self.n_cells)
+        labels = self.check_labels(labels)
         padded = np.append(labels, -1)
         face_cells = padded[self.face_cells]
         kept = np.flatnonzero(face_cells[:, 0] != face_cells[:, 1])
@@ -364,6 +364,10 @@ class Mesh:
             face_tags={name: values[kept] for name, values in self.face_tags.items()},
             name=self.name,
         )
+
+    def check_labels(self, labels: ArrayLike) -> Int:
+        """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""
+        return check_labels(labels, self.n_cells)
 
 
 def check_labels(labels: ArrayLike, n: int) -> Int:

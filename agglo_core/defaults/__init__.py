@@ -16,6 +16,13 @@ _METRICS = {
     "components": ("Components", "Number of connected components."),
     "cells": ("Cells", "Number of cells."),
 }
+_SHAPES = {
+    "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared."),
+    "convexity": ("Convexity", "Area over the area of the convex hull."),
+    "star_shapedness": ("StarShapedness", "Area of the kernel (what sees the whole) over the area."),
+    "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
+    "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
+}
 
 
 @hookimpl
@@ -61,5 +68,15 @@ def agglo_components() -> list[Component]:
                 summary=summary,
             )
             for name, (target, summary) in _METRICS.items()
+        ),
+        *(
+            Component(
+                kind="metric",
+                name=name,
+                target=f"agglo_core.defaults.shapes:{target}",
+                promises={"deterministic": True, "pickles": True},
+                summary=summary,
+            )
+            for name, (target, summary) in _SHAPES.items()
         ),
     ]

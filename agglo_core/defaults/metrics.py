@@ -28,6 +28,7 @@ __all__ = [
     "NormalisedCut",
     "UniformityFactor",
     "UniformityFactor99",
+    "plane_agglomerates",
 ]
 
 Better = Literal["high", "low"]
@@ -41,13 +42,18 @@ def _agglomerates(mesh: Mesh, labels: Int) -> Mesh:
     return mesh.coarsen(labels)
 
 
+def plane_agglomerates(mesh: Mesh, labels: Int, metric: str) -> Mesh:
+    """The coarse mesh for a metric that exists only in 2-D; MeshError in 3-D."""
+    if mesh.dim != 2:
+        raise MeshError(f"metric {metric} exists only for 2-D meshes; this one is {mesh.dim}-D")
+    return _agglomerates(mesh, labels)
+
+
 def _circle_ratios(mesh: Mesh, labels: Int, name: str, anywhere: bool) -> Float:
     """Radius of the largest inner circle over half the diameter ``(k,)``."""
     from agglo_core.kernels.circle import circles
 
-    if mesh.dim != 2:
-        raise MeshError(f"metric {name} exists only for 2-D meshes; this one is {mesh.dim}-D")
-    coarse = _agglomerates(mesh, labels)
+    coarse = plane_agglomerates(mesh, labels, name)
     diameters = coarse.cell_diameters
     args = coarse.local_points, *coarse.cell_faces, coarse.face_pairs, coarse.local_centroids
     radii: Float = circles(*args, diameters, anywhere)

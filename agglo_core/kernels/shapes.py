@@ -1,0 +1,172 @@
+"""Convex hulls of agglomerates, their narrowest boxes, and kernels of star-shaped agglomerates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.kernels import kernel
+
+__all__ = ["box_ratios", "convex_hulls", "kernel_areas"]
+
+_TIE = 1e-9  # relative difference below which two widths count as equal
+
+
+@kernel
+def _turn(points, a, b, c):
+    """Twice the signed area of the triangle abc: positive where the path turns left at b."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    return ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0])
+
+
+@kernel
+def _sort(points, vertices, start, stop):
+    """Sort ``vertices[start:stop]`` by x, then y (Shell's sort: short to compile, quick on short lists)."""
+    gap = 1
+    while 3 * gap < stop - start:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(start + gap, stop):
+            v, j = vertices[i], i
+            x, y = points[v, 0], points[v, 1]
+            while j - gap >= start:
+                w = vertices[j - gap]
+                if points[w, 0] < x or (points[w, 0] == x and points[w, 1] <= y):
+                    break
+                vertices[j] = w
+                j -= gap
+            vertices[j] = v
+        gap //= 3
+
+
+@kernel
+def convex_hulls(points, offsets, vertices):
+    """Areas of the convex hulls, and the hulls as CSR (offsets, vertices), counter-clockwise.
+
+    Andrew's monotone chain; vertices of a cell come in any order and may repeat.
+    """
+    n = len(offsets) - 1
+    area = np.zeros(n)
+    hull_offsets = np.zeros(n + 1, np.int64)
+    hull = np.empty(len(vertices) + 1, np.int64)
+    order = np.empty(len(vertices), np.int64)
+    for h in range(len(vertices)):
+        order[h] = vertices[h]
+    top = 0
+    for c in range(n):
+        first, last = offsets[c], offsets[c + 1] - 1
+        _sort(points, order, first, last + 1)
+        base = top
+        floor = base + 1  # entries below are final
+        for step in range(2 * (last - first) + 1):  # there along the lower side, back along the upper
+            if step == last - first + 1:
+                floor = top
+            v = order[first + step] if first + step <= last else order[2 * last - first - step]
+            while top > floor and _turn(points, hull[top - 2], hull[top - 1], v) <= 0.0:
+                top -= 1
+            hull[top] = v
+            top += 1
+        top -= 1  # back at the first vertex
+        hull_offsets[c + 1] = top
+        for i in range(base + 1, top - 1):
+            area[c] += 0.5 * _turn(points, hull[base], hull[i], hull[i + 1])
+    return area, hull_offsets, hull[:top].copy()
+
+
+@kernel
+def box_ratios(points, offsets, hull):
+    """Short side over long side of the narrowest rectangle around each hull (rotating calipers).
+
+    One side of that rectangle lies on an edge of the hull. Among equally narrow ones the shortest counts.
+    """
+    ratio = np.empty(len(offsets) - 1)
+    for c in range(len(ratio)):
+        start, m = offsets[c], offsets[c + 1] - offsets[c]
+        right, far, left = 1, 1, 1  # last vertex along the edge, farthest from it, first along it
+        width, best = np.inf, 0.0
+        for i in range(m):
+            a, b = hull[start + i], hull[start + (i + 1) % m]
+            ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            right = max(right, i + 1)
+            for turn in range(3):
+                at = right if turn == 0 else (max(far, right) if turn == 1 else max(left, far))
+                while True:
+                    p, q = hull[start + at % m], hull[start + (at + 1) % m]
+                    dx, dy = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1]
+                    along, away = ux * dx + uy * dy, ux * dy - uy * dx
+                    if (along if turn == 0 else (away if turn == 1 else -along)) <= 0.0:
+                        break
+                    at += 1
+                if turn == 0:
+                    right = at
+                elif turn == 1:
+                    far = at
+                else:
+                    left = at
+            p, q = hull[start + left % m], hull[start + right % m]
+            height = _turn(points, a, b, hull[start + far % m])
+            length = ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1])
+            narrow, value = height / np.sqrt(ux * ux + uy * uy), height / length
+            if narrow < width * (1.0 - _TIE) or (narrow <= width * (1.0 + _TIE) and value > best):
+                best = value
+                width = min(width, narrow)
+        ratio[c] = best
+    return ratio
+
+
+@kernel
+def _clip(source, m, target, ax, ay, ux, uy):
+    """Copy what of the convex polygon ``source[:m]`` lies left of the line through a along u; its size."""
+    k = 0
+    px, py = source[m - 1, 0], source[m - 1, 1]
+    before = ux * (py - ay) - uy * (px - ax)
+    for i in range(m):
+        qx, qy = source[i, 0], source[i, 1]
+        here = ux * (qy - ay) - uy * (qx - ax)
+        if (before < 0.0) != (here < 0.0):
+            t = before / (before - here)
+            target[k, 0], target[k, 1] = px + t * (qx - px), py + t * (qy - py)
+            k += 1
+        if here >= 0.0:
+            target[k, 0], target[k, 1] = qx, qy
+            k += 1
+        px, py, before = qx, qy, here
+    return k
+
+
+@kernel
+def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull):
+    """Area of the kernel of each cell, the points that see all of it; 0 where it has several loops.
+
+    The kernel lies left of every edge; within the hull, only edges at reflex vertices can cut. For a point
+    of the cell that does not see all of it, a reflex vertex blocks the view, and the point lies right of
+    one of its edges. A point of the hull outside the cell lies in a pocket; the pocket's vertex farthest
+    from its lid is reflex, and the point lies right of one of its edges.
+    """
+    area = np.zeros(len(cell_loops) - 1)
+    room = 8
+    for loop in range(len(loop_offsets) - 1):
+        room = max(room, 2 * (loop_offsets[loop + 1] - loop_offsets[loop]) + 2)
+    polygon, clipped = np.empty((room, 2)), np.empty((room, 2))
+    for c in range(len(area)):
+        if cell_loops[c + 1] - cell_loops[c] != 1:
+            continue
+        start, stop = loop_offsets[cell_loops[c]], loop_offsets[cell_loops[c] + 1]
+        x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
+        m = hull_offsets[c + 1] - hull_offsets[c]
+        for i in range(m):
+            v = hull[hull_offsets[c] + i]
+            polygon[i, 0], polygon[i, 1] = points[v, 0] - x0, points[v, 1] - y0
+        a, b = vertices[stop - 2], vertices[stop - 1]
+        reflex = _turn(points, a, b, vertices[start]) < 0.0
+        for i in range(start, stop):
+            a, b = b, vertices[i]
+            was, reflex = reflex, _turn(points, a, b, vertices[i + 1 if i + 1 < stop else start]) < 0.0
+            if was or reflex:
+                ax, ay = points[a, 0], points[a, 1]
+                m = _clip(polygon, m, clipped, ax - x0, ay - y0, points[b, 0] - ax, points[b, 1] - ay)
+                polygon, clipped = clipped, polygon
+                if m < 3:
+                    break
+        for i in range(1, m - 1):
+            area[c] += 0.5 * _turn(polygon, 0, i, i + 1)
+    return area

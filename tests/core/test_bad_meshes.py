@@ -1,0 +1,312 @@
+"""Bad input: each fault is refused by a message that names the cells, points or faces at fault."""
+
+from __future__ import annotations
+
+import logging
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agglo_core import Graph, Mesh, MeshError, samples
+
+GRID = [[x, y] for y in range(3) for x in range(3)]  # points 0..8 of 2 x 2 unit squares
+CELLS = [[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]]
+CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
+HEX = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+TET_POINTS = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [1, 1, 1]]
+
+
+def tet(a: int, b: int, c: int, d: int) -> list[list[int]]:
+    return [[a, c, b], [a, b, d], [b, c, d], [c, a, d]]
+
+
+def moved(point: int, to: Any) -> list[Any]:
+    return [to if k == point else at for k, at in enumerate(GRID)]
+
+
+def replaced(cell: int, by: Any) -> list[Any]:
+    return [by if k == cell else loop for k, loop in enumerate(CELLS)]
+
+
+# what is wrong: (points, cells, what the message says)
+FAULTS: dict[str, tuple[Any, Any, str]] = {
+    "NaN": (moved(5, [np.nan, 1]), CELLS, r"point 5 is not finite: \[nan, 1.0\]"),
+    "infinite": (moved(8, [2, -np.inf]), CELLS, r"point 8 is not finite"),
+    "bow-tie": (GRID, replaced(1, [1, 5, 2, 4]), r"cell 1: .*bow-tie"),
+    "crossing hexagon": (
+        [[0, 0], [4, 0], [4, 4], [3, 4], [3, -1], [0, 4]], [[0, 1, 2, 3, 4, 5]], r"cell 0: .*bow-tie",
+    ),
+    "a loop walked twice": (GRID, [[0, 1, 4, 3, 0, 1, 4, 3]], r"cell 0: a repeated vertex"),
+    "zero area, triangle": (GRID, [[0, 1, 4], [0, 1, 2]], r"cell 1: zero area"),
+    "zero area, quadrilateral": ([[0, 0], [1, 0], [3, 0], [2, 0]], [[0, 1, 2, 3]], r"cell 0: zero area"),
+    "zero area, started midway": ([[1, 0], [2, 0], [3, 0], [0, 0]], [[0, 1, 2, 3]], r"cell 0: zero area"),
+    "folds back": ([[0, 0], [2, 0], [1, 0], [1, 1]], [[0, 1, 2, 3]], r"cell 0: .*folds back"),
+    "passes through its own vertex": (
+        [[0, 0], [4, 0], [4, 4], [2, 0], [0, 4]], [[0, 1, 2, 3, 4]], r"cell 0: .*crosses itself",
+    ),
+    "duplicate cell": (GRID, [*CELLS, CELLS[0]], r"cells 0 and 4 are duplicates"),
+    "duplicate alone": (GRID, [CELLS[0], CELLS[0]], r"cells 0 and 1 are duplicates"),
+    "duplicate, other way around": (GRID, [*CELLS, [4, 3, 0, 1][::-1]], r"cells 0 and 4 are duplicates"),
+    "repeated vertex": (GRID, replaced(2, [3, 4, 4, 6]), r"cell 2: a repeated vertex"),
+    "repeated vertex, apart": (GRID, [[0, 1, 4, 1, 2]], r"cell 0: a repeated vertex"),
+    "repeated vertex, triangle": (GRID, [[0, 1, 0]], r"cell 0: a repeated vertex"),
+    "too few vertices": (GRID, replaced(3, [4, 5]), r"cell 3: fewer than 3 vertices"),
+    "no vertices": (GRID, replaced(3, []), r"cell 3: fewer than 3 vertices"),
+    "nothing but empty loops": (GRID, [[], []], r"cells 0, 1: fewer than 3 vertices"),
+    "columns missing": (GRID, np.array([[0, 1], [1, 2]]), r"cells 0, 1: fewer than 3 vertices"),
+    "no columns": (GRID, np.zeros((2, 0), int), r"cells 0, 1: fewer than 3 vertices"),
+    "index out of range": (GRID, replaced(1, [1, 2, 9, 4]), r"cell 1 uses point 9, but there are 9 points"),
+    "index far out of range": (GRID, replaced(1, [1, 2, 2**40, 4]), r"cell 1 uses point 1099511627776"),
+    "unsigned wrap": (GRID, np.array([[0, 1, 2**64 - 1]], np.uint64), r"cell 0 uses point -1"),
+    "negative index": (GRID, replaced(0, [0, 1, -1, 3]), r"cell 0 uses point -1"),
+    "three cells on a face": (
+        [*GRID, [3, 0.5]], [[0, 1, 4], [1, 9, 4], [1, 2, 4]], r"points 1 and 4 .*more than two cells: cells 0, 1, 2",
+    ),
+    "three cells, the two on one side first": (
+        [*GRID, [3, 0.5]], [[1, 9, 4], [1, 2, 4], [0, 1, 4]], r"points 1 and 4 .*more than two cells: cells 0, 1, 2",
+    ),
+    "no cells": (GRID, [], r"empty"),
+    "no cells, as an array": (GRID, np.zeros((0, 3), int), r"empty"),
+    "no cells, as offsets": (GRID, (np.zeros(1, int), np.zeros(0, int)), r"empty"),
+    "no points": ([], CELLS, r"points must have shape"),
+    "no points, but columns": (np.zeros((0, 2)), CELLS, r"cell 0 uses point 0, but there are 0 points"),
+    "surface": ([[*at, at[0] * at[1]] for at in GRID], CELLS, r"surface.*z runs from 0 to 4"),
+    "upright plane": ([[0, *at] for at in GRID], CELLS, r"surface"),
+    "one coordinate": ([[0], [1], [2]], [[0, 1, 2]], r"points must have shape"),
+    "flat list of points": ([0, 1, 2], [[0, 1, 2]], r"points must have shape"),
+    "words for points": ([["a", "b"]], [[0, 1, 2]], r"points must be numbers"),
+    "ragged points": ([[0, 0], [1]], [[0, 1, 2]], r"points must be numbers"),
+    "no points at all": (None, CELLS, r"points must"),
+    "fractional cells": (GRID, [[0, 1, 4.5]], r"cells must hold integers.*float64"),
+    "whole floats": (GRID, np.array([[0.0, 1, 4]]), r"cells must hold integers.*float64"),
+    "boolean cells": (GRID, np.ones((2, 3), bool), r"cells must hold integers.*bool"),
+    "words for cells": (GRID, ["abc"], r"cells must hold integers"),
+    "a flat list of cells": (GRID, [0, 1, 4], r"cells must be vertex loops"),
+    "one number": (GRID, 3, r"cells must be vertex loops"),
+    "nothing": (GRID, None, r"cells must be vertex loops"),
+    "ragged nonsense": (GRID, [[0, [1, 2], 3]], r"cells must"),
+    "three levels": (GRID, np.zeros((1, 2, 3), int), r"cells must"),
+    "three levels, lists": (GRID, [[[0, 1, 4, 3]]], r"cells must"),
+    "offsets that do not start at 0": (GRID, (np.array([1, 4]), np.array([0, 1, 4, 3])), r"cell offsets must rise"),
+    "offsets that stop short": (GRID, (np.array([0, 3]), np.array([0, 1, 4, 3])), r"cell offsets must rise"),
+    "offsets that fall": (GRID, (np.array([0, 5, 3, 6]), np.array([0, 1, 4, 1, 2, 5])), r"cell offsets must rise"),
+    "no offsets": (GRID, (np.array([], int), np.array([], int)), r"cell offsets must rise"),
+    "fractional offsets": (GRID, (np.array([0, 3.5]), np.array([0, 1, 4])), r"cell offsets must hold integers"),
+    "matrix of offsets": (GRID, (np.zeros((2, 2), int), np.array([0, 1, 4])), r"one-dimensional"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("merge_points", [False, True])
+def test_polygons(fault: str, merge_points: bool) -> None:
+    points, cells, message = FAULTS[fault]
+    with pytest.raises(MeshError, match=message):
+        Mesh.from_polygons(points, cells, merge_points=merge_points)
+
+
+def test_merging_may_degenerate_a_cell() -> None:
+    points = [[0, 0], [1, 0], [1, 0], [1, 1]]
+    assert Mesh.from_polygons([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]]).n_cells == 1
+    with pytest.raises(MeshError, match="cell 0: a repeated vertex"):
+        Mesh.from_polygons(points, [[0, 1, 2, 3]], merge_points=True)
+
+
+def test_many_faulty_cells_are_counted_and_the_first_named() -> None:
+    cells = [[0, 1, 4, 3], *[[0, 1, 2]] * 9]
+    with pytest.raises(MeshError, match=re.escape("cells 1, 2, 3, 4, 5, … (9 in all): zero area")):
+        Mesh.from_polygons(GRID, cells)
+
+
+@pytest.mark.parametrize("scale", [1e-150, 1e-9, 1.0, 1e9, 1e150])
+def test_zero_area_does_not_depend_on_the_unit(scale: float) -> None:
+    thin = [[0, 0], [1, 0], [0.5, 1e-9]]
+    assert Mesh.from_polygons(np.multiply(thin, scale), [[0, 1, 2]]).n_cells == 1
+    with pytest.raises(MeshError, match="zero area"):
+        Mesh.from_polygons(np.multiply([[0, 0], [1, 1], [3, 3]], scale), [[0, 1, 2]])
+
+
+def test_collinear_vertices_are_not_a_fault() -> None:
+    ring = [[x, 0] for x in range(4)] + [[3, y] for y in range(1, 4)] + [[0, 3]]
+    assert Mesh.from_polygons(ring, [list(range(8))]).cell_measures.tolist() == [9.0]
+
+
+# --- overlaps and unlisted hanging nodes: only strict=True -----------------------------------------------
+
+HANGING = ([[0, 0], [1, 0], [1, 0.5], [1, 1], [0, 1], [2, 0], [2, 0.5], [2, 1]],
+           [[0, 1, 3, 4], [1, 5, 6, 2], [2, 6, 7, 3]])  # fmt: skip
+INSIDE = (
+    [[0, 0], [4, 0], [4, 4], [0, 4], [1, 1], [2, 1], [2, 2], [1, 2]],
+    [[0, 1, 2, 3], [4, 5, 6, 7]],
+)
+ACROSS = (
+    [[0, 0], [2, 0], [2, 2], [0, 2], [1, 1], [3, 1], [3, 3], [1, 3]],
+    [[0, 1, 2, 3], [4, 5, 6, 7]],
+)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "cells"), [(HANGING, {0, 1, 2}), (INSIDE, {0, 1}), (ACROSS, {0, 1})], ids=["hanging", "inside", "across"]
+)  # fmt: skip
+def test_the_strict_check_names_cells_and_an_edge(mesh: tuple[Any, Any], cells: set[int]) -> None:
+    points, loops = mesh
+    assert Mesh.from_polygons(points, loops).n_cells == len(loops)
+    with pytest.raises(MeshError, match=r"first along the edge from \[.*\] to \[.*\]") as caught:
+        Mesh.from_polygons(points, loops, strict=True)
+    named = re.match(r"cells? ([\d, ]+)", str(caught.value))
+    assert named is not None
+    assert set(map(int, named[1].split(","))) <= cells
+
+
+def test_the_strict_check_gives_user_coordinates() -> None:
+    points, loops = HANGING
+    with pytest.raises(MeshError, match=r"from \[1001.0, 1000.0\] to \[1001.0, 1001.0\]"):
+        Mesh.from_polygons(np.add(points, 1000), loops, strict=True)
+
+
+def test_two_cells_on_one_side_of_an_edge(caplog: pytest.LogCaptureFixture) -> None:
+    points, cells = [*GRID, [3, 0.5]], [[1, 9, 4], [1, 2, 4]]
+    with caplog.at_level(logging.INFO, logger="agglo"):
+        mesh = Mesh.from_polygons(points, cells)
+    assert dict(mesh.repairs) == {"orphan points dropped": 6, "overlapping edges left apart": 1}
+    assert "overlapping edges left apart: 1" in caplog.text
+    with pytest.raises(MeshError, match="cells 0 and 1 overlap"):
+        Mesh.from_polygons(points, cells, strict=True)
+
+
+@pytest.mark.parametrize("name", ["squares:4", "random_triangles:30", "voronoi:50", "hexagons:4", "ring"])
+def test_good_meshes_pass_the_strict_check(name: str) -> None:
+    mesh = samples.from_spec(name)
+    loops = mesh.boundary_loops
+    again = Mesh.from_polygons(mesh.points, (loops.loop_offsets, loops.vertices), strict=True)
+    assert again.n_faces == mesh.n_faces
+
+
+# --- tags and labels ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ([1, 2, 3], r"cell tag 'm' has shape \(3,\), expected \(4,\)"),
+        ([[1, 2], [3, 4]], r"cell tag 'm' has shape \(2, 2\)"),
+        (5, r"cell tag 'm' has shape \(\)"),
+        ([0.5, 1, 2, 3], r"cell tag 'm' must hold integers, not float64"),
+        (["a", "b", "c", "d"], r"cell tag 'm' must hold integers"),
+    ],
+)
+def test_tags(values: Any, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        Mesh.from_polygons(GRID, CELLS, cell_tags={"m": values})
+
+
+def test_a_face_tag_of_wrong_length() -> None:
+    mesh = Mesh.from_polygons(GRID, CELLS)
+    with pytest.raises(MeshError, match=r"face tag 'side' has shape \(3,\), expected \(12,\)"):
+        Mesh(
+            mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, face_tags={"side": np.zeros(3, int)}
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        ([0, 0, 1], r"labels must be \(4,\) integers.*given shape \(3,\)"),
+        ([0, 0, 1.0, 1], r"dtype float64"),
+        ([True, False, True, True], r"dtype bool"),
+        ([0, -1, 1, 1], r"label of cell 1 is negative"),
+        ([0, 2, 2, 0], r"no cell is labelled 1 \(of 0..2\)"),
+        ([0, 1, 2, 10**15], r"no cell is labelled 3 \(of 0..1000000000000000\)"),
+    ],
+)
+def test_labels(labels: Any, message: str) -> None:
+    mesh = Mesh.from_polygons(GRID, CELLS)
+    for coarsen in (mesh.coarsen, mesh.graph.coarsen, mesh.graph.part_diameters):
+        with pytest.raises(MeshError, match=message):
+            coarsen(labels)
+
+
+# --- polyhedra ----------------------------------------------------------------------------------------
+
+SOLIDS: dict[str, tuple[Any, Any, str]] = {
+    "NaN": (np.where(CUBE == 1, np.nan, CUBE), [HEX], r"point 1 is not finite"),
+    "plane points": (CUBE[:, :2], [HEX], r"points of shape \(n_points, 3\)"),
+    "open": (CUBE, [HEX[:-1]], r"cell 0: the faces do not close"),
+    "open, among others": (TET_POINTS, [tet(0, 1, 2, 3), [*tet(0, 2, 1, 4)[:3], [0, 1, 3]]], r"cell 1: the faces"),
+    "the same face twice": (CUBE, [[*HEX, HEX[0], HEX[0][::-1]]], r"cell 0: the same face twice"),
+    "fewer than 4 faces": (CUBE, [HEX[:3]], r"cell 0: fewer than 4 faces"),
+    "a face of two vertices": (CUBE, [[*HEX[:-1], [1, 3]]], r"cell 0: a face with fewer than 3 vertices"),
+    "an empty face": (CUBE, [HEX, [*HEX[:-1], []]], r"cell 1: a face with fewer than 3 vertices"),
+    "a repeated vertex": (CUBE, [[*HEX[:-1], [1, 3, 7, 3]]], r"cell 0: a face with a repeated vertex"),
+    "index out of range": (CUBE, [[*HEX[:-1], [1, 3, 8, 5]]], r"cell 0 uses point 8, but there are 8 points"),
+    "negative index": (TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, -2)], r"cell 1 uses point -2"),
+    "zero volume": (CUBE * [1, 1, 0], [HEX], r"cell 0: zero volume"),
+    "flat tetrahedron": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [tet(0, 1, 2, 3)], r"cell 0: zero volume"),
+    "duplicates alone": (CUBE, [HEX, HEX], r"cells 0 and 1 are duplicates"),
+    "duplicates": (TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, 4), tet(1, 2, 0, 3)], r"cells 0 and 2 are duplicates"),
+    "three cells on a face": (
+        TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, 4), tet(0, 1, 2, 5)],
+        r"face with points \[0, 1, 2\] has more than two cells: cells 0, 1, 2",
+    ),
+    "overlap": (TET_POINTS, [tet(0, 1, 2, 3), tet(0, 1, 2, 5)], r"cells 0 and 1 overlap"),
+    "no cells": (CUBE, [], r"empty"),
+    "no cells, as offsets": (CUBE, (np.zeros(1, int), np.zeros(1, int), np.zeros(0, int)), r"empty"),
+    "polygons": (CUBE, [[0, 1, 3, 2]], r"cells must be lists of faces"),
+    "fractional": (CUBE, [[[0.5, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]]], r"cells must hold integers"),
+    "nothing": (CUBE, None, r"cells must be lists of faces"),
+    "wrong cell offsets": (CUBE, (np.array([0, 5]), np.arange(0, 25, 4), np.ravel(HEX)), r"cell offsets must rise"),
+    "wrong face offsets": (CUBE, (np.array([0, 6]), np.arange(0, 28, 4)[::-1], np.ravel(HEX)), r"face offsets must"),
+    "fractional offsets": (CUBE, (np.array([0, 6.0]), np.arange(0, 25, 4), np.ravel(HEX)), r"cell offsets must hold"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", SOLIDS)
+def test_polyhedra(fault: str) -> None:
+    points, cells, message = SOLIDS[fault]
+    with pytest.raises(MeshError, match=message):
+        Mesh.from_polyhedra(points, cells)
+
+
+def test_a_tag_of_the_wrong_length_in_3d() -> None:
+    with pytest.raises(MeshError, match=r"cell tag 'm' has shape \(2,\), expected \(1,\)"):
+        Mesh.from_polyhedra(CUBE, [HEX], cell_tags={"m": [1, 2]})
+
+
+# --- graphs -------------------------------------------------------------------------------------------
+
+PATH: dict[str, Any] = {
+    "indptr": [0, 1, 3, 4],
+    "indices": [1, 0, 2, 1],
+    "centroids": [[0, 0], [1, 0], [2, 0]],
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"indices": [1, 0, 3, 1]}, r"indices must lie in 0..2"),
+        ({"indices": [1, 0, -1, 1]}, r"indices must lie in 0..2"),
+        ({"indptr": [0, 1, 3]}, r"indptr must have 4 entries rising from 0 to 4"),
+        ({"indptr": [1, 1, 3, 4]}, r"indptr must have 4 entries rising from 0 to 4"),
+        ({"indptr": [0, 3, 1, 4]}, r"indptr must have 4 entries rising"),
+        ({"indptr": [0, 2, 3, 4], "indices": [1, 2, 2, 1]}, r"symmetric"),
+        ({"indptr": [0, 2, 4, 5], "indices": [0, 1, 0, 2, 1]}, r"node 0 has an edge to itself"),
+        ({"interface": [1, 2, 3, 3]}, r"symmetric"),
+        ({"interface": [1, 1, 1]}, r"interface must have shape \(4,\), not \(3,\)"),
+        ({"interface": [1, 1, np.nan, 1]}, r"interface\[2\] is nan"),
+        ({"interface": [0, 0, 0, 0], "indices": [1, 2, 0, 1]}, r"symmetric"),
+        ({"measures": [1, -1, 1]}, r"measures\[1\] is -1"),
+        ({"measures": [1, 1]}, r"must have shape"),
+        ({"weights": [1, np.inf, 1]}, r"weights\[1\] is inf"),
+        ({"boundary": [[1, 1, 1]]}, r"boundary must have shape"),
+        ({"centroids": [[0, 0], [np.nan, 0], [2, 0]]}, r"centroids\[.*\] is nan"),
+        ({"centroids": [0, 1, 2]}, r"centroids must have shape"),
+        ({"centroids": np.zeros((0, 2)), "indptr": [0], "indices": []}, r"empty"),
+        ({"data": {"material": np.zeros(2)}}, r"data 'material' has 2 rows, expected 3"),
+    ],
+)  # fmt: skip
+def test_graph_arrays(change: dict[str, Any], message: str) -> None:
+    assert Graph.from_arrays(**PATH).n == 3
+    with pytest.raises(MeshError, match=message):
+        Graph.from_arrays(**(PATH | change))
