@@ -71,8 +71,8 @@ def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
         raise MeshError(f"cell {owner} uses point {vertices[bad[0]]}, but there are {n_points} points")
 
 
-def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Float, Int, dict[str, int]]:
-    """Points in use (equal ones merged if asked), vertices renumbered to them, and repair counts."""
+def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int, dict[str, int]]:
+    """Numbers of the points in use (equal ones merged if asked), vertices renumbered to them, repairs."""
     merged = 0
     if merge:
         vertices, merged = _merge_equal(points, vertices)
@@ -80,10 +80,9 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Float, In
     used[vertices] = True
     kept = int(used.sum())
     repairs = {"equal points merged": merged, "orphan points dropped": len(points) - kept - merged}
-    if kept == len(points):
-        return points, vertices, repairs
     number = np.cumsum(used) - 1
-    return frozen_float(points[used]), frozen_int(number[vertices]), repairs
+    renumbered = vertices if kept == len(points) else frozen_int(number[vertices])
+    return frozen_int(np.flatnonzero(used)), renumbered, repairs
 
 
 def _merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
@@ -163,11 +162,11 @@ def build_polygons(
     if len(few):
         raise MeshError(f"{name_cells(few)}: fewer than 3 vertices")
     check_indices(offsets, vertices, len(points))
-    points, vertices, repairs = compact_points(points, vertices, merge_points)
-    points = _plane(points)
+    used, vertices, repairs = compact_points(points, vertices, merge_points)
+    points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
     local = frozen_float(points - box_centre(points))
     vertices, repairs["clockwise cells reversed"] = _orient(local, offsets, vertices, weak)
-    face_vertices, face_cells, overlaps = _faces(offsets, vertices, len(points), weak, strict)
+    face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, weak, strict)
     repairs["overlapping edges left apart"] = overlaps
     mesh = Mesh(
         points=points,
@@ -202,17 +201,16 @@ def _orient(local: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int,
     )
 
 
-def _faces(offsets: Int, vertices: Int, n_points: int, weak: bool, strict: bool) -> tuple[Int, Int, int]:
+def _faces(offsets: Int, vertices: Int, used: Int, weak: bool, strict: bool) -> tuple[Int, Int, int]:
     """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
     from agglo_core.kernels.faces import match_half_edges
 
-    face_vertices, face_cells, double, (face, cell) = match_half_edges(offsets, vertices, n_points)
-    if face >= 0:
-        a, b = face_vertices[face]
-        cells = [c for c in (*face_cells[face].tolist(), cell) if c >= 0]
-        _refuse_twins(offsets, vertices, [*combinations(cells, 2), *double.tolist()])
+    face_vertices, face_cells, double, (a, b, *cells) = match_half_edges(offsets, vertices, len(used))
+    if a >= 0:
+        _refuse_twins(offsets, vertices, combinations(cells, 2))
+        named = ", ".join(str(cell) for cell in sorted(cells))
         raise MeshError(
-            f"the face between points {a} and {b} has more than two cells: cells {', '.join(map(str, cells))}"
+            f"the face between points {used[a]} and {used[b]} has more than two cells: cells {named}"
         )
     if weak:  # an agglomerate of two overlapping cells walks their common edge twice
         double = double[double[:, 0] != double[:, 1]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,14 +44,15 @@ def build_polyhedra(
     cell_offsets, loop_offsets, vertices = _as_csr(cells)
     _check_counts(cell_offsets, loop_offsets, vertices)
     check_indices(loop_offsets[cell_offsets], vertices, len(points))
-    points, vertices, repairs = compact_points(points, vertices, merge_points)
+    used, vertices, repairs = compact_points(points, vertices, merge_points)
+    points = frozen_float(points[used])
     cell_of = frozen_int(np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets)))
     _refuse_repeats(cell_of, loop_offsets, vertices)
     local = frozen_float(points - box_centre(points))
     vector, centre = face_moments(local, loop_offsets, vertices)
     sign = _outward(cell_of, loop_offsets, vertices, vector, centre)
     repairs["faces turned outward"] = int((sign < 0).sum())
-    owner, neighbour = _match(cell_of, loop_offsets, vertices)
+    owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
     sides = np.where(neighbour >= 0, cell_of[neighbour], -1)
@@ -171,7 +172,7 @@ def _two_sides(f: Int, g: Int, clash: NDArray[np.bool_], n: int) -> tuple[Int, F
     return frozen_int(shell), frozen_float(np.where(component[:n] == shell, 1.0, -1.0))
 
 
-def _match(cell_of: Int, loop_offsets: Int, vertices: Int) -> tuple[Int, Int]:
+def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
     """Half-faces paired by vertex set: owner half-face of each face, and its partner or −1."""
     sizes = np.diff(loop_offsets)
     owners, partners = [], []
@@ -185,10 +186,8 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int) -> tuple[Int, Int]:
         many = np.flatnonzero(count > 2)
         if len(many):
             crowd = loops[order[start[many[0]] : start[many[0]] + count[many[0]]]]
-            _refuse_twins(cell_of, loop_offsets, vertices, np.unique(cell_of[crowd]).tolist())
-            cells = ", ".join(str(int(cell)) for cell in cell_of[crowd])
-            face = keys[order[start[many[0]]]].tolist()
-            raise MeshError(f"the face with points {face} has more than two cells: cells {cells}")
+            face = used[keys[order[start[many[0]]]]].tolist()
+            _refuse_crowd(cell_of, loop_offsets, vertices, cell_of[crowd].tolist(), face)
         owners.append(loops[order[start]])
         partners.append(np.where(count == 2, loops[order[np.minimum(start + 1, len(order) - 1)]], -1))
     owner, partner = np.concatenate(owners), np.concatenate(partners)
@@ -200,13 +199,21 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int) -> tuple[Int, Int]:
     return frozen_int(owner), frozen_int(partner)
 
 
-def _refuse_twins(cell_of: Int, loop_offsets: Int, vertices: Int, cells: list[int]) -> None:
-    """Raise MeshError if two of the cells have the same vertices."""
+def _refuse_crowd(
+    cell_of: Int, loop_offsets: Int, vertices: Int, cells: list[int], face: list[int]
+) -> NoReturn:
+    """Say why a face with these three or more cells cannot be."""
+    for cell in cells:
+        if cells.count(cell) > 1:
+            raise MeshError(f"cell {cell}: the same face twice")
     loops = np.searchsorted(cell_of, [[cell, cell + 1] for cell in cells])
     sets = [np.unique(vertices[loop_offsets[i] : loop_offsets[j]]) for i, j in loops]
     for (a, own), (b, others) in combinations(zip(cells, sets, strict=True), 2):
         if np.array_equal(own, others):
             raise MeshError(f"cells {a} and {b} are duplicates: they have the same vertices")
+    raise MeshError(
+        f"the face with points {face} has more than two cells: cells {', '.join(map(str, cells))}"
+    )
 
 
 def _refuse_overlaps(cell_of: Int, owner: Int, partner: Int, outward: Float) -> None:

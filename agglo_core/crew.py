@@ -20,7 +20,7 @@ from agglo_core.protocols import Bisector, ConnectivityFixer, LevelBisector, Par
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Crew", "Member", "Statistics", "bisect_by_block"]
+__all__ = ["Crew", "Member", "Statistics", "attributed", "bisect_by_block"]
 
 _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
@@ -99,7 +99,7 @@ class Crew:
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:
         """Labels ``(n,)`` of a direct partition of one connected block, gaps closed."""
         tool: Partitioner = self.bisector.tool
-        with _attributed(self.bisector):
+        with attributed(self.bisector):
             given = tool.partition(graph, Target(parts=parts), seed)
         labels = _integers(self.bisector, "partition", given, graph.n)
         if labels.min() < 0 or labels.max() >= parts:
@@ -112,7 +112,7 @@ class Crew:
         """Labels after all (post-)refiners, each keeping the label set of every block."""
         for member in self.post_refiners if post else self.refiners:
             tool: Refiner = member.tool
-            with _attributed(member):
+            with attributed(member):
                 given = tool.refine(graph, frozen_int(labels), seeds, target)
             refined = _integers(member, "refine", given, graph.n)
             _same_parts(member, graph, labels, refined)
@@ -130,7 +130,7 @@ class Crew:
         nodes = slice(None) if whole else np.flatnonzero(np.isin(graph.block_ids, broken))
         before = frozen_int(labels[nodes])
         tool: ConnectivityFixer = self.fixer.tool
-        with _attributed(self.fixer):
+        with attributed(self.fixer):
             given = tool.fix(piece, before)
         fixed = _integers(self.fixer, "fix", given, piece.n)
         _same_parts(self.fixer, piece, before, fixed)
@@ -155,21 +155,20 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
 
 def broken_blocks(graph: Graph, labels: Int) -> Int:
     """Blocks with a part that is not connected."""
-    from agglo_core.kernels.graphs import components
+    from agglo_core.kernels.graphs import count_components
 
     parts = _present(graph, labels, int(labels.max()) + 1).sum(axis=1)
-    _, nodes, offsets = components(graph.indptr, graph.indices, frozen_int(labels))
-    if len(offsets) - 1 == parts.sum():
-        return frozen_int(np.empty(0))
-    owner = graph.block_ids[nodes[offsets[:-1]]]
-    return frozen_int(np.flatnonzero(np.bincount(owner, minlength=graph.n_blocks) != parts))
+    found = count_components(graph.offsets, graph.indptr, graph.indices, frozen_int(labels))
+    return frozen_int(np.flatnonzero(found != parts))
 
 
 @contextmanager
-def _attributed(member: Member) -> Iterator[None]:
-    """Turn whatever a component raises into a PluginError that names it."""
+def attributed(member: Member, *, spare: type[Exception] | tuple[()] = ()) -> Iterator[None]:
+    """Turn whatever a component raises, but ``spare``, into a PluginError that names it."""
     try:
         yield
+    except spare:
+        raise
     except PluginError as error:
         raise PluginError(f"{member.title}: {error}") from error
     except PLUGIN_FAILURES as error:
@@ -178,7 +177,7 @@ def _attributed(member: Member) -> Iterator[None]:
 
 def _sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     """Sides as integers {0, 1}; probabilities are rounded (1 iff p >= 0.5)."""
-    with _attributed(member):
+    with attributed(member):
         if isinstance(member.tool, LevelBisector):
             given = np.asarray(member.tool.bisect_level(level, seeds))
         else:

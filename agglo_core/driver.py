@@ -51,12 +51,14 @@ class _Growth:
         self.count += len(parent)
         return np.arange(self.count - len(parent), self.count)
 
-    def write(self, start: Int, finished: Mask, cells: Int, offsets: Int) -> None:
+    def write(self, start: Int, finished: Mask, cells: Int, order: Int, offsets: Int) -> None:
         """Put the cells of finished pieces in their place."""
         chosen = np.flatnonzero(finished)
+        if len(chosen) == 0:
+            return
         take, counts = _rows(offsets, chosen)
         place = np.repeat(start[chosen] - (np.cumsum(counts) - counts), counts)
-        self.cells[np.arange(len(take)) + place] = cells[take]
+        self.cells[np.arange(len(take)) + place] = cells[order[take]]
 
     def tree(self) -> Tree:
         """The tree, once every cell has its place."""
@@ -84,21 +86,21 @@ def grow(
         source, cells = graph.split(labels)
         order, offsets = frozen_int(np.arange(graph.n)), source.offsets
         state, finished = rule.roots(source, order, offsets)
-    start, sides = np.asarray(offsets[:-1]), np.zeros(graph.n, np.int64)
+    start = np.asarray(offsets[:-1])
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
     seeds = splitmix(np.uint64(seed) + np.arange(1, len(start) + 1, dtype=np.uint64) * np.uint64(2**32))
     leaves: list[Int] = []
     while True:
         leaves.append(nodes[finished])
-        growth.write(start, finished, cells[order], offsets)
+        growth.write(start, finished, cells, order, offsets)
         if finished.all():
             return growth.tree(), frozen_int(np.concatenate(leaves))
         going = np.flatnonzero(~finished)
         with statistics.timed("split"):
-            take, sizes = _rows(offsets, going)
-            take = order[take]
+            rows, sizes = _rows(offsets, going)
+            take = order if len(rows) == len(order) else order[rows]
             starts = np.concatenate(([0], np.cumsum(sizes)))
-            source, cells = source.subgraph(take, starts, sides), cells[take]
+            source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
         sides = _split(source, crew, seeds, rule.target, statistics)
         with statistics.timed("test"):
@@ -113,6 +115,8 @@ def grow(
 def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
     """Positions of the chosen rows of a CSR, one after the other, and their lengths."""
     sizes = np.diff(offsets)[chosen]
+    if len(chosen) == len(offsets) - 1:
+        return np.arange(offsets[-1]), sizes
     first = np.cumsum(sizes) - sizes
     return np.arange(sizes.sum()) + np.repeat(offsets[chosen] - first, sizes), sizes
 

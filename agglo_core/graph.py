@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,9 @@ from scipy import sparse
 from agglo_core.arrays import Float, Index, Int, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh, check_labels
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 __all__ = ["Graph"]
 
@@ -233,17 +236,13 @@ class Graph:
             data={key: values[nodes] for key, values in self.data.items()},
         )
 
-    def subgraph(self, nodes: ArrayLike, offsets: ArrayLike, labels: ArrayLike | None = None) -> Graph:
-        """Graph of ``nodes`` in that order, as blocks ``offsets``.
-
-        Edges between different ``labels (n,)`` are dropped; without labels, edges that leave a block
-        must not exist.
-        """
+    def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Graph:
+        """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
         from agglo_core.kernels.graphs import permute_graph, take_rows
 
         order = frozen_int(nodes)
-        parts = frozen_int(np.zeros(self.n) if labels is None else labels)
-        indptr, indices, interface = permute_graph(self.indptr, self.indices, self.interface, parts, order)
+        blocks = frozen_int(offsets)
+        indptr, indices, interface = permute_graph(self.indptr, self.indices, self.interface, order, blocks)
         vertex_offsets, vertices = take_rows(self.vertex_offsets, self.vertices, order)
         measures = frozen_float(self.measures[order])
         return replace(
@@ -257,7 +256,7 @@ class Graph:
             weights=measures if self.weights is self.measures else self.weights[order],
             vertex_offsets=vertex_offsets,
             vertices=vertices,
-            offsets=frozen_int(offsets),
+            offsets=blocks,
             data={key: values[order] for key, values in self.data.items()},
         )
 
@@ -266,7 +265,7 @@ class Graph:
         array = frozen_int(labels)
         order = frozen_int(np.argsort(array, kind="stable"))
         offsets = np.concatenate(([0], np.cumsum(np.bincount(array))))
-        return self.subgraph(order, offsets, array), order
+        return self.subgraph(order, offsets), order
 
     def take(self, blocks: ArrayLike) -> Graph:
         """The chosen blocks, in that order."""
@@ -299,12 +298,48 @@ class Graph:
         from agglo_core.kernels.graphs import components
 
         parts = frozen_int(np.zeros(self.n) if labels is None else labels)
-        return frozen_int(components(self.indptr, self.indices, parts)[0])
+        if parts.shape != (self.n,) or parts.min() < 0:
+            raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
+        nodes, offsets = components(self.indptr, self.indices, parts)
+        component = np.empty(self.n, np.int64)
+        component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+        return frozen_int(component)
 
     def to_scipy(self) -> sparse.csr_array[Any, Any]:
         """Adjacency ``(n, n)`` weighted by interface measure."""
         shape = (self.n, self.n)
         return sparse.csr_array((self.interface, self.indices.astype(np.int64), self.indptr), shape=shape)
+
+    @classmethod
+    def from_networkx(
+        cls,
+        network: nx.Graph,
+        *,
+        centroid: str = "centroid",
+        interface: str = "interface",
+        measure: str = "measure",
+        weight: str = "weight",
+        boundary: str = "boundary",
+        data: Iterable[str] | None = None,
+    ) -> Graph:
+        """Graph of a networkx graph; see :func:`agglo_core.interchange.graph_from_networkx`."""
+        from agglo_core.interchange import graph_from_networkx
+
+        return graph_from_networkx(
+            network,
+            centroid=centroid,
+            interface=interface,
+            measure=measure,
+            weight=weight,
+            boundary=boundary,
+            data=data,
+        )
+
+    def to_networkx(self) -> nx.Graph:
+        """Graph of networkx with all of this one's attributes."""
+        from agglo_core.interchange import graph_to_networkx
+
+        return graph_to_networkx(self)
 
     def coarsen(self, labels: ArrayLike) -> Graph:
         """Quotient graph: one node per agglomerate, labels 0..k−1 without gaps.

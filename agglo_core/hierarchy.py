@@ -155,7 +155,8 @@ class Hierarchy:
         ValueError
             If the hierarchy is not nested and ``level > 0``.
         """
-        columns = self._level(0) if level == 0 else self.parents(level - 1)
+        labels = self._level(level)
+        columns = labels if level == 0 else self.parents(level - 1)
         rows = np.arange(len(columns))
         shape = (len(columns), self.parts[level])
         return sparse.csr_array((np.ones(len(columns)), (rows, columns)), shape=shape)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 
 if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
     from agglo_core.graph import Graph
+    from agglo_core.hierarchy import Hierarchy
 
 __all__ = ["Loops", "Mesh", "box_centre", "check_labels"]
 
@@ -156,6 +159,21 @@ class Mesh:
         from agglo_core.build3d import build_polyhedra
 
         return build_polyhedra(points, cells, cell_tags or {}, merge_points, name)
+
+    @classmethod
+    def from_shapely(
+        cls,
+        polygons: Iterable[Polygon | MultiPolygon],
+        *,
+        cell_tags: Mapping[str, ArrayLike] | None = None,
+        tolerance: float = 0.0,
+        strict: bool = False,
+        name: str = "",
+    ) -> Mesh:
+        """Mesh whose cell i is polygon i; see :func:`agglo_core.interchange.mesh_from_shapely`."""
+        from agglo_core.interchange import mesh_from_shapely
+
+        return mesh_from_shapely(polygons, cell_tags=cell_tags, tolerance=tolerance, strict=strict, name=name)
 
     # -- sizes ---------------------------------------------------------------------------------
     @property
@@ -364,6 +382,19 @@ class Mesh:
             face_tags={name: values[kept] for name, values in self.face_tags.items()},
             name=self.name,
         )
+
+    # -- interchange ---------------------------------------------------------------------------
+    def to_shapely(self) -> NDArray[np.object_]:
+        """Each cell as a valid Polygon or MultiPolygon ``(n_cells,)``, holes and pinches included."""
+        from agglo_core.interchange import mesh_to_shapely
+
+        return mesh_to_shapely(self)
+
+    def to_pyvista(self, hierarchy: Hierarchy | None = None) -> Any:
+        """``pyvista.UnstructuredGrid`` with tags, and labels of every level, as cell data."""
+        from agglo_core.interchange import to_pyvista
+
+        return to_pyvista(self, hierarchy)
 
     def check_labels(self, labels: ArrayLike) -> Int:
         """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""

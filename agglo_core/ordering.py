@@ -21,7 +21,7 @@ def curve_order(centroids: Float) -> Int:
     key = np.zeros(len(centroids), np.uint32)
     for k in range(d):
         key |= spread(steps[:, k]) << np.uint32(k)
-    return frozen_int(np.argsort(key, kind="stable"))
+    return frozen_int(np.argsort(key))
 
 
 def _spread2(x: NDArray[np.uint32]) -> NDArray[np.uint32]:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.crew import Crew, Member, Statistics
 from agglo_core.driver import recursive_levels
-from agglo_core.errors import FileError, OptionError
+from agglo_core.errors import AggloError, FileError, OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy, by_first_cell
 from agglo_core.kway import kway_levels
@@ -172,9 +172,18 @@ class Pipeline:
             post_refiners=[_member("refiner", choice)[0] for choice in self.post_refiners],
             fixer=_member("fixer", self.fixer)[0],
             finisher=bisector if bisects else _member("bisector", "inertial")[0],
-            fallback=_member("bisector", fallback)[0] if fallback else None,
+            fallback=_fallback(bisector, fallback),
             watch=default().level_done,
         )
+
+
+def _fallback(bisector: Member, name: str | None) -> Member | None:
+    if name is None:
+        return None
+    try:
+        return _member("bisector", name)[0]
+    except AggloError as error:
+        raise PluginError(f"{bisector.title} declares the fallback {name!r}: {error}") from error
 
 
 def _from_table(file: Path, key: str, value: Any) -> Choice:

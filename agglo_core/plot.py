@@ -17,9 +17,9 @@ from agglo_core.report import summary
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["colouring", "draw"]
+__all__ = ["PALETTE", "colouring", "draw", "save_figure"]
 
-_PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two more
+PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two more
     "#77AADD",
     "#EE8866",
     "#EEDD88",
@@ -85,7 +85,7 @@ def draw(mesh: Mesh, hierarchies: Mapping[str, Hierarchy], path: str | os.PathLi
             _draw_level(axis, mesh, labels, _title(line))
         for axis in row[1 + len(hierarchy.levels) :]:
             axis.set_axis_off()
-    _save(figure, Path(path))
+    save_figure(figure, Path(path))
 
 
 def colouring(mesh: Mesh, n_colours: int) -> Int:
@@ -123,7 +123,7 @@ def _draw_fine(axis: Any, mesh: Mesh, name: str) -> None:
 
 def _draw_level(axis: Any, mesh: Mesh, labels: Int, title: str) -> None:
     coarse = mesh.coarsen(labels)
-    _fill(axis, coarse, colouring(coarse, len(_PALETTE)), _PALETTE)
+    _fill(axis, coarse, colouring(coarse, len(PALETTE)), PALETTE)
     if mesh.n_cells <= _CROWDED:
         _edges(axis, mesh, _FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
     _edges(axis, coarse, _INK, _line_width(axis, coarse.n_cells, 1.1))
@@ -191,7 +191,14 @@ def _title(line: Mapping[str, Any]) -> str:
     return f"{parts}\nUF {line['UF']:.2f}   CR {line['CR']:.2f}"
 
 
-def _save(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a figure whole or not at all; the suffix chooses the format.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be written, or its suffix is unknown.
+    """
     from agglo_core.io.atomic import staging
 
     kind, kinds = path.suffix[1:].lower(), figure.canvas.get_supported_filetypes()

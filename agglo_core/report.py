@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int
-from agglo_core.errors import OptionError, PluginError
+from agglo_core.crew import Member, attributed
+from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.mesh import Mesh
+from agglo_core.plugins import describe
 from agglo_core.protocols import QualityMetric
 
 if TYPE_CHECKING:
@@ -87,22 +89,24 @@ def summary(mesh: Mesh, hierarchy: Hierarchy, registry: Registry | None = None) 
     return lines
 
 
-def _built(metrics: Iterable[Metric], registry: Registry | None) -> dict[str, QualityMetric]:
-    """Metric objects by name."""
+def _built(metrics: Iterable[Metric], registry: Registry | None) -> dict[str, Member]:
+    """Metric objects, and how errors call them, by name."""
     if isinstance(metrics, str):
         raise OptionError(f"metrics must be a list or tuple of names, not the text {metrics!r}")
-    built: dict[str, QualityMetric] = {}
+    built: dict[str, Member] = {}
     for metric in metrics:
         name, options = metric if isinstance(metric, tuple) else (metric, {})
         if isinstance(name, str):
             component = _registry(registry).build("metric", name, **options)
+            title = describe(_registry(registry).record("metric", name))
         else:
             component, name = name, type(name).__name__
+            title = f"metric {name!r}"
         if name in built:
             raise OptionError(f"metric {name!r} is given twice")
         if not callable(getattr(component, "measure", None)):
             raise OptionError(f"{component!r:.60} is no metric: it has no method measure(mesh, labels)")
-        built[name] = component
+        built[name] = Member(component, title)
     return built
 
 
@@ -112,18 +116,17 @@ def _registry(registry: Registry | None) -> Registry:
     return default() if registry is None else registry
 
 
-def _measured(
-    mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, QualityMetric]
-) -> dict[str, Float]:
+def _measured(mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member]) -> dict[str, Float]:
     """Values by name; metrics of the shape alone share the coarse mesh and what it caches."""
     own = np.arange(coarse.n_cells)
     values = {}
     for name, metric in metrics.items():
-        given = (coarse, own) if getattr(metric, "shape_only", False) else (mesh, labels)
-        result = np.asarray(metric.measure(*given), dtype=float)
+        given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
+        with attributed(metric, spare=MeshError):  # a metric may refuse a mesh, such as one in 3-D
+            result = np.asarray(metric.tool.measure(*given), dtype=float)
         if result.shape != (coarse.n_cells,):
             raise PluginError(
-                f"metric {name!r} ({type(metric).__module__}) returned shape {result.shape}; "
+                f"{metric.title} returned shape {result.shape}; "
                 f"expected ({coarse.n_cells},), one value per agglomerate"
             )
         values[name] = result

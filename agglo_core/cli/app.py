@@ -11,7 +11,10 @@ from typing import NoReturn
 import click
 
 import agglo_core
+from agglo_core.cli.check import check
+from agglo_core.cli.compare import compare
 from agglo_core.cli.console import notices
+from agglo_core.cli.demo import demo
 from agglo_core.cli.generate import mesh
 from agglo_core.cli.listing import plugins
 from agglo_core.cli.measure import quality
@@ -54,7 +57,13 @@ def _stand_in(name: str, record: Record) -> click.Command:
             raise PluginError(f"{describe(record)}: its target is {real!r:.60}, expected a click command")
         context = click.get_current_context()
         with real.make_context(name, list(arguments), parent=context.parent) as inner:
-            return real.invoke(inner)
+            try:
+                return real.invoke(inner)
+            except (AggloError, click.ClickException, click.exceptions.Exit, click.Abort):
+                raise
+            except Exception as error:  # a stranger's bug: say whose, and keep its traceback
+                error.add_note(f"raised by {describe(record)}")
+                raise
 
     summary = record.command.summary if record.command else ""
     return click.Command(
@@ -87,7 +96,7 @@ def app(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for _command in (run, quality, mesh, plugins):
+for _command in (demo, run, compare, quality, mesh, plugins, check):
     app.add_command(_command)
 
 

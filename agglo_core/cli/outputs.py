@@ -1,4 +1,4 @@
-"""The files ``agglo run`` leaves: checked before anything is computed, written when all is done."""
+"""The files the commands leave: checked before anything is computed, written when all is done."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ import click
 from agglo_core.errors import FileError, OptionError
 
 if TYPE_CHECKING:
-    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.comparison import Run
     from agglo_core.mesh import Mesh
 
-__all__ = ["check_outputs", "write_outputs"]
+__all__ = ["check_outputs", "check_report", "refuse_solids", "write_outputs"]
 
 _PICTURES = (".png", ".pdf", ".svg")
 
 
-def check_outputs(output: Path | None, plot: Path | None, bisectors: Sequence[str]) -> list[Path]:
+def check_outputs(
+    output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
+) -> list[Path]:
     """The mesh file of each run, all known to be writable as far as can be seen.
 
     Raises
@@ -33,6 +35,8 @@ def check_outputs(output: Path | None, plot: Path | None, bisectors: Sequence[st
     """
     if plot is not None:
         _check_picture(plot)
+    if report is not None:
+        check_report(report)
     if output is None:
         return []
     from agglo_core.io import check_writable
@@ -41,6 +45,22 @@ def check_outputs(output: Path | None, plot: Path | None, bisectors: Sequence[st
     for file in files:
         check_writable(file)
     return files
+
+
+def check_report(report: Path) -> None:
+    """Raise FileError unless a report can be written there, as far as can be seen."""
+    from agglo_core.webpage import check_page
+
+    check_page(report)
+
+
+def refuse_solids(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
+    """Raise OptionError if a picture of a 3-D mesh is wanted; ``wanted`` is by option."""
+    flags = [flag for flag, path in wanted.items() if path is not None]
+    if flags and mesh.dim != 2:
+        name = mesh.name or source
+        verb = "draws" if len(flags) == 1 else "draw"
+        raise OptionError(f"{' and '.join(flags)} {verb} plane meshes; {name} is {mesh.dim}-dimensional")
 
 
 def _check_picture(plot: Path) -> None:
@@ -63,19 +83,25 @@ def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
 
 
 def write_outputs(
-    mesh: Mesh, hierarchies: Mapping[str, Hierarchy], files: Sequence[Path], plot: Path | None
+    mesh: Mesh, runs: Sequence[Run], files: Sequence[Path], plot: Path | None, report: Path | None
 ) -> list[Path]:
     """Write what was asked for and return the paths; a failed picture leaves no mesh file behind."""
     written = []
+    done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
     if plot is not None:
         from agglo_core.plot import draw
 
-        draw(mesh, hierarchies, plot)
+        draw(mesh, done, plot)
         written.append(plot)
+    if report is not None:
+        from agglo_core.webpage import write_page
+
+        write_page(report, mesh, runs)
+        written.append(report)
     if files:
         from agglo_core.io import write
 
-        for file, hierarchy in zip(files, hierarchies.values(), strict=True):
+        for file, hierarchy in zip(files, done.values(), strict=True):
             write(file, mesh, hierarchy)
             written.append(file)
     return written

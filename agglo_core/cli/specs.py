@@ -9,7 +9,7 @@ import click
 
 from agglo_core.errors import OptionError
 
-__all__ = ["Value", "numbers", "parse_spec", "parse_value"]
+__all__ = ["Value", "numbers", "parse_spec", "parse_value", "split_specs"]
 
 Value = int | float | bool | str | None
 
@@ -48,6 +48,21 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
             raise OptionError(f"{text!r} gives {option!r} twice")
         options[option] = parse_value(value)
     return name.strip(), options
+
+
+def split_specs(text: str) -> list[str]:
+    """Split ``"kmeans,metis:ufactor=30,contig=true,spectral"`` into its three components.
+
+    An item ``option=value`` belongs to the component before it.
+    """
+    specs: list[str] = []
+    for item in text.split(","):
+        continues = "=" in item.partition(":")[0]
+        if continues and specs:
+            specs[-1] += f",{item}"
+        else:
+            specs.append(item.strip())
+    return specs
 
 
 def numbers(

@@ -28,7 +28,7 @@ _SHAPES = {
 @hookimpl
 def agglo_components() -> list[Component]:
     """Refiner, fixer, metrics and geometric bisectors."""
-    geometric = {"deterministic": True, "3d": True, "pickles": True}
+    geometric = {"deterministic": True, "balanced": True, "3d": True, "pickles": True}
     return [
         Component(
             kind="refiner",
@@ -41,7 +41,7 @@ def agglo_components() -> list[Component]:
             kind="fixer",
             name="connectivity",
             target="agglo_core.defaults.fixers:ConnectivityFixer",
-            promises={"deterministic": True, "3d": True, "pickles": True},
+            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
             summary="Loose components join the neighbour they share most interface with.",
         ),
         Component(

@@ -30,9 +30,9 @@ class ConnectivityFixer:
 
         stride = int(labels.max()) + 1
         parts = frozen_int(graph.block_ids * stride + labels)
-        component, nodes, offsets = components(graph.indptr, graph.indices, parts)
+        nodes, offsets = components(graph.indptr, graph.indices, parts)
         part_of = parts[nodes[offsets[:-1]]]
-        size = np.bincount(component, weights=graph.measures)
+        size = np.add.reduceat(graph.measures[nodes], offsets[:-1])
         order = np.lexsort((np.arange(len(size)), -size, part_of))
         largest = np.concatenate(([True], np.diff(part_of[order]) != 0))
         loose = np.sort(order[~largest])
@@ -40,11 +40,13 @@ class ConnectivityFixer:
             return frozen_int(labels)
         settled = np.ones(len(size), bool)
         settled[loose] = False
+        kept = np.empty(graph.n, np.int64)
+        kept[nodes] = np.where(np.repeat(settled, np.diff(offsets)), parts[nodes], -1)
         fixed = absorb(
             graph.indptr,
             graph.indices,
             graph.interface,
-            frozen_int(np.where(settled[component], parts, -1)),
+            frozen_int(kept),
             frozen_int(nodes),
             frozen_int(offsets),
             frozen_int(loose),

@@ -71,7 +71,8 @@ class StarShapedness:
         coarse = plane_agglomerates(mesh, labels, "star_shapedness")
         hulls = _hulls(coarse)[1:]
         areas = kernel_areas(coarse.local_points, *coarse.boundary_loops, *hulls)
-        return np.minimum(areas / coarse.cell_measures, 1.0)  # by rounding it may exceed 1
+        shares: Float = np.clip(areas / coarse.cell_measures, 0.0, 1.0)  # rounding may lead beyond
+        return shares
 
 
 class BoxRatio:
@@ -92,7 +93,8 @@ class BoxRatio:
         from agglo_core.kernels.shapes import box_ratios
 
         coarse = plane_agglomerates(mesh, labels, "box_ratio")
-        return np.minimum(box_ratios(coarse.local_points, *_hulls(coarse)[1:]), 1.0)
+        ratios: Float = np.minimum(box_ratios(coarse.local_points, *_hulls(coarse)[1:]), 1.0)
+        return ratios
 
 
 class EdgeRatio:
@@ -111,7 +113,7 @@ class EdgeRatio:
         """Edge ratio ``(k,)``. 2-D only."""
         coarse = plane_agglomerates(mesh, labels, "edge_ratio")
         points, corners = coarse.local_points, _corners(coarse)
-        lengths = np.linalg.norm(_edges(points, corners), axis=1)
+        lengths = np.hypot(*_edges(points, corners))
         starts = corners.loop_offsets[corners.cell_offsets[:-1]]
         shortest, longest = np.minimum.reduceat(lengths, starts), np.maximum.reduceat(lengths, starts)
         ratios: Float = shortest / longest
@@ -126,22 +128,21 @@ def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
     return frozen_float(areas), frozen_int(offsets), frozen_int(vertices)
 
 
-def _edges(points: Float, loops: Loops) -> Float:
-    """Vectors from each vertex of the loops to the next ``(n, 2)``."""
+def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
+    """Components of the vectors from each vertex of the loops to the next, ``(n,)`` each."""
     following = np.append(loops.vertices[1:], 0)
     following[loops.loop_offsets[1:] - 1] = loops.vertices[loops.loop_offsets[:-1]]
-    edges: Float = points[following] - points[loops.vertices]
-    return edges
+    x, y = points.T
+    return x[following] - x[loops.vertices], y[following] - y[loops.vertices]
 
 
 def _corners(mesh: Mesh) -> Loops:
     """Boundary loops without the vertices where they go straight on."""
     loops = mesh.boundary_loops
-    ahead = _edges(mesh.local_points, loops)
-    behind = np.roll(ahead, 1, axis=0)
-    behind[loops.loop_offsets[:-1]] = ahead[loops.loop_offsets[1:] - 1]
-    cross = behind[:, 0] * ahead[:, 1] - behind[:, 1] * ahead[:, 0]
-    dot = (behind * ahead).sum(axis=1)
+    x, y = _edges(mesh.local_points, loops)
+    before = np.arange(-1, len(x) - 1)
+    before[loops.loop_offsets[:-1]] = loops.loop_offsets[1:] - 1
+    cross, dot = x[before] * y - y[before] * x, x[before] * x + y[before] * y
     corner = np.abs(cross) > _STRAIGHT * dot
     kept = np.append(0, np.cumsum(corner))
     return Loops(loops.cell_offsets, kept[loops.loop_offsets], loops.vertices[corner])

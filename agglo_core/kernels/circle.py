@@ -19,12 +19,13 @@ _BUDGET = 5000  # squares per agglomerate; only needles thinner than 1/200 come 
 
 @kernel
 def _gather(points, start, stop, faces, face_vertices, x0, y0, edges):
-    """Copy the edges ab of one agglomerate, relative to (x0, y0), as rows (ax, ay, ux, uy, 1/|u|², by).
+    """Copy the edges ab of one agglomerate, relative to (x0, y0): rows ax, ay, ux, uy, 1/|u|², by; 1 free.
 
-    The end ``by`` stands beside u = b − a because the even-odd rule needs it without rounding.
+    The end ``by`` stands beside u = b − a because the even-odd rule needs it without rounding. Edges are
+    columns, so that loops over them run in vector registers.
     """
-    if len(edges) < stop - start:
-        edges = np.empty((2 * (stop - start), 6))
+    if edges.shape[1] < stop - start:
+        edges = np.empty((7, 2 * (stop - start)))
     m = 0
     for h in range(start, stop):
         p, q = face_vertices[faces[h], 0], face_vertices[faces[h], 1]
@@ -32,53 +33,63 @@ def _gather(points, start, stop, faces, face_vertices, x0, y0, edges):
         bx, by = points[q, 0] - x0, points[q, 1] - y0
         square = (bx - ax) ** 2 + (by - ay) ** 2
         if square > 0.0:
-            edges[m, 0], edges[m, 1], edges[m, 2], edges[m, 3] = ax, ay, bx - ax, by - ay
-            edges[m, 4], edges[m, 5] = 1.0 / square, by
+            edges[0, m], edges[1, m], edges[2, m], edges[3, m] = ax, ay, bx - ax, by - ay
+            edges[4, m], edges[5, m] = 1.0 / square, by
             m += 1
     return edges, m
 
 
 @kernel
-def _distance(edges, m, x, y):
-    """Distance from (x, y) to the boundary, negative outside, and the nearest boundary point."""
-    best, qx, qy, inside = np.inf, 0.0, 0.0, False
-    for i in range(m):
-        wx, wy = x - edges[i, 0], y - edges[i, 1]
-        ux, uy = edges[i, 2], edges[i, 3]
-        if (edges[i, 1] > y) != (edges[i, 5] > y) and (wx * uy < wy * ux) == (uy > 0.0):
-            inside = not inside
-        t = min(max((wx * ux + wy * uy) * edges[i, 4], 0.0), 1.0)
-        dx, dy = wx - t * ux, wy - t * uy
-        square = dx * dx + dy * dy
-        if square < best:
-            best, qx, qy = square, x - dx, y - dy
-    best = np.sqrt(best)
-    return (best if inside else -best), qx, qy
+def _offset(edges, i, x, y):
+    """Vector to (x, y) from the nearest point of edge i."""
+    wx, wy = x - edges[0, i], y - edges[1, i]
+    t = min(max((wx * edges[2, i] + wy * edges[3, i]) * edges[4, i], 0.0), 1.0)
+    return wx - t * edges[2, i], wy - t * edges[3, i]
 
 
 @kernel
-def _polished(edges, m, x, y, radius):
-    """Radius after a few Newton steps towards the circle that touches three edges.
+def _distance(edges, m, x, y):
+    """Distance from (x, y) to the boundary, negative outside, and the nearest boundary point."""
+    ay, ux, uy, by, squares = edges[1], edges[2], edges[3], edges[5], edges[6]
+    crossings = 0
+    for i in range(m):  # without branches
+        wx, wy = x - edges[0, i], y - ay[i]
+        crosses = ((ay[i] > y) != (by[i] > y)) & ((wx * uy[i] < wy * ux[i]) == (uy[i] > 0.0))
+        crossings += 1 if crosses else 0
+        dx, dy = _offset(edges, i, x, y)
+        squares[i] = dx * dx + dy * dy
+    nearest = 0
+    for i in range(m):
+        if squares[i] < squares[nearest]:
+            nearest = i
+    dx, dy = _offset(edges, nearest, x, y)
+    best = np.sqrt(squares[nearest])
+    return (best if crossings & 1 else -best), x - dx, y - dy
+
+
+@kernel
+def _polished(edges, m, x, y, radius, trio, weight):
+    """Centre and radius after a few Newton steps towards the circle that touches three edges.
 
     With distances linearised at (x, y) the best step is a linear program; by duality its value is the
-    least Σ λ_i d_i over contacts whose gradients satisfy Σ λ_i g_i = 0, λ >= 0, Σ λ = 1.
+    least Σ λ_i d_i over contacts whose gradients satisfy Σ λ_i g_i = 0, λ >= 0, Σ λ = 1. The last three
+    contacts and their λ are left in ``trio`` and ``weight``.
     """
     d, gx, gy = np.empty(_NEAREST + 1), np.empty(_NEAREST + 1), np.empty(_NEAREST + 1)
-    for _ in range(4):
+    edge = np.empty(_NEAREST + 1, np.int64)
+    for _ in range(3):
         n = 0
         for i in range(m):  # the nearest contacts, by insertion
-            wx, wy = x - edges[i, 0], y - edges[i, 1]
-            t = min(max((wx * edges[i, 2] + wy * edges[i, 3]) * edges[i, 4], 0.0), 1.0)
-            dx, dy = wx - t * edges[i, 2], wy - t * edges[i, 3]
+            dx, dy = _offset(edges, i, x, y)
             length = np.sqrt(dx * dx + dy * dy)
             if length == 0.0:
-                return radius
+                return x, y, radius
             j = n
             while j > 0 and d[j - 1] > length:
-                d[j], gx[j], gy[j] = d[j - 1], gx[j - 1], gy[j - 1]
+                d[j], gx[j], gy[j], edge[j] = d[j - 1], gx[j - 1], gy[j - 1], edge[j - 1]
                 j -= 1
             if j < _NEAREST:
-                d[j], gx[j], gy[j] = length, dx / length, dy / length
+                d[j], gx[j], gy[j], edge[j] = length, dx / length, dy / length, i
                 n = min(n + 1, _NEAREST)
         least, sx, sy = np.inf, 0.0, 0.0
         for i in range(n):
@@ -93,15 +104,31 @@ def _polished(edges, m, x, y, radius):
                     value = (first * d[i] + second * d[j] + third * d[k]) / total
                     if value < least:
                         least = value
+                        trio[0], trio[1], trio[2] = edge[i], edge[j], edge[k]
+                        weight[0], weight[1], weight[2] = first / total, second / total, third / total
                         sx = ((value - d[i]) * gy[j] - (value - d[j]) * gy[i]) / third
                         sy = ((value - d[j]) * gx[i] - (value - d[i]) * gx[j]) / third
         if least == np.inf:
-            return radius
+            return x, y, radius
         better = _distance(edges, m, x + sx, y + sy)[0]
         if better <= radius:
-            return radius
+            return x, y, radius
         x, y, radius = x + sx, y + sy, better
-    return radius
+    return x, y, radius
+
+
+@kernel
+def _ceiling(edges, trio, weight, x, y, s):
+    """Largest weighted average of the distances to three edges over a square: no circle there is larger."""
+    highest = 0.0
+    for corner in range(4):  # the average is convex: largest at a corner
+        cx, cy = x + (s if corner & 1 else -s), y + (s if corner & 2 else -s)
+        average = 0.0
+        for n in range(3):
+            dx, dy = _offset(edges, trio[n], cx, cy)
+            average += weight[n] * np.sqrt(dx * dx + dy * dy)
+        highest = max(highest, average)
+    return highest
 
 
 @kernel
@@ -148,9 +175,9 @@ def _bounding_square(edges, m):
     """Centre and half side of a square around the edges."""
     x_low, x_high, y_low, y_high = np.inf, -np.inf, np.inf, -np.inf
     for i in range(m):
-        x, y = edges[i, 0], edges[i, 1]
-        x_low, x_high = min(x_low, x, x + edges[i, 2]), max(x_high, x, x + edges[i, 2])
-        y_low, y_high = min(y_low, y, y + edges[i, 3]), max(y_high, y, y + edges[i, 3])
+        x, y = edges[0, i], edges[1, i]
+        x_low, x_high = min(x_low, x, x + edges[2, i]), max(x_high, x, x + edges[2, i])
+        y_low, y_high = min(y_low, y, y + edges[3, i]), max(y_high, y, y + edges[3, i])
     return 0.5 * (x_low + x_high), 0.5 * (y_low + y_high), 0.5 * max(x_high - x_low, y_high - y_low)
 
 
@@ -158,8 +185,9 @@ def _bounding_square(edges, m):
 def _largest(edges, m, diameter, best, heap):
     """Radius of the largest circle, at least ``best`` (that about the origin); and the heap to reuse."""
     best_x, best_y = 0.0, 0.0
+    trio, weight = np.zeros(3, np.int64), np.zeros(3)
     x0, y0, s = _bounding_square(edges, m)
-    parts, size, opened = 1, 0, 0
+    parts, size, opened, polish, polished = 1, 0, 0, 4, 0.0
     while opened < _BUDGET:
         slack = min(1e-4 * diameter, max(1e-3 * best, 1e-5 * diameter))
         for part in range(parts):
@@ -171,6 +199,8 @@ def _largest(edges, m, diameter, best, heap):
             if d > best:
                 best, best_x, best_y = d, x, y
             bound = d + s * _SQRT2
+            if weight[0] > 0.0 and bound > best + slack:
+                bound = min(bound, _ceiling(edges, trio, weight, x, y, s))
             if d > 0.0 and bound > best + slack:
                 _, px, py = _distance(edges, m, 2.0 * x - qx, 2.0 * y - qy)
                 mx, my = 0.5 * (qx + px), 0.5 * (qy + py)
@@ -191,7 +221,14 @@ def _largest(edges, m, diameter, best, heap):
         size -= 1
         parts = 4
         opened += 1
-    return _polished(edges, m, best_x, best_y, best), heap
+        if opened == polish:
+            polish *= 2
+            if best > polished:
+                best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight)
+                polished = best
+    if best > polished:
+        best = _polished(edges, m, best_x, best_y, best, trio, weight)[2]
+    return best, heap
 
 
 @kernel
@@ -205,9 +242,13 @@ def circles(points, offsets, faces, face_vertices, centroids, diameters, anywher
     d + s√2; nor, with m the middle of q1 and any other boundary point q2, √(r² + |q1 − q2|²/4) where
     r = |c − m| + s√2. Taking q2 nearest to the mirror image of q1 in c, the second bound settles long
     strips, where the first would open every square along the axis.
+
+    A third bound comes from three edges and weights λ (λ >= 0, Σ λ = 1): no radius in the square exceeds
+    the largest Σ λ_i d_i there. With those of a polished circle it is exact at the circle's centre and
+    O(s²) above nearby, so that squares around the largest circle settle early.
     """
     radius = np.zeros(len(offsets) - 1)
-    edges = np.empty((64, 6))
+    edges = np.empty((7, 64))
     heap = np.empty((256, 4))  # bound, x, y, half side
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]

@@ -106,8 +106,8 @@ def match_half_edges(offsets, vertices, n_points):
     """Pair the directed edges of counter-clockwise cells into faces.
 
     Returns face vertices (F, 2), face cells (F, 2), the pairs of cells (D, 2) that walk an edge the
-    same way (they overlap; each keeps a face of its own) and the first face with a third cell as
-    (face, cell), else −1. An edge that one cell walks both ways is a bridge: it is dropped.
+    same way (they overlap; each keeps a face of its own) and the first edge met by a third cell as
+    (a, b, its three cells), else −1. An edge that one cell walks both ways is a bridge: it is dropped.
     """
     n_half = len(vertices)
     head = np.full(n_points, -1, np.int64)
@@ -125,8 +125,10 @@ def match_half_edges(offsets, vertices, n_points):
             f, partner, rival = head[low], -1, -1
             while f >= 0:
                 if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
-                    if face_cells[f, 1] >= 0 or rival >= 0 or partner >= 0:
-                        return face_vertices, face_cells, double[:0], (f, c)
+                    other = max(partner, rival)
+                    second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
+                    if second >= 0:
+                        return face_vertices, face_cells, double, (a, b, face_cells[f, 0], second, c)
                     if face_vertices[f, 0] == b:
                         partner = f
                     else:
@@ -150,7 +152,12 @@ def match_half_edges(offsets, vertices, n_points):
                 face_vertices[kept, s] = face_vertices[f, s]
                 face_cells[kept, s] = face_cells[f, s]
             kept += 1
-    return face_vertices[:kept].copy(), face_cells[:kept].copy(), double[:n_double].copy(), (-1, -1)
+    return (
+        face_vertices[:kept].copy(),
+        face_cells[:kept].copy(),
+        double[:n_double].copy(),
+        (-1, -1, -1, -1, -1),
+    )
 
 
 @kernel

@@ -64,33 +64,43 @@ def _best_move(indptr, indices, interface, parts, i, pairs):
 
 
 @kernel
-def _keeps_whole(indptr, indices, parts, i, mark, stamp, queue):
-    """Whether the neighbours of cell i in its part stay joined near it once it has left."""
-    wanted = 0
+def _keeps_whole(indptr, indices, parts, i, mark, stamp, queue, source, root):
+    """Whether the neighbours of cell i in its part stay joined near it once it has left.
+
+    Complete rings of cells are grown around all of them at once until they meet; the search ends
+    between rings, so that its outcome does not depend on the order of the neighbours.
+    """
+    filled, done = 0, 0
     for h in range(indptr[i], indptr[i + 1]):
-        if parts[indices[h]] == parts[i]:
-            wanted += 1
-            queue[0] = indices[h]
-    if wanted < 2:
-        return True
-    mark[i] = stamp
-    mark[queue[0]] = stamp
-    done, filled = 0, 1
-    while done < filled:
-        node = queue[done]
-        done += 1
-        for h in range(indptr[i], indptr[i + 1]):
-            if indices[h] == node:
-                wanted -= 1
-        if wanted == 0:
-            return True
-        for h in range(indptr[node], indptr[node + 1]):
-            j = indices[h]
-            if filled < _REACH and mark[j] != stamp and parts[j] == parts[i]:
-                mark[j] = stamp
-                queue[filled] = j
-                filled += 1
-    return False
+        j = indices[h]
+        if parts[j] == parts[i]:
+            mark[j], source[j] = stamp, filled
+            queue[filled], root[filled] = j, filled
+            filled += 1
+    apart = filled - 1
+    while apart > 0 and done < filled <= _REACH:
+        ring = filled
+        while apart > 0 and done < ring:
+            node = queue[done]
+            done += 1
+            for h in range(indptr[node], indptr[node + 1]):
+                j = indices[h]
+                if parts[j] != parts[i] or j == i:
+                    continue
+                if mark[j] != stamp:
+                    mark[j], source[j] = stamp, source[node]
+                    queue[filled] = j
+                    filled += 1
+                    continue
+                one, other = source[node], source[j]
+                while root[one] != one:
+                    one = root[one]
+                while root[other] != other:
+                    other = root[other]
+                if one != other:
+                    root[one] = other
+                    apart -= 1
+    return apart <= 0
 
 
 @kernel
@@ -121,13 +131,26 @@ def _sort_by_key(items, keys, m):
 
 @kernel
 def _leave(
-    indptr, indices, measures, parts, part_measures, part_cells, floors, i, target, mark, stamp, queue
+    indptr,
+    indices,
+    measures,
+    parts,
+    part_measures,
+    part_cells,
+    floors,
+    i,
+    target,
+    mark,
+    stamp,
+    queue,
+    source,
+    root,
 ):
     """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
     own = parts[i]
     if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
         return False
-    if not _keeps_whole(indptr, indices, parts, i, mark, stamp, queue):
+    if not _keeps_whole(indptr, indices, parts, i, mark, stamp, queue, source, root):
         return False
     parts[i] = target
     part_measures[own] -= measures[i]
@@ -143,9 +166,11 @@ def _part_sums(start, stop, centroids, measures, parts, part_measures, part_cell
     present = 0
     for i in range(start, stop):
         present = max(present, parts[i] + 1)
-    part_measures[:present] = 0.0
-    part_cells[:present] = 0
-    moments[:present] = 0.0
+    for p in range(present):  # loops compile faster than slices
+        part_measures[p] = 0.0
+        part_cells[p] = 0
+        for k in range(centroids.shape[1]):
+            moments[p, k] = 0.0
     for i in range(start, stop):
         p = parts[i]
         part_measures[p] += measures[i]
@@ -159,7 +184,8 @@ def _part_sums(start, stop, centroids, measures, parts, part_measures, part_cell
 def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
     """Direction from the block's centroid to its smallest part's, and the least measure of each part."""
     small, total = -1, 0.0
-    axis[:] = 0.0
+    for k in range(len(axis)):
+        axis[k] = 0.0
     for p in range(present):
         if part_measures[p] > 0.0 and (small < 0 or part_measures[p] < part_measures[small]):
             small = p
@@ -192,7 +218,7 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     listed, seen = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
     boundary = np.empty(n, np.int64)
     mark = np.full(n, -1, np.int64)
-    queue = np.empty(_REACH, np.int64)
+    queue, source, root = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     now, later = np.empty(n, np.int64), np.empty(n, np.int64)
     stamp, sweep = 0, 0
     for b in range(len(offsets) - 1):
@@ -240,6 +266,8 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
                     mark,
                     stamp,
                     queue,
+                    source,
+                    root,
                 ):
                     continue
                 if partner >= 0 and not _leave(
@@ -255,6 +283,8 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
                     mark,
                     stamp + 1,
                     queue,
+                    source,
+                    root,
                 ):
                     parts[i] = own
                     part_measures[own] += measures[i]
@@ -279,7 +309,8 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
                 pairs = False
             elif candidates == 0 and not paired:
                 pairs, paired, candidates = True, True, edge
-                later[:edge] = boundary[:edge]
+                for c in range(edge):
+                    later[c] = boundary[c]
             if candidates == 0:
                 break
     return parts

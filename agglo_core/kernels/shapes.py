@@ -73,6 +73,16 @@ def convex_hulls(points, offsets, vertices):
 
 
 @kernel
+def _furthest(points, hull, start, m, at, ux, uy):
+    """Place, from ``at`` on, of the vertex where the hull stops advancing along (ux, uy)."""
+    while True:
+        p, q = hull[start + at % m], hull[start + (at + 1) % m]
+        if ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]) <= 0.0:
+            return at
+        at += 1
+
+
+@kernel
 def box_ratios(points, offsets, hull):
     """Short side over long side of the narrowest rectangle around each hull (rotating calipers).
 
@@ -81,31 +91,18 @@ def box_ratios(points, offsets, hull):
     ratio = np.empty(len(offsets) - 1)
     for c in range(len(ratio)):
         start, m = offsets[c], offsets[c + 1] - offsets[c]
-        right, far, left = 1, 1, 1  # last vertex along the edge, farthest from it, first along it
+        right, far, left = 1, 1, 1
         width, best = np.inf, 0.0
         for i in range(m):
             a, b = hull[start + i], hull[start + (i + 1) % m]
             ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-            right = max(right, i + 1)
-            for turn in range(3):
-                at = right if turn == 0 else (max(far, right) if turn == 1 else max(left, far))
-                while True:
-                    p, q = hull[start + at % m], hull[start + (at + 1) % m]
-                    dx, dy = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1]
-                    along, away = ux * dx + uy * dy, ux * dy - uy * dx
-                    if (along if turn == 0 else (away if turn == 1 else -along)) <= 0.0:
-                        break
-                    at += 1
-                if turn == 0:
-                    right = at
-                elif turn == 1:
-                    far = at
-                else:
-                    left = at
+            right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
+            far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
+            left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
             p, q = hull[start + left % m], hull[start + right % m]
             height = _turn(points, a, b, hull[start + far % m])
-            length = ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1])
-            narrow, value = height / np.sqrt(ux * ux + uy * uy), height / length
+            value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
+            narrow = height / np.sqrt(ux * ux + uy * uy)
             if narrow < width * (1.0 - _TIE) or (narrow <= width * (1.0 + _TIE) and value > best):
                 best = value
                 width = min(width, narrow)

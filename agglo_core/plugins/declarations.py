@@ -31,7 +31,7 @@ PROMISES: Final = (
     "pickles",
     "symmetric",
 )
-CORE_COMMANDS: Final = ("run", "quality", "mesh", "plugins")
+CORE_COMMANDS: Final = ("demo", "run", "compare", "quality", "mesh", "plugins", "check")
 """Names of agglo's own commands, which no plugin can take."""
 
 hookspec = pluggy.HookspecMarker("agglo")
@@ -94,7 +94,7 @@ class Hooks:
 
     @hookspec
     def agglo_level_done(self, info: Mapping[str, Any]) -> None:
-        """Follow a run: called after each recursion level with ``depth``, ``bisected``, ``pieces``."""
+        """Follow a run: called after each recursion level with ``depth``, ``pieces``, ``cells``."""
 
 
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")

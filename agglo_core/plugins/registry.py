@@ -9,6 +9,7 @@ import sys
 import traceback
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -176,12 +177,14 @@ class Registry:
             self._add(origin, None, [], "the entry_points.txt of its distribution is malformed")
             return
         try:
-            plugin = point.load()
+            with redirect_stdout(sys.stderr):  # what a plugin prints must not spoil our output
+                plugin = point.load()
         except PLUGIN_FAILURES as error:
             trace.get("failed")(traceback.format_exc())
             self._add(origin, None, [], f"importing {point.value!r} raised {raised(error)}")
             return
-        declared, problem = attach(self._manager, plugin, f"{found.name} ({found.distribution})")
+        with redirect_stdout(sys.stderr):
+            declared, problem = attach(self._manager, plugin, f"{found.name} ({found.distribution})")
         self._add(origin, plugin, declared, problem)
 
     def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:

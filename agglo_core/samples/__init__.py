@@ -16,6 +16,7 @@ from types import MappingProxyType
 
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
+from agglo_core.samples.brain import brain, brain_holes
 from agglo_core.samples.clouds import random_triangles, voronoi
 from agglo_core.samples.grids import disconnected, hexagons, ring, squares, strip, triangles
 from agglo_core.samples.paper_grids import paper
@@ -23,6 +24,8 @@ from agglo_core.samples.solids import boxes, tetrahedra
 
 __all__ = [
     "boxes",
+    "brain",
+    "brain_holes",
     "disconnected",
     "from_spec",
     "hexagons",
@@ -52,6 +55,8 @@ _SAMPLES: MappingProxyType[str, Callable[..., Mesh]] = MappingProxyType(
             boxes,
             tetrahedra,
             paper,
+            brain,
+            brain_holes,
         )
     }
 )
@@ -82,7 +87,7 @@ def from_spec(spec: str) -> Mesh:
     options: dict[str, object] = {}
     for position, item in enumerate(part.strip() for part in rest.split(",") if part.strip()):
         key, equals, text = (each.strip() for each in item.partition("="))
-        if not equals and position == 0:
+        if not equals and position == 0 and parameters:
             key, text = next(iter(parameters)), key
         if key not in parameters or key in options or not text:
             raise OptionError(f"cannot use {item!r} in sample {spec!r}; {_usage(sample)}")
@@ -101,4 +106,4 @@ def from_spec(spec: str) -> Mesh:
 def _usage(sample: Callable[..., Mesh]) -> str:
     parameters = inspect.signature(sample).parameters.values()
     options = [p.name if p.default is p.empty else f"{p.name} (default {p.default})" for p in parameters]
-    return f"{sample.__name__} takes {', '.join(options)}"
+    return f"{sample.__name__} takes {', '.join(options) or 'no options'}"

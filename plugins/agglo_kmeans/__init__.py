@@ -27,7 +27,7 @@ def agglo_components() -> list[Component]:
             name="kmeans_sklearn",
             target="agglo_kmeans.sklearn_kmeans:SklearnKMeans",
             requires=("sklearn",),
-            promises={"deterministic": True, "3d": True, "pickles": True},
+            promises={"3d": True, "pickles": True},
             summary="The paper's: scikit-learn 2-means, k-means++ and 10 restarts.",
         ),
     ]

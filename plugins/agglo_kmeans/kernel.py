@@ -102,7 +102,8 @@ def two_means(offsets, centroids, weights, given_axes):
             total += w[i]
         if not total > 0.0:
             total = float(n)
-            w[:n] = 1.0
+            for i in range(n):
+                w[i] = 1.0
         for i in range(n):
             cx += w[i] * (centroids[start + i, 0] - centroids[start, 0])
             cy += w[i] * (centroids[start + i, 1] - centroids[start, 1])
@@ -121,7 +122,9 @@ def two_means(offsets, centroids, weights, given_axes):
             count = _planar_axes(x, y, w, n, axes)
         else:
             count = given_axes.shape[1]
-            axes[:count] = given_axes[b]
+            for c in range(count):
+                for k in range(3):
+                    axes[c, k] = given_axes[b, c, k]
         best, nx, ny, nz, t = -1.0, 1.0, 0.0, 0.0, 0.0
         for c in range(count):
             trial = _lloyd(x, y, z, w, n, planar, total, tie, axes[c, 0], axes[c, 1], axes[c, 2])

@@ -31,8 +31,8 @@ class KMeans:
     """
 
     def __init__(self, iterations: int = 8) -> None:
-        if iterations < 0:
-            raise OptionError(f"kmeans: iterations must be at least 0, given {iterations}")
+        if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 0:
+            raise OptionError(f"kmeans: iterations must be a whole number, 0 or more, given {iterations!r}")
         self.iterations = iterations
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
@@ -68,6 +68,9 @@ def _axes_3d(level: Graph) -> Float:
     first = level.offsets[:-1]
     w = level.weights[:, None]
     total = np.add.reduceat(w, first, axis=0)
+    if not total.all():  # a block without weight: its cells count alike
+        w = w + (total == 0)[level.block_ids]
+        total = np.add.reduceat(w, first, axis=0)
     centre = np.add.reduceat(w * level.centroids, first, axis=0) / total
     x = level.centroids - centre[level.block_ids]
     outer = (w * x)[:, :, None] * x[:, None, :]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.defaults.geometric import block_shares
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
 
 __all__ = ["SklearnKMeans"]
 
@@ -42,8 +48,18 @@ class SklearnKMeans:
             return np.arange(graph.n) * 2 // max(graph.n, 1)
         relative = graph.n * block_shares(graph.weights, graph.block_ids)
         model = KMeans(2, n_init=self.n_init, random_state=int(rng.integers(2**31)))
-        model.fit(points, sample_weight=np.maximum(relative, _LEAST_WEIGHT))
+        # on pieces this small threads cost more than they bring, and on a busy machine they wait busily
+        with _threads().limit(limits=1, user_api="openmp"):
+            model.fit(points, sample_weight=np.maximum(relative, _LEAST_WEIGHT))
         return np.asarray(model.labels_, dtype=np.int64)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    """The thread pools of this process; finding them takes milliseconds, so it is done once."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def _unit(centroids: Float) -> Float:

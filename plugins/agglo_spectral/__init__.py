@@ -11,7 +11,13 @@ def agglo_components() -> list[Component]:
             kind="bisector",
             name="spectral",
             target="agglo_spectral.spectral:Spectral",
-            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            promises={
+                "deterministic": True,
+                "invariant": True,
+                "balanced": 0.25,
+                "3d": True,
+                "pickles": True,
+            },
             summary="Fiedler vector of the weighted graph Laplacian, cut where the normalised cut is least.",
         )
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ GRID = [[x, y] for y in range(3) for x in range(3)]  # points 0..8 of 2 x 2 unit
 CELLS = [[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]]
 CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
 HEX = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+QUADS = np.arange(0, 25, 4)
 TET_POINTS = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [1, 1, 1]]
 
 
@@ -62,10 +64,10 @@ FAULTS: dict[str, tuple[Any, Any, str]] = {
     "unsigned wrap": (GRID, np.array([[0, 1, 2**64 - 1]], np.uint64), r"cell 0 uses point -1"),
     "negative index": (GRID, replaced(0, [0, 1, -1, 3]), r"cell 0 uses point -1"),
     "three cells on a face": (
-        [*GRID, [3, 0.5]], [[0, 1, 4], [1, 9, 4], [1, 2, 4]], r"points 1 and 4 .*more than two cells: cells 0, 1, 2",
+        [*GRID, [3, 0.5]], [[0, 1, 4], [1, 9, 4], [1, 2, 4]], r"(1 and 4|4 and 1) has .*: cells 0, 1, 2",
     ),
-    "three cells, the two on one side first": (
-        [*GRID, [3, 0.5]], [[1, 9, 4], [1, 2, 4], [0, 1, 4]], r"points 1 and 4 .*more than two cells: cells 0, 1, 2",
+    "three cells, two on one side first": (
+        [*GRID, [3, 0.5]], [[1, 9, 4], [1, 2, 4], [0, 1, 4]], r"(1 and 4|4 and 1) has .*: cells 0, 1, 2",
     ),
     "no cells": (GRID, [], r"empty"),
     "no cells, as an array": (GRID, np.zeros((0, 3), int), r"empty"),
@@ -89,11 +91,11 @@ FAULTS: dict[str, tuple[Any, Any, str]] = {
     "ragged nonsense": (GRID, [[0, [1, 2], 3]], r"cells must"),
     "three levels": (GRID, np.zeros((1, 2, 3), int), r"cells must"),
     "three levels, lists": (GRID, [[[0, 1, 4, 3]]], r"cells must"),
-    "offsets that do not start at 0": (GRID, (np.array([1, 4]), np.array([0, 1, 4, 3])), r"cell offsets must rise"),
-    "offsets that stop short": (GRID, (np.array([0, 3]), np.array([0, 1, 4, 3])), r"cell offsets must rise"),
-    "offsets that fall": (GRID, (np.array([0, 5, 3, 6]), np.array([0, 1, 4, 1, 2, 5])), r"cell offsets must rise"),
-    "no offsets": (GRID, (np.array([], int), np.array([], int)), r"cell offsets must rise"),
-    "fractional offsets": (GRID, (np.array([0, 3.5]), np.array([0, 1, 4])), r"cell offsets must hold integers"),
+    "offsets that do not start at 0": (GRID, (np.array([1, 4]), np.arange(4)), r"cell offsets must rise"),
+    "offsets that stop short": (GRID, (np.array([0, 3]), np.array([0, 1, 4, 3])), r"offsets must rise"),
+    "offsets that fall": (GRID, (np.array([0, 5, 3, 6]), np.array([0, 1, 4, 1, 2, 5])), r"offsets must rise"),
+    "no offsets": (GRID, (np.array([], int), np.array([], int)), r"offsets must rise"),
+    "fractional offsets": (GRID, (np.array([0, 3.5]), np.array([0, 1, 4])), r"offsets must hold int"),
     "matrix of offsets": (GRID, (np.zeros((2, 2), int), np.array([0, 1, 4])), r"one-dimensional"),
 }  # fmt: skip
 
@@ -147,8 +149,10 @@ ACROSS = (
 
 
 @pytest.mark.parametrize(
-    ("mesh", "cells"), [(HANGING, {0, 1, 2}), (INSIDE, {0, 1}), (ACROSS, {0, 1})], ids=["hanging", "inside", "across"]
-)  # fmt: skip
+    ("mesh", "cells"),
+    [(HANGING, {0, 1, 2}), (INSIDE, {0, 1}), (ACROSS, {0, 1})],
+    ids=["hanging", "inside", "across"],
+)
 def test_the_strict_check_names_cells_and_an_edge(mesh: tuple[Any, Any], cells: set[int]) -> None:
     points, loops = mesh
     assert Mesh.from_polygons(points, loops).n_cells == len(loops)
@@ -175,7 +179,7 @@ def test_two_cells_on_one_side_of_an_edge(caplog: pytest.LogCaptureFixture) -> N
         Mesh.from_polygons(points, cells, strict=True)
 
 
-@pytest.mark.parametrize("name", ["squares:4", "random_triangles:30", "voronoi:50", "hexagons:4", "ring"])
+@pytest.mark.parametrize("name", ["squares:4", "random_triangles:30", "voronoi:50", "hexagons:4", "ring:12"])
 def test_good_meshes_pass_the_strict_check(name: str) -> None:
     mesh = samples.from_spec(name)
     loops = mesh.boundary_loops
@@ -204,9 +208,7 @@ def test_tags(values: Any, message: str) -> None:
 def test_a_face_tag_of_wrong_length() -> None:
     mesh = Mesh.from_polygons(GRID, CELLS)
     with pytest.raises(MeshError, match=r"face tag 'side' has shape \(3,\), expected \(12,\)"):
-        Mesh(
-            mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, face_tags={"side": np.zeros(3, int)}
-        )  # fmt: skip
+        replace(mesh, face_tags={"side": np.zeros(3, int)})
 
 
 @pytest.mark.parametrize(
@@ -233,7 +235,7 @@ SOLIDS: dict[str, tuple[Any, Any, str]] = {
     "NaN": (np.where(CUBE == 1, np.nan, CUBE), [HEX], r"point 1 is not finite"),
     "plane points": (CUBE[:, :2], [HEX], r"points of shape \(n_points, 3\)"),
     "open": (CUBE, [HEX[:-1]], r"cell 0: the faces do not close"),
-    "open, among others": (TET_POINTS, [tet(0, 1, 2, 3), [*tet(0, 2, 1, 4)[:3], [0, 1, 3]]], r"cell 1: the faces"),
+    "open, among others": (TET_POINTS, [tet(0, 1, 2, 3), [*tet(0, 2, 1, 4)[:3], [0, 1, 5]]], r"cell 1: the"),
     "the same face twice": (CUBE, [[*HEX, HEX[0], HEX[0][::-1]]], r"cell 0: the same face twice"),
     "fewer than 4 faces": (CUBE, [HEX[:3]], r"cell 0: fewer than 4 faces"),
     "a face of two vertices": (CUBE, [[*HEX[:-1], [1, 3]]], r"cell 0: a face with fewer than 3 vertices"),
@@ -242,12 +244,18 @@ SOLIDS: dict[str, tuple[Any, Any, str]] = {
     "index out of range": (CUBE, [[*HEX[:-1], [1, 3, 8, 5]]], r"cell 0 uses point 8, but there are 8 points"),
     "negative index": (TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, -2)], r"cell 1 uses point -2"),
     "zero volume": (CUBE * [1, 1, 0], [HEX], r"cell 0: zero volume"),
-    "flat tetrahedron": ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [tet(0, 1, 2, 3)], r"cell 0: zero volume"),
+    "flat tetrahedron": (np.eye(4, 3) * [1, 1, 0], [tet(0, 1, 2, 3)], r"cell 0: zero volume"),
     "duplicates alone": (CUBE, [HEX, HEX], r"cells 0 and 1 are duplicates"),
-    "duplicates": (TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, 4), tet(1, 2, 0, 3)], r"cells 0 and 2 are duplicates"),
+    "duplicates": (
+        TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, 4), tet(1, 2, 0, 3)], r"cells 0 and 2 are duplicates",
+    ),
     "three cells on a face": (
         TET_POINTS, [tet(0, 1, 2, 3), tet(0, 2, 1, 4), tet(0, 1, 2, 5)],
         r"face with points \[0, 1, 2\] has more than two cells: cells 0, 1, 2",
+    ),
+    "three cells, points renumbered": (
+        [[9, 9, 9], *TET_POINTS], [[[v + 1 for v in f] for f in tet(0, 1, 2, k)] for k in (3, 5, 4)],
+        r"face with points \[1, 2, 3\] has more than two cells: cells 0, 1, 2",
     ),
     "overlap": (TET_POINTS, [tet(0, 1, 2, 3), tet(0, 1, 2, 5)], r"cells 0 and 1 overlap"),
     "no cells": (CUBE, [], r"empty"),
@@ -255,9 +263,9 @@ SOLIDS: dict[str, tuple[Any, Any, str]] = {
     "polygons": (CUBE, [[0, 1, 3, 2]], r"cells must be lists of faces"),
     "fractional": (CUBE, [[[0.5, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]]], r"cells must hold integers"),
     "nothing": (CUBE, None, r"cells must be lists of faces"),
-    "wrong cell offsets": (CUBE, (np.array([0, 5]), np.arange(0, 25, 4), np.ravel(HEX)), r"cell offsets must rise"),
-    "wrong face offsets": (CUBE, (np.array([0, 6]), np.arange(0, 28, 4)[::-1], np.ravel(HEX)), r"face offsets must"),
-    "fractional offsets": (CUBE, (np.array([0, 6.0]), np.arange(0, 25, 4), np.ravel(HEX)), r"cell offsets must hold"),
+    "wrong cell offsets": (CUBE, (np.array([0, 5]), QUADS, np.ravel(HEX)), r"offsets must rise"),
+    "wrong face offsets": (CUBE, (np.array([0, 6]), QUADS[::-1], np.ravel(HEX)), r"face offsets"),
+    "fractional offsets": (CUBE, (np.array([0, 6.0]), QUADS, np.ravel(HEX)), r"offsets must hold"),
 }  # fmt: skip
 
 
@@ -295,7 +303,7 @@ PATH: dict[str, Any] = {
         ({"interface": [1, 2, 3, 3]}, r"symmetric"),
         ({"interface": [1, 1, 1]}, r"interface must have shape \(4,\), not \(3,\)"),
         ({"interface": [1, 1, np.nan, 1]}, r"interface\[2\] is nan"),
-        ({"interface": [0, 0, 0, 0], "indices": [1, 2, 0, 1]}, r"symmetric"),
+        ({"interface": [0] * 4, "indptr": [0, 2, 3, 4], "indices": [1, 2, 2, 1]}, r"symmetric"),
         ({"measures": [1, -1, 1]}, r"measures\[1\] is -1"),
         ({"measures": [1, 1]}, r"must have shape"),
         ({"weights": [1, np.inf, 1]}, r"weights\[1\] is inf"),

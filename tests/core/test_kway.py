@@ -75,5 +75,7 @@ def test_one_part_asks_nobody():
 def test_the_papers_ratios_of_metis():
     """Independent k-way partitions into n/4, n/16 and n/64 parts, as the paper compares with."""
     mesh = samples.voronoi(256, seed=3)
-    result = agglo.agglomerate(mesh, bisector="metis", method="kway", cells_per_part=(4, 16, 64), nested=False)
+    result = agglo.agglomerate(
+        mesh, bisector="metis", method="kway", cells_per_part=(4, 16, 64), nested=False
+    )
     assert result.parts == [64, 16, 4]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import shapely
@@ -22,12 +24,9 @@ MIXED_CELLS = [[0, 1, 4], [1, 2, 4], [2, 3, 0, 4]]
 def polygons_of(mesh: Mesh) -> np.ndarray:
     """Each cell as a shapely geometry: its loops combined by the even-odd rule."""
     loops = mesh.boundary_loops
-    rings = [
-        shapely.Polygon(mesh.points[loops.vertices[i:j]])
-        for i, j in zip(loops.loop_offsets[:-1], loops.loop_offsets[1:], strict=True)
-    ]
+    rings = [shapely.Polygon(mesh.points[loops.vertices[i:j]]) for i, j in pairwise(loops.loop_offsets)]
     shapes = []
-    for i, j in zip(loops.cell_offsets[:-1], loops.cell_offsets[1:], strict=True):
+    for i, j in pairwise(loops.cell_offsets):
         shape = shapely.Polygon()
         for ring in sorted(rings[i:j], key=lambda ring: -ring.area):
             shape = shape.symmetric_difference(ring)
@@ -164,7 +163,7 @@ def test_a_constant_third_coordinate_is_dropped() -> None:
 
 
 def test_orphans_are_dropped_and_equal_points_merged_and_both_counted() -> None:
-    left, right = np.array(SQUARE, float), np.array(SQUARE, float) + [1, 0]
+    left, right = np.array(SQUARE, float), np.add(SQUARE, [1, 0])
     points = np.concatenate((left, right, [[9, 9], [9, 9], [-0.0, 5]]))
     cells = [[0, 1, 2, 3], [4, 5, 6, 7]]
     apart = Mesh.from_polygons(points, cells)
@@ -221,7 +220,7 @@ def test_bridges_to_holes_are_dropped_when_asked_for() -> None:
 def loops_of(mesh: Mesh, cell: int = 0) -> list[set[int]]:
     found = mesh.boundary_loops
     ends = found.loop_offsets[found.cell_offsets[cell] : found.cell_offsets[cell + 1] + 1]
-    return [set(found.vertices[i:j].tolist()) for i, j in zip(ends[:-1], ends[1:], strict=True)]
+    return [set(found.vertices[i:j].tolist()) for i, j in pairwise(ends)]
 
 
 def test_loops_part_where_squares_touch_at_a_corner() -> None:
@@ -252,7 +251,7 @@ def test_loops_and_measures_agree(case: tuple[Mesh, np.ndarray]) -> None:
     coarse = mesh.coarsen(labels)
     loops = coarse.boundary_loops
     edges = 0
-    for i, j in zip(loops.loop_offsets[:-1], loops.loop_offsets[1:], strict=True):
+    for i, j in pairwise(loops.loop_offsets):
         assert len(set(loops.vertices[i:j].tolist())) == j - i >= 3
         edges += j - i
     assert edges == len(coarse.cell_faces[1])

@@ -85,9 +85,9 @@ def test_one_kind_at_a_time():
 
 
 def test_counts_that_do_not_fit():
-    with pytest.raises(OptionError, match="17.*the mesh has 16 cells"):
+    with pytest.raises(OptionError, match=r"17.*the mesh has 16 cells"):
         resolved(n_parts=17)
-    with pytest.raises(OptionError, match="whole number, given 2.5"):
+    with pytest.raises(OptionError, match=r"whole number, given 2\.5"):
         resolved(n_parts=2.5)
     with pytest.raises(OptionError, match="too many"):
         resolved(cells_per_part=0.5)

@@ -1,0 +1,17 @@
+"""The conformance suite: tells the author of a component precisely what is wrong with it.
+
+Three fronts on the same laws::
+
+    agglo check mine                                     # a table; exit code 3 if a law fails
+
+    from agglo_core.conformance import check
+    failures = [r for r in check("bisector:mine") if not r.passed]
+
+    from agglo_core.conformance import conformance
+    test_conformance = conformance("bisector:mine")      # in a pytest file
+"""
+
+from agglo_core.conformance.front import conformance
+from agglo_core.conformance.runner import Result, check
+
+__all__ = ["Result", "check", "conformance"]

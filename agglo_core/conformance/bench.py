@@ -1,0 +1,179 @@
+"""The suite's own tiny meshes: made afresh at each call, so that no component can spoil them for another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+
+__all__ = [
+    "CHANGES",
+    "apart",
+    "boxes",
+    "changed",
+    "coincident",
+    "comb",
+    "grid",
+    "hexagons",
+    "level",
+    "line",
+    "mixed",
+    "plane_meshes",
+    "ring",
+]
+
+CHANGES = ("renumbered", "rotated", "shifted", "scaled")
+"""Changes that leave a mesh the same but for names and position."""
+
+_BIG, _SMALL = 50, 12  # rows of the large block of a level, and of the small ones (a multiple of 4)
+
+
+def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: float = 0.0) -> Mesh:
+    """``nx`` by ``ny`` quadrilaterals; ``jitter`` moves each vertex by at most that share of a spacing."""
+    x, y = np.meshgrid(np.arange(nx + 1.0), np.arange(ny + 1.0))
+    points = np.stack((x.ravel(), y.ravel()), axis=1)
+    if jitter:
+        points += np.random.default_rng(nx * 1000 + ny).uniform(-jitter, jitter, points.shape)
+    corner = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
+    cells = corner[:, None] + np.array([0, 1, nx + 2, nx + 1])
+    return Mesh.from_polygons(points * (width, height), cells, name=f"{nx} by {ny} grid")
+
+
+def hexagons(nx: int, ny: int) -> Mesh:
+    """Regular hexagons of side 1 in ``ny`` rows of ``nx``."""
+    around = np.array([(0, -2), (1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1)])
+    centres = np.array([(2 * i + j % 2, 3 * j) for j in range(ny) for i in range(nx)])
+    corners = (centres[:, None] + around).reshape(-1, 2)
+    lattice, cells = np.unique(corners, axis=0, return_inverse=True)
+    return Mesh.from_polygons(lattice * (np.sqrt(3) / 2, 0.5), cells.reshape(-1, 6), name="hexagons")
+
+
+def ring(n: int) -> Mesh:
+    """An annulus of ``n`` cells: a chain that closes on itself."""
+    angle = 2 * np.pi * np.arange(n) / n
+    circle = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    here, there = np.arange(n), np.roll(np.arange(n), -1)
+    cells = np.stack((here, here + n, there + n, there), axis=1)
+    return Mesh.from_polygons(np.concatenate((circle, 2 * circle)), cells, name="ring")
+
+
+def mixed() -> Mesh:
+    """Squares, triangles and pentagons with hanging nodes: a coarse half beside a fine one."""
+    x, y = np.meshgrid(np.arange(9.0), np.arange(7.0))
+    points = np.stack((x.ravel(), y.ravel()), axis=1)
+    cells: list[list[int]] = []
+    for i, j in product((0, 2), (0, 2, 4)):
+        a = 9 * j + i
+        hanging = [a + 11] if i == 2 else []  # the fine neighbours' corner on the common edge
+        cells.append([a, a + 2, *hanging, a + 20, a + 18])
+    for i, j in product(range(4, 8), range(6)):
+        a = 9 * j + i
+        split = (i + j) % 3 == 0
+        cells += [[a, a + 1, a + 10], [a, a + 10, a + 9]] if split else [[a, a + 1, a + 10, a + 9]]
+    return Mesh.from_polygons(points, cells, name="mixed polygons with hanging nodes")
+
+
+def comb() -> Mesh:
+    """Three tall teeth on a back: straight cuts across the teeth leave pieces."""
+    i, j = np.meshgrid(np.arange(5), np.arange(9))
+    kept = ((i % 2 == 0) | (j == 0)).ravel()
+    whole = grid(5, 9)
+    return Mesh.from_polygons(whole.points, whole.boundary_loops.vertices.reshape(-1, 4)[kept], name="comb")
+
+
+def apart() -> Mesh:
+    """Two grids that do not touch."""
+    one = grid(3, 2)
+    loops = one.boundary_loops.vertices.reshape(-1, 4)
+    points = np.concatenate((one.points, one.points + np.array([5.0, 1.0])))
+    return Mesh.from_polygons(points, np.concatenate((loops, loops + one.n_points)), name="two components")
+
+
+def boxes(nx: int = 5, ny: int = 3, nz: int = 2) -> Mesh:
+    """Boxes of unequal sizes in 3-D."""
+    rng = np.random.default_rng(nx + 10 * ny + 100 * nz)
+    axes = [np.concatenate(([0.0], np.cumsum(rng.uniform(0.7, 1.3, n)))) for n in (nx, ny, nz)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    di, dj = (ny + 1) * (nz + 1), nz + 1
+    corner = [i * di + j * dj + k for i, j, k in product(range(nx), range(ny), range(nz))]
+    low = np.array(
+        [
+            (0, 1, dj + 1, dj),
+            (0, di, di + 1, 1),
+            (0, dj, di + dj, di),
+            (di, di + dj, di + dj + 1, di + 1),
+            (dj, dj + 1, di + dj + 1, di + dj),
+            (1, di + 1, di + dj + 1, dj + 1),
+        ]
+    )
+    return Mesh.from_polyhedra(points, [(a + low).tolist() for a in corner], name="boxes")
+
+
+def plane_meshes() -> list[Mesh]:
+    """Connected meshes of the plane with at least two cells."""
+    return [
+        replace(grid(2, 1), name="two cells"),
+        replace(grid(9, 1), name="strip"),
+        replace(grid(12, 2, height=0.05), name="flat grid"),
+        replace(grid(6, 6), name="square grid"),
+        hexagons(5, 4),
+        ring(24),
+        replace(grid(9, 7, jitter=0.25), name="jittered grid"),
+        mixed(),
+        comb(),
+    ]
+
+
+def line(n: int, *, interface: float = 1.0) -> Graph:
+    """A chain of ``n`` unit nodes whose interfaces have the given measure."""
+    return _chain(np.stack((np.arange(n), np.zeros(n)), axis=1), interface)
+
+
+def coincident(n: int) -> Graph:
+    """A chain of ``n`` nodes, all in the same place."""
+    return _chain(np.zeros((n, 2)), 1.0)
+
+
+def level() -> Graph:
+    """A recursion level: a block of 4,000 cells beside 60 of 16, far from each other in size."""
+    mesh = grid(80, _BIG + _SMALL, jitter=0.2)
+    row, column = np.divmod(np.arange(mesh.n_cells), 80)
+    small = 1 + (row - _BIG) // 4 * 20 + column // 4
+    return mesh.graph.split(np.where(row < _BIG, 0, small))[0]
+
+
+def changed(mesh: Mesh, change: str) -> tuple[Mesh, Int]:
+    """The mesh after one of :data:`CHANGES`, and the old number of each of its cells."""
+    loops = mesh.boundary_loops
+    cells: Sequence[Int] = np.split(loops.vertices, loops.loop_offsets[1:-1])
+    rng = np.random.default_rng(5)
+    order = rng.permutation(mesh.n_cells) if change == "renumbered" else np.arange(mesh.n_cells)
+    points = _moved(mesh.points, change)
+    moved = Mesh.from_polygons(points, [cells[i] for i in order], name=f"{mesh.name}, {change}")
+    return moved, frozen_int(order)
+
+
+def _moved(points: Float, change: str) -> Float:
+    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    if change == "rotated":
+        return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]))
+    if change == "shifted":
+        return points + 1e6 * diameter * np.array([cos, sin])
+    return points * (1e3 if change == "scaled" else 1.0)
+
+
+def _chain(centroids: Float, interface: float) -> Graph:
+    n = len(centroids)
+    degrees = np.full(n, 2 if n > 1 else 0)
+    degrees[[0, -1]] = min(1, n - 1)
+    neighbours = [j for i in range(n) for j in (i - 1, i + 1) if 0 <= j < n]
+    indptr = np.concatenate(([0], np.cumsum(degrees)))
+    widths = np.full(len(neighbours), interface)
+    return Graph.from_arrays(indptr, np.array(neighbours, np.int32), centroids, interface=widths)

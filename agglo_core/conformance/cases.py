@@ -1,0 +1,201 @@
+"""The questions put to each kind of component, from the meshes of the bench."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_int
+from agglo_core.conformance import bench
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.problem import Diffusion, Linear
+from agglo_core.protocols import Target
+
+__all__ = [
+    "Case",
+    "cases",
+    "laplacian",
+    "level_case",
+    "part_of_level",
+    "seeds_for",
+    "solids",
+    "stripes",
+    "tiny",
+    "with_problem",
+]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One question: its name and the arguments, as the method of the kind takes them.
+
+    A bisector is given ``(graph, seeds)``, a refiner ``(graph, labels, seeds, target)``, a fixer
+    ``(graph, labels)``, a metric ``(mesh, labels)``, a solver ``(problem, hierarchy)``.
+    """
+
+    name: str
+    given: tuple[Any, ...]
+
+    @property
+    def size(self) -> int | None:
+        """How many values the answer has; None for a solver."""
+        if isinstance(self.given[0], Mesh):
+            return int(self.given[1].max()) + 1
+        return self.given[0].n if isinstance(self.given[0], Graph) else None
+
+
+def cases(kind: str, seed: int = 0) -> list[Case]:
+    """Ordinary questions to a component of this kind, on meshes of the plane."""
+    if kind == "solver":
+        return _problems()
+    meshes = bench.plane_meshes()
+    if kind == "bisector":
+        return [Case(mesh.name, (mesh.graph, seeds_for(1, seed))) for mesh in meshes]
+    if kind == "metric":
+        return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, bench.apart()]]
+    return [
+        _labelled(kind, mesh.graph, mesh.name, labels(mesh.graph), seed)
+        for mesh in meshes
+        for labels in (_halves, _quarters, _scattered)
+    ]
+
+
+def solids(kind: str) -> list[Case]:
+    """The same in space."""
+    mesh = bench.boxes()
+    if kind == "bisector":
+        return [Case("3-D boxes", (mesh.graph, seeds_for(1)))]
+    if kind == "metric":
+        return [Case("3-D boxes", (mesh, stripes(mesh.graph, 3)))]
+    if kind == "solver":
+        return [Case("3-D boxes", (Diffusion(), _hierarchy(mesh, stripes(mesh.graph, 4))))]
+    graph = mesh.graph
+    return [_labelled(kind, graph, "3-D boxes", labels, 0) for labels in (_halves(graph), _scattered(graph))]
+
+
+def tiny(kind: str) -> list[Case]:
+    """Questions at the edge of what has an answer: one cell, coincident centroids, touching in a point."""
+    if kind == "solver":
+        return [Case("one cell", (Diffusion(), _hierarchy(bench.grid(1, 1), frozen_int([0]))))]
+    if kind == "metric":
+        return [
+            Case("one cell", (bench.grid(1, 1), frozen_int([0]))),
+            Case("every cell alone", (bench.grid(3, 2), frozen_int(np.arange(6)))),
+            Case("all cells in one", (bench.mixed(), frozen_int(np.zeros(bench.mixed().n_cells)))),
+        ]
+    graphs = {
+        "one cell": bench.line(1),
+        "two cells": bench.line(2),
+        "three cells": bench.line(3),
+        "eight cells in the same place": bench.coincident(8),
+        "eight cells whose interfaces have no measure": bench.line(8, interface=0.0),
+    }
+    if kind == "bisector":
+        return [Case(name, (graph, seeds_for(1))) for name, graph in graphs.items()]
+    return [
+        _labelled(kind, graph, name, frozen_int(np.arange(graph.n) % 2), 0) for name, graph in graphs.items()
+    ]
+
+
+def level_case(kind: str) -> Case:
+    """A recursion level of very unequal blocks; for refiners and fixers with 1, 2 or 3 parts in a block."""
+    level = bench.level()
+    if kind == "bisector":
+        return Case("a level", (level, seeds_for(level.n_blocks)))
+    labels = np.concatenate(
+        [
+            np.arange(size) * (1 + b % 3) // size if b % 2 else np.arange(size) // 4 % (1 + b % 3)
+            for b, size in enumerate(np.diff(level.offsets))
+        ]
+    )
+    labels[: level.offsets[1]] = np.arange(level.offsets[1]) // 80 % 7 % 3
+    return _labelled(kind, level, "a level", frozen_int(labels), 0)
+
+
+def part_of_level(case: Case, blocks: ArrayLike) -> Case:
+    """The question about some blocks of a level alone, in the order given."""
+    graph, chosen = case.given[0], np.asarray(blocks)
+    nodes = np.concatenate([np.arange(graph.offsets[b], graph.offsets[b + 1]) for b in chosen])
+    counts = {graph.n: nodes, graph.n_blocks: chosen}
+    rest = [
+        frozen(each[counts[len(each)]], each.dtype) if isinstance(each, np.ndarray) else each
+        for each in case.given[1:]
+    ]
+    return Case(case.name, (graph.take(chosen), *rest))
+
+
+def seeds_for(blocks: int, seed: int = 0) -> UInt64:
+    """Well-spread seeds of each block ``(B,)``."""
+    drawn = np.random.default_rng(seed).integers(2**63, size=blocks, dtype=np.uint64)
+    seeds: UInt64 = frozen(drawn, np.uint64)
+    return seeds
+
+
+def stripes(graph: Graph, parts: int) -> Int:
+    """Labels by equal counts of cells along the longer direction, numbered across it."""
+    axis = int(np.argmax(np.ptp(graph.centroids, axis=0)))
+    rank = np.argsort(np.argsort(graph.centroids[:, axis], kind="stable"))
+    return frozen_int(np.unique(rank * min(parts, graph.n) // graph.n, return_inverse=True)[1])
+
+
+def laplacian(graph: Graph, per_cell: int, shift: float = 0.1) -> Linear:
+    """A shifted graph Laplacian with some unknowns in each cell; with ``shift=0`` it has no solution."""
+    adjacency = graph.to_scipy()
+    diagonal = adjacency.sum(axis=1) + shift
+    scalar = sparse.diags_array(diagonal) - adjacency
+    A = sparse.csr_array(sparse.kron(scalar, sparse.eye_array(per_cell)))
+    b: Float = frozen(1.0 + np.arange(A.shape[0]) / A.shape[0], np.float64)
+    return Linear(A, b, frozen_int(np.arange(graph.n + 1) * per_cell))
+
+
+def with_problem(case: Case, **changes: Any) -> Case:
+    """The same question with another problem."""
+    problem, hierarchy = case.given
+    return replace(case, given=(replace(problem, **changes), hierarchy))
+
+
+def _labelled(kind: str, graph: Graph, name: str, labels: Int, seed: int) -> Case:
+    if kind == "fixer":
+        return Case(name, (graph, labels))
+    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), Target(parts=int(labels.max()) + 1)))
+
+
+def _halves(graph: Graph) -> Int:
+    return stripes(graph, 2)
+
+
+def _quarters(graph: Graph) -> Int:
+    return stripes(graph, 4)
+
+
+def _scattered(graph: Graph) -> Int:
+    """Labels 0, 1, 2 in loose bits; the first cells make sure of each."""
+    labels = np.random.default_rng(graph.n).integers(min(3, graph.n), size=graph.n)
+    labels[:3] = np.arange(min(3, graph.n))
+    return frozen_int(labels)
+
+
+def _problems() -> list[Case]:
+    mesh = bench.grid(8, 8)
+    column, row = np.arange(64) % 8, np.arange(64) // 8
+    four, two = row // 2 * 4 + column // 2, row // 4 * 2 + column // 4
+    hexagons, jittered = bench.hexagons(5, 4), bench.grid(9, 7, jitter=0.2)
+    waves = Diffusion(source=lambda x: np.sin(x[:, 0]) + x[:, 1])
+    return [
+        Case("diffusion on squares, two levels", (Diffusion(), _hierarchy(mesh, four, two))),
+        Case("diffusion on hexagons", (waves, _hierarchy(hexagons, stripes(hexagons.graph, 4)))),
+        Case("diffusion on quadrilaterals", (waves, _hierarchy(jittered, stripes(jittered.graph, 6)))),
+        Case("a linear system on squares", (laplacian(mesh.graph, 1), _hierarchy(mesh, four, two))),
+        Case("a linear system of three per cell", (laplacian(mesh.graph, 3), _hierarchy(mesh, four))),
+    ]
+
+
+def _hierarchy(mesh: Mesh, *levels: Int) -> Hierarchy:
+    targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
+    return Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True)

@@ -1,0 +1,160 @@
+"""Laws in another process, so that a component that hangs or crashes can be stopped and named."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import queue
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from typing import IO, Any
+
+from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.runner import Result, judge, laws_for
+from agglo_core.conformance.subject import Subject, subject_of
+from agglo_core.errors import OptionError
+from agglo_core.plugins import Component
+
+__all__ = ["judge_apart", "main"]
+
+_STOPS = 2  # laws given up on before the rest is not tried any more
+_START = 120.0  # seconds for a new process to import the suite
+
+Hear = Callable[[float], dict[str, Any]]
+"""What the other process says next, waiting so many seconds at most."""
+
+
+class _Stopped(Exception):
+    """The other process hung or died; the message says how."""
+
+
+def judge_apart(subject: Subject, timeout: float) -> list[Result]:
+    """Results of all laws, each stopped after ``timeout`` seconds; after two such the rest is not run.
+
+    Raises
+    ------
+    OptionError
+        If the component is an object, which no other process can have, or needs an option.
+    """
+    task, results, left = _task(subject), list[Result](), list[str]()
+    for _ in range(_STOPS):
+        try:
+            with _other_process({**task, "laws": left}) as hear:
+                hear(_START)
+                left = hear(timeout)["laws"]
+                while left:
+                    results.append(Result(**hear(timeout)))
+                    left = left[1:]
+            return results
+        except _Stopped as stopped:
+            results.append(_failed(left[0] if left else "builds", str(stopped)))
+            left = left[1:]
+            if not left:
+                return results
+    return results + [_failed(name, "not run: the component had to be stopped twice") for name in left]
+
+
+@contextlib.contextmanager
+def _other_process(task: Mapping[str, Any]) -> Iterator[Hear]:
+    """A process that judges ``task``, by what it says; killed at the end."""
+    command = [sys.executable, "-c", "from agglo_core.conformance.isolation import main; main()"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    lines: queue.Queue[str] = queue.Queue()
+    with tempfile.TemporaryFile("w+") as errors:
+        child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
+        )
+
+        def hear(patience: float) -> dict[str, Any]:
+            try:
+                line = lines.get(timeout=patience)
+            except queue.Empty:
+                remedy = "look for a loop that need not end, or allow more time with --timeout"
+                raise _Stopped(f"no answer after {patience:g} seconds: {remedy}") from None
+            if not line:
+                errors.seek(0)
+                last = (errors.read().strip().splitlines() or ["it left no message"])[-1]
+                raise _Stopped(f"the process died (exit code {child.wait()}): {last}")
+            said: dict[str, Any] = json.loads(line)
+            if "refused" in said:
+                raise OptionError(said["refused"])
+            return said
+
+        with child:
+            threading.Thread(target=_read, args=(child.stdout, lines), daemon=True).start()
+            try:
+                _write(child.stdin, json.dumps(task))
+                yield hear
+            finally:
+                child.kill()
+
+
+def _write(stream: IO[str] | None, text: str) -> None:
+    if stream is not None:
+        with contextlib.suppress(BrokenPipeError), stream:  # it died at once: the reader hears of it
+            stream.write(text)
+
+
+def _read(stream: IO[str], lines: queue.Queue[str]) -> None:
+    """Hand on each line; an empty one after the last."""
+    for line in stream:
+        lines.put(line)
+    lines.put("")
+
+
+def _failed(name: str, message: str) -> Result:
+    law = next(law for law in all_laws() if law.name == name)
+    return Result(law.name, law.sentence, False, message, 0.0, law.promise)
+
+
+def _task(subject: Subject) -> dict[str, Any]:
+    """What another process needs to find the component again."""
+    task = {"kind": subject.kind, "options": dict(subject.options), "promises": dict(subject.declared)}
+    record, given = subject.record, subject.given
+    if record is not None and record.component is not None:
+        if record.distribution:
+            return task | {"name": f"{record.distribution}/{record.name}"}
+        return task | {"component": asdict(record.component)}
+    if isinstance(given, type) and "<" not in given.__qualname__ and given.__module__ != "__main__":
+        return task | {"target": [given.__module__, given.__qualname__]}
+    raise OptionError("a timeout needs a name, a declaration or a class that can be imported: not an object")
+
+
+def _found(task: dict[str, Any]) -> Subject:
+    given: Any = task.get("name")
+    if "component" in task:
+        given = Component(**task["component"] | {"requires": tuple(task["component"]["requires"])})
+    if "target" in task:
+        module, qualname = task["target"]
+        given = importlib.import_module(module)
+        for part in qualname.split("."):
+            given = getattr(given, part)
+    return subject_of(given, task["kind"], options=task["options"], promises=task["promises"])
+
+
+def main() -> None:
+    """Judge what stdin describes, one JSON line for each law; whatever else is printed goes to stderr."""
+    with os.fdopen(os.dup(1), "w") as out:
+        os.dup2(2, 1)
+
+        def say(**said: Any) -> None:
+            out.write(json.dumps(said) + "\n")
+            out.flush()
+
+        task = json.loads(sys.stdin.read())
+        say(ready=True)
+        subject = _found(task)
+        try:
+            laws = {law.name: law for law in laws_for(subject)}
+        except OptionError as error:
+            say(refused=str(error))
+            return
+        say(laws=task["laws"] or list(laws))
+        for name in task["laws"] or laws:
+            say(**asdict(judge(laws[name], subject)))

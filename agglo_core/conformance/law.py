@@ -1,0 +1,68 @@
+"""What a law is: a plain function of a subject that raises Broken with what is wrong and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from inspect import cleandoc
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agglo_core.conformance.subject import Subject
+
+__all__ = ["Broken", "Law", "demand", "law"]
+
+
+class Broken(Exception):
+    """A law that does not hold; the message says what was seen and what to do about it."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A named demand on components of some kinds.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        Kinds of component it holds for.
+    promise : str or None
+        The promise that switches it on; None if it always holds.
+    when : callable or None
+        Further condition on the subject (a method it has, a name it bears).
+    judge : callable
+        Raises :class:`Broken`; its docstring is the law in one sentence.
+    """
+
+    kinds: tuple[str, ...]
+    promise: str | None
+    when: Callable[[Subject], bool] | None
+    judge: Callable[[Subject], None]
+
+    @property
+    def name(self) -> str:
+        """Name of the function."""
+        return self.judge.__name__
+
+    @property
+    def sentence(self) -> str:
+        """The law in one sentence."""
+        return " ".join(cleandoc(self.judge.__doc__ or "").split())
+
+    def applies(self, subject: Subject) -> bool:
+        """Whether it is to be judged at all."""
+        if subject.kind not in self.kinds or (self.promise and subject.promised(self.promise) is None):
+            return False
+        return self.when is None or self.when(subject)
+
+
+def law(
+    *kinds: str, promise: str | None = None, when: Callable[[Subject], bool] | None = None
+) -> Callable[[Callable[[Subject], None]], Law]:
+    """Turn a function of a subject into a law for components of these kinds."""
+    return lambda judge: Law(kinds, promise, when, judge)
+
+
+def demand(holds: object, message: str) -> None:
+    """Raise :class:`Broken` with the message unless ``holds``."""
+    if not holds:
+        raise Broken(message)

@@ -1,0 +1,68 @@
+"""What a connectivity fixer must achieve."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.arrays import frozen_int
+from agglo_core.conformance import bench
+from agglo_core.conformance.cases import cases, level_case
+from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.trial import plain
+
+
+@law("fixer")
+def parts_connected(subject: Subject) -> None:
+    """Afterwards every part is connected."""
+    for case in [*cases("fixer"), level_case("fixer")]:
+        pieces = loose_parts(case.given[0], plain(subject, subject.build(), case))
+        loose = [part for part in pieces if pieces[part] > 1]
+        demand(
+            not loose,
+            f"on {case.name}: {len(loose)} parts are still in pieces, as part {loose and loose[0][1]} of "
+            f"block {loose and loose[0][0]}: give every piece but the largest to a neighbouring part",
+        )
+
+
+@law("fixer")
+def connected_left_alone(subject: Subject) -> None:
+    """Labels whose parts are all connected come back as they are."""
+    for case in cases("fixer"):
+        graph, labels = case.given
+        if max(loose_parts(graph, labels).values()) == 1:
+            changed = np.flatnonzero(plain(subject, subject.build(), case) != labels)
+            demand(
+                not len(changed),
+                f"on {case.name}: nothing was broken, yet {len(changed)} cells changed their part: return "
+                "labels where every part is connected",
+            )
+
+
+@law("fixer")
+def fixed_once(subject: Subject) -> None:
+    """What it has fixed it leaves alone the second time."""
+    for case in [*cases("fixer"), level_case("fixer")]:
+        once = frozen_int(plain(subject, subject.build(), case))
+        twice = plain(subject, subject.build(), replace(case, given=(case.given[0], once)))
+        demand(
+            np.array_equal(once, twice),
+            f"on {case.name}: fixing its own result changed it again: leave connected parts alone",
+        )
+
+
+@law("fixer")
+def disconnected_block_refused(subject: Subject) -> None:
+    """A block that is itself in two pieces is refused with a ValueError: no labels would help."""
+    graph = bench.apart().graph
+    case = replace(cases("fixer")[0], name="two components", given=(graph, frozen_int(np.zeros(graph.n))))
+    try:
+        plain(subject, subject.build(), case)
+    except Broken as error:
+        if isinstance(error.__cause__, ValueError):
+            return
+        raise
+    raise Broken("a disconnected block was returned as if it could be fixed: raise a ValueError instead")

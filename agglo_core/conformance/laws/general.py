@@ -1,0 +1,77 @@
+"""What holds for components of all kinds: how they are declared and built, what they leave alone."""
+
+from __future__ import annotations
+
+from agglo_core.conformance.cases import cases
+from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.trial import answer, fingerprints
+from agglo_core.errors import OptionError
+from agglo_core.plugins import KINDS
+from agglo_core.plugins.discovery import PLUGIN_FAILURES
+
+_NO_OPTION = "no_such_option"
+
+
+@law(*KINDS)
+def builds(subject: Subject) -> None:
+    """It can be built, and an option it does not know is refused by an error that names it."""
+    try:
+        subject.make()
+    except PLUGIN_FAILURES as error:
+        raise Broken(f"building it raised {type(error).__name__}: {error}") from error
+    if subject.record is None and not isinstance(subject.given, type):
+        return
+    try:
+        subject.make(**{_NO_OPTION: 1})
+    except (OptionError, TypeError) as error:
+        demand(
+            subject.record is None or subject.name in str(error),
+            f"the error {str(error)!r:.60} does not name {subject.name!r}: whoever reads it has many",
+        )
+        return
+    except PLUGIN_FAILURES as error:
+        raise Broken(f"an unknown option raised {type(error).__name__}, not OptionError: {error}") from error
+    raise Broken(
+        "an unknown option was accepted: name each option in the constructor instead of **options, so that "
+        "a misspelt one is noticed"
+    )
+
+
+@law(*KINDS)
+def promises_can_be_kept(subject: Subject) -> None:
+    """It promises only what some law of its kind can check."""
+    from agglo_core.conformance.laws import all_laws
+
+    known = {law.promise for law in all_laws() if subject.kind in law.kinds and law.promise}
+    empty = sorted(set(subject.declared) - known)
+    demand(
+        not empty,
+        f"promise {', '.join(empty)} means nothing for a {subject.kind}: leave it out "
+        f"(there are {', '.join(sorted(known))})",
+    )
+
+
+@law(*KINDS)
+def answers(subject: Subject) -> None:
+    """It answers on every mesh of the bench without raising."""
+    for case in cases(subject.kind):
+        try:
+            answer(subject, subject.build(), case)
+        except Broken as error:
+            if "read-only" not in str(error.__cause__):  # another law's matter
+                raise
+
+
+@law(*KINDS)
+def input_untouched(subject: Subject) -> None:
+    """It leaves its input as it was."""
+    for case in cases(subject.kind):
+        before = dict(fingerprints(case.given))
+        answer(subject, subject.build(), case)
+        after = dict(fingerprints(case.given))
+        changed = sorted(path for path in before | after if before.get(path) != after.get(path))
+        demand(
+            not changed,
+            f"on {case.name}: it changed its input (argument {', '.join(changed)}): work on a copy",
+        )

@@ -1,0 +1,199 @@
+"""What a component vouches for: laws that only a promise switches on."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.conformance import bench
+from agglo_core.conformance.cases import Case, cases, level_case, seeds_for, solids
+from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.trial import answer, chunks, in_words, plain, same, settled
+from agglo_core.mesh import Mesh
+from agglo_core.plugins import KINDS
+from agglo_core.plugins.discovery import PLUGIN_FAILURES
+from agglo_core.protocols import Target
+
+_PARTS = (2, 3, 7)
+
+
+@law("bisector")
+def kway_said(subject: Subject) -> None:
+    """It promises kway if it has a method partition, and only then."""
+    has, says = subject.has("partition"), subject.promised("kway") is not None
+    demand(has or not says, "it promises kway but has no method partition(graph, target, seed)")
+    demand(says or not has or not subject.record, "it has a method partition: promise it, {'kway': True}")
+
+
+@law(*KINDS, promise="deterministic")
+def deterministic(subject: Subject) -> None:
+    """Nothing but the input decides: another seed and other calls in between change nothing."""
+    tool, kind = subject.build(), subject.kind
+    first = [plain(subject, tool, case) for case in cases(kind, seed=0)]
+    later = [plain(subject, tool, case) for case in reversed(cases(kind, seed=1))]
+    for case, one, two in zip(cases(kind), first, reversed(later), strict=True):
+        demand(
+            same(one, two),
+            f"on {case.name}: with another seed, or after other calls, it answered differently: a component "
+            "that draws random numbers does not promise deterministic",
+        )
+
+
+@law("bisector", promise="connected")
+def connected(subject: Subject) -> None:
+    """Both sides of a connected graph are connected."""
+    for case in cases("bisector"):
+        graph = case.given[0]
+        sides = plain(subject, subject.build(), case).astype(np.int64)
+        pieces = max(loose_parts(graph, sides).values())
+        demand(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
+
+
+@law("bisector", promise="balanced")
+def balanced(subject: Subject) -> None:
+    """The sides' shares of the weight differ from a half by the promised tolerance and one cell at most."""
+    tolerance = subject.promised("balanced")
+    allowed = 0.0 if tolerance is True or tolerance is None else float(tolerance)
+    for case in [*cases("bisector"), level_case("bisector")]:
+        graph = case.given[0]
+        sides = plain(subject, subject.build(), case)
+        for weights, ones in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
+            heaviest = float(weights.max() / weights.sum())
+            off = abs(float(weights[ones == 1].sum() / weights.sum()) - 0.5)
+            demand(
+                off <= allowed + heaviest + 1e-9,
+                f"on {case.name}: the sides' shares are {0.5 - off:.3f} and {0.5 + off:.3f}, promised are "
+                f"halves within {allowed:g} and a cell ({heaviest:.3f}): promise a wider tolerance",
+            )
+
+
+@law("bisector", "refiner", "fixer", promise="invariant")
+def invariant(subject: Subject) -> None:
+    """Renumbering, turning, shifting by a million diameters and scaling an irregular mesh change nothing."""
+    for mesh in (bench.grid(9, 7, jitter=0.25), bench.grid(14, 6, jitter=0.3)):
+        before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
+        for change in bench.CHANGES:
+            other, order = bench.changed(mesh, change)
+            for case, one in zip(_on(subject.kind, mesh, other, order), before, strict=True):
+                two = plain(subject, subject.build(), case)
+                demand(
+                    settled(one[order], two, swap=subject.kind == "bisector"),
+                    f"on {mesh.name} {change}: {np.count_nonzero(one[order] != two)} of {len(two)} cells "
+                    "changed side: use distances and principal axes; break ties by geometry, not numbering",
+                )
+
+
+@law("bisector", promise="kway")
+def kway_labels(subject: Subject) -> None:
+    """A direct partition returns integer labels from 0 to parts − 1, shape (n,)."""
+    for case in cases("bisector"):
+        graph = case.given[0]
+        for parts in {1, *(k for k in _PARTS if k <= graph.n), graph.n}:
+            given = _partition(subject, case, parts)
+            demand(
+                isinstance(given, np.ndarray) and given.shape == (graph.n,) and given.dtype.kind in "iu",
+                f"on {case.name}: partition returned {in_words(given)}, expected ({graph.n},) integers",
+            )
+            demand(
+                given.min() >= 0 and given.max() < parts,
+                f"on {case.name}: labels {given.min()}..{given.max()} for {parts} parts, expected "
+                f"0..{parts - 1}",
+            )
+
+
+@law("bisector", promise="kway")
+def kway_parts(subject: Subject) -> None:
+    """Of the parts asked for at least half come out (gaps are closed, missing parts split later)."""
+    for case in cases("bisector"):
+        for parts in (k for k in _PARTS if 2 * k <= case.given[0].n):
+            used = len(np.unique(_partition(subject, case, parts)))
+            demand(
+                2 * used >= parts and used > 1,
+                f"on {case.name}: {used} parts came out of {parts}: target.parts is how many are wanted",
+            )
+
+
+@law(*KINDS, promise="3d")
+def space(subject: Subject) -> None:
+    """In 3-D it answers as it does in the plane: full length, finite, both sides, all parts."""
+    for case in solids(subject.kind):
+        values = plain(subject, subject.build(), case)
+        demand(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
+        if subject.kind == "bisector":
+            demand(subject.fallback or len(np.unique(values)) == 2, f"on {case.name}: all on one side")
+        if subject.kind in ("refiner", "fixer"):
+            kept = np.array_equal(np.unique(values), np.unique(case.given[1]))
+            demand(kept, f"on {case.name}: the parts are no longer those they were")
+
+
+@law(*KINDS, promise="pickles")
+def pickles(subject: Subject) -> None:
+    """It survives pickling, as sending it to another process takes."""
+    tool = subject.build()
+    try:
+        twin = pickle.loads(pickle.dumps(tool))
+    except PLUGIN_FAILURES as error:
+        raise Broken(
+            f"pickling it raised {type(error).__name__}: {error}: no lambdas, files or locks in self"
+        ) from error
+    for case in cases(subject.kind):
+        demand(
+            same(plain(subject, tool, case), plain(subject, twin, case)),
+            f"on {case.name}: the pickled copy answers differently: what it needs must be in its attributes",
+        )
+
+
+@law("solver", promise="symmetric")
+def symmetric(subject: Subject) -> None:
+    """Its preconditioner M, aspreconditioner(problem, hierarchy), is symmetric and positive definite."""
+    tool = subject.build()
+    demand(
+        callable(getattr(tool, "aspreconditioner", None)),
+        "it promises symmetric but has no method aspreconditioner(problem, hierarchy) that returns a "
+        "scipy.sparse.linalg.LinearOperator",
+    )
+    rng = np.random.default_rng(0)
+    for case in cases("solver"):
+        n = len(plain(subject, tool, case))
+        operator = tool.aspreconditioner(*case.given)
+        u, v = rng.standard_normal((2, n))
+        Mu, Mv = operator @ u, operator @ v
+        gap = abs(v @ Mu - u @ Mv) / (np.linalg.norm(u) * np.linalg.norm(Mv))
+        demand(
+            gap < 1e-8, f"on {case.name}: u·Mv and v·Mu differ by {gap:.1e}: mirror pre- and post-smoothing"
+        )
+        demand(u @ Mu > 0, f"on {case.name}: u·Mu is {u @ Mu:.2e}, not positive")
+
+
+def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
+    """Cases on ``other`` whose labels, if any, are those of ``mesh`` carried over."""
+    if kind == "bisector":
+        return [Case(other.name, (other.graph, seeds_for(1)))]
+    x, y = mesh.local_centroids.T
+    scattered = np.random.default_rng(1).integers(2, size=len(x))
+    labels = [x > 0.3 * y, (x > 0).astype(int) + 2 * (y > 0.1), scattered]
+    carried = [frozen_int(each if order is None else np.asarray(each)[order]) for each in labels]
+    if kind == "fixer":
+        return [Case(other.name, (other.graph, each)) for each in carried]
+    target = [Target(parts=int(each.max()) + 1) for each in carried]
+    return [
+        Case(other.name, (other.graph, each, seeds_for(1), t))
+        for each, t in zip(carried, target, strict=True)
+    ]
+
+
+def _partition(subject: Subject, case: Case, parts: int) -> Any:
+    """What ``partition`` returns, asked through a component that has nothing else."""
+    tool = subject.build()
+
+    class OnlyPartition:
+        def partition(self, graph: object, target: object, seed: int) -> object:
+            return tool.partition(graph, Target(parts=parts), seed)
+
+    return answer(subject, OnlyPartition(), replace(case, name=f"{case.name} in {parts} parts"))

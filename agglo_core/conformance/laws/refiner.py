@@ -1,0 +1,124 @@
+"""What a refiner must not make worse."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from agglo_core.arrays import Int
+from agglo_core.conformance.cases import cases, level_case
+from agglo_core.conformance.law import demand, law
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.trial import answer, plain
+from agglo_core.graph import Graph
+
+__all__ = ["OBJECTIVES", "PATIENCE", "loose_parts"]
+
+PATIENCE = 20.0
+"""Seconds a refiner may take for 5,000 cells; ours takes milliseconds."""
+
+
+def _interface(graph: Graph, labels: Int) -> float:
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    return float(graph.interface[labels[rows] != labels[graph.indices]].sum() / 2)
+
+
+def _cut(graph: Graph, labels: Int) -> float:
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    return float((labels[rows] != labels[graph.indices]).sum() / 2)
+
+
+def _inertia(graph: Graph, labels: Int) -> float:
+    part = _numbered(graph, labels)
+    total = np.bincount(part, graph.weights)
+    means = np.stack([np.bincount(part, graph.weights * x) / total for x in graph.centroids.T], axis=1)
+    return float((graph.weights[:, None] * (graph.centroids - means[part]) ** 2).sum())
+
+
+def _imbalance(graph: Graph, labels: Int) -> float:
+    return float((np.bincount(_numbered(graph, labels), graph.weights) ** 2).sum())
+
+
+def _widest(graph: Graph, labels: Int) -> float:
+    return float(graph.part_diameters(_numbered(graph, labels)).max())
+
+
+OBJECTIVES: Mapping[str, Callable[[Graph, Int], float]] = {
+    "interface": _interface,
+    "cut": _cut,
+    "compactness": _inertia,
+    "balance": _imbalance,
+    "diameter": _widest,
+}
+"""Objectives by name, lower is better: measure of the interface, number of edges cut, moment of inertia of
+the parts, sum of their squared weights, largest diameter."""
+
+
+@law("refiner")
+def components_not_raised(subject: Subject) -> None:
+    """No part falls into more pieces than it had."""
+    for case in [*cases("refiner"), level_case("refiner")]:
+        graph, labels = case.given[:2]
+        before = loose_parts(graph, labels)
+        after = loose_parts(graph, plain(subject, subject.build(), case))
+        worse = sorted(part for part in after if after[part] > before.get(part, 0))
+        demand(
+            not worse,
+            f"on {case.name}: part {worse and worse[0][1]} fell apart into "
+            f"{worse and after[worse[0]]} pieces: move a cell only if its neighbours in its part stay joined",
+        )
+
+
+@law("refiner")
+def objective_kept(subject: Subject) -> None:
+    """The objective it names is one of interface, cut, compactness, balance, diameter; it never worsens."""
+    name = subject.build().objective
+    demand(name in OBJECTIVES, f"objective is {name!r}; the suite knows {', '.join(OBJECTIVES)}")
+    for case in [*cases("refiner"), level_case("refiner")]:
+        graph, labels = case.given[:2]
+        before = OBJECTIVES[name](graph, labels)
+        after = OBJECTIVES[name](graph, plain(subject, subject.build(), case))
+        demand(
+            after <= before * (1 + 1e-9),
+            f"on {case.name}: {name} went from {before:.6g} to {after:.6g}: return the labels you were given "
+            "where you found nothing better",
+        )
+
+
+@law("refiner")
+def bounded_time(subject: Subject) -> None:
+    """It is done with 5,000 cells in 20 seconds."""
+    case = level_case("refiner")
+    answer(subject, subject.build(), cases("refiner")[0])  # kernels compile here, off the clock
+    start = time.perf_counter()
+    answer(subject, subject.build(), case)
+    taken = time.perf_counter() - start
+    demand(
+        taken <= PATIENCE,
+        f"{case.given[0].n} cells took {taken:.1f} s, allowed are {PATIENCE:g}: bound the number of sweeps "
+        "and look at boundary cells alone",
+    )
+
+
+def loose_parts(graph: Graph, labels: Int) -> dict[tuple[int, int], int]:
+    """Number of connected pieces of each part (block, label)."""
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    inside = labels[rows] == labels[graph.indices]
+    links = sparse.coo_array(
+        (np.ones(inside.sum()), (rows[inside], graph.indices[inside])), shape=(graph.n, graph.n)
+    )
+    _, piece = connected_components(links, directed=False)
+    _, first = np.unique(piece, return_index=True)
+    keys, counts = np.unique(np.stack((graph.block_ids, labels))[:, first], axis=1, return_counts=True)
+    return {(int(b), int(p)): int(c) for (b, p), c in zip(keys.T, counts, strict=True)}
+
+
+def _numbered(graph: Graph, labels: Int) -> Int:
+    """Parts of all blocks numbered through, 0..k−1."""
+    stride = int(labels.max()) + 1
+    numbered: Int = np.unique(graph.block_ids * stride + labels, return_inverse=True)[1].astype(np.int64)
+    return numbered

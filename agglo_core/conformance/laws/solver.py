@@ -1,0 +1,176 @@
+"""What a solver must give back. Facts of its own system, so that they hold for any discretisation."""
+
+from __future__ import annotations
+
+import numbers
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from agglo_core.arrays import Float
+from agglo_core.conformance import bench
+from agglo_core.conformance.cases import Case, cases, laplacian, with_problem
+from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.trial import answer
+from agglo_core.errors import AggloError
+from agglo_core.problem import Diffusion, Linear, Solution
+
+_CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from unfinished
+
+
+def _solve(subject: Subject, case: Case) -> Solution:
+    given = answer(subject, subject.build(), case)
+    demand(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
+    return given  # type: ignore[no-any-return]
+
+
+@law("solver")
+def solution_record(subject: Subject) -> None:
+    """It returns a Solution: x and b of one length, A square, a residual before and after each iteration."""
+    for case in cases("solver"):
+        it = _solve(subject, case)
+        n = len(it.x)
+        demand(
+            np.shape(it.A) == (n, n) and np.shape(it.b) == (n,),
+            f"on {case.name}: x has {n} entries, A the shape {np.shape(it.A)}, b {np.shape(it.b)}",
+        )
+        demand(
+            isinstance(it.converged, bool | np.bool_) and isinstance(it.reason, str),
+            f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: a bool and a text",
+        )
+        demand(
+            isinstance(it.iterations, numbers.Integral) and len(it.residuals) == it.iterations + 1,
+            f"on {case.name}: {len(it.residuals)} residuals of {it.iterations} iterations: the first is that "
+            "of the start, then one for each iteration",
+        )
+
+
+@law("solver")
+def solves(subject: Subject) -> None:
+    """On small problems it converges to what a direct solve of the same system gives."""
+    for case in cases("solver"):
+        it = _solve(subject, case)
+        demand(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
+        direct = spsolve(sparse.csc_array(it.A), it.b)
+        error = np.linalg.norm(it.x - direct) / np.linalg.norm(direct)
+        demand(
+            error <= _CLOSE,
+            f"on {case.name}: x differs from the direct solution of A x = b by {error:.1e}: check the "
+            "preconditioner and the test of convergence",
+        )
+
+
+@law("solver")
+def own_system_kept(subject: Subject) -> None:
+    """A linear system is solved as given: the x of the Solution fits the A and b of the problem."""
+    for case in cases("solver"):
+        problem = case.given[0]
+        if isinstance(problem, Linear):
+            x = _solve(subject, case).x
+            demand(np.shape(x) == np.shape(problem.b), f"on {case.name}: x has shape {np.shape(x)}")
+            gap = np.linalg.norm(problem.b - problem.A @ x) / np.linalg.norm(problem.b)
+            demand(
+                gap <= _CLOSE,
+                f"on {case.name}: x leaves a residual of {gap:.1e} in the system given: undo any scaling or "
+                "reordering before returning",
+            )
+
+
+@law("solver")
+def true_residual(subject: Subject) -> None:
+    """The last residual reported is the 2-norm of b − A x."""
+    for case in cases("solver"):
+        it = _solve(subject, case)
+        size = float(np.linalg.norm(it.b))
+        true = float(np.linalg.norm(it.b - it.A @ it.x))
+        demand(
+            abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
+            f"on {case.name}: reported {it.residuals[-1]:.3e}, b − A x has {true:.3e}: recompute it from x; "
+            "what the recursion carries, or the preconditioner sees, is another number",
+        )
+
+
+@law("solver")
+def failure_flagged(subject: Subject) -> None:
+    """What has no solution is flagged (converged=False and a reason) or refused with an AggloError."""
+    _, hierarchy = cases("solver")[0].given
+    graph = hierarchy.graph
+    hopeless = {
+        "a singular system without a solution": laplacian(graph, 1, shift=0.0),
+        "a right-hand side with NaN": Linear(
+            laplacian(graph, 1).A, np.full(graph.n, np.nan), np.arange(graph.n + 1)
+        ),
+    }
+    for name, problem in hopeless.items():
+        try:
+            it = _solve(subject, Case(name, (problem, hierarchy)))
+        except Broken as error:
+            if isinstance(error.__cause__, AggloError):
+                continue
+            raise
+        demand(
+            not it.converged and it.reason,
+            f"on {name}: converged={it.converged}, reason {it.reason!r}: compare the true residual with the "
+            "tolerance before saying so; NaN is smaller than nothing",
+        )
+
+
+@law("solver")
+def operators_chain(subject: Subject) -> None:
+    """Operators are (A, P) finest first: P leads from the next level, the last P is None or missing."""
+    for case in cases("solver"):
+        it = _solve(subject, case)
+        demand(len(it.operators), f"on {case.name}: no operators: list at least (A, None)")
+        for level, (A, P) in enumerate(it.operators):
+            rows = np.shape(A)[0]
+            demand(np.shape(A) == (rows, rows), f"on {case.name}: A of level {level} is {np.shape(A)}")
+            if level + 1 < len(it.operators):
+                wanted = (rows, np.shape(it.operators[level + 1][0])[0])
+                demand(
+                    P is not None and np.shape(P) == wanted,
+                    f"on {case.name}: P of level {level} has shape {P is not None and np.shape(P)}, "
+                    f"expected {wanted}",
+                )
+
+
+@law("solver")
+def field_forms_agree(subject: Subject) -> None:
+    """A coefficient or source given as a number, one value per cell or a callable means the same."""
+    case = cases("solver")[0]
+    n = case.given[1].graph.n
+    wanted = _solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
+    for form, kappa, source in (
+        ("arrays", np.full(n, 2.0), np.full(n, 3.0)),
+        ("callables", lambda x: np.full(len(x), 2.0), lambda x: np.full(len(x), 3.0)),
+    ):
+        x = _solve(subject, with_problem(case, kappa=kappa, source=source)).x
+        _demand_close(x, wanted, f"kappa and source given as {form} give another solution than as numbers")
+
+
+@law("solver")
+def linear_in_the_data(subject: Subject) -> None:
+    """Twice the source gives twice the solution, twice the coefficient half of it."""
+    case = cases("solver")[0]
+    once = _solve(subject, case).x
+    _demand_close(_solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
+    _demand_close(_solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
+
+
+@law("solver")
+def disconnected_solved(subject: Subject) -> None:
+    """A mesh of two components is solved too."""
+    from agglo_core.hierarchy import Hierarchy
+
+    mesh = bench.apart()
+    labels = mesh.graph.components()
+    hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": 2}], nested=True)
+    it = _solve(subject, Case("two components", (Diffusion(), hierarchy)))
+    demand(it.converged, f"on two components: not converged ({it.reason})")
+
+
+def _demand_close(x: NDArray[np.float64], wanted: Float, where: str) -> None:
+    error = np.linalg.norm(x - wanted) / np.linalg.norm(wanted)
+    demand(error <= _CLOSE, f"{where}: x is off by {error:.1e}: check where kappa and source enter")

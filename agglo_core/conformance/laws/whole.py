@@ -1,0 +1,151 @@
+"""What holds for all kinds once single answers are sound: random state, edges, levels, space, a run."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.conformance import bench
+from agglo_core.conformance.cases import Case, cases, level_case, part_of_level, solids, stripes, tiny
+from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.trial import answer, chunks, global_random, plain, same
+from agglo_core.errors import AggloError
+from agglo_core.plugins import KINDS
+from agglo_core.report import quality
+
+
+@law(*KINDS)
+def same_seed_same_result(subject: Subject) -> None:
+    """Two objects built alike give the same answer to the same question with the same seed."""
+    for case in cases(subject.kind):
+        one, two = (_repeatably(subject, subject.build(), case) for _ in range(2))
+        demand(
+            same(one, two),
+            f"on {case.name}: the same seed gave two results: take all random numbers from the rng or the "
+            "seeds given; np.random.default_rng() without a seed differs each time",
+        )
+
+
+@law(*KINDS)
+def no_memory(subject: Subject) -> None:
+    """One object gives the same answer when asked again."""
+    for case in cases(subject.kind):
+        tool = subject.build()
+        one, two = (_repeatably(subject, tool, case) for _ in range(2))
+        demand(
+            same(one, two),
+            f"on {case.name}: asked twice, it answered differently: keep nothing between calls in self",
+        )
+
+
+@law(*KINDS)
+def global_random_state(subject: Subject) -> None:
+    """It neither reads nor moves the global random state of Python, numpy or torch."""
+    remedy = "draw from the generator (or from np.random.default_rng(seed)) it is given"
+    for case in cases(subject.kind):
+        with global_random(1) as unmoved:
+            one = plain(subject, subject.build(), case)
+            demand(unmoved(), f"on {case.name}: it drew from, or seeded, the global random state: {remedy}")
+        with global_random(2):
+            two = plain(subject, subject.build(), case)
+        demand(same(one, two), f"on {case.name}: the global random state decides the result: {remedy}")
+
+
+@law(*KINDS)
+def says_nothing(subject: Subject) -> None:
+    """It prints nothing: stdout belongs to the program."""
+    heard = io.StringIO()
+    with contextlib.redirect_stdout(heard):
+        for case in cases(subject.kind):
+            answer(subject, subject.build(), case)
+    demand(
+        not heard.getvalue(),
+        f"it printed {heard.getvalue()!r:.60}: use logging.getLogger(__name__) instead of print",
+    )
+
+
+@law(*KINDS)
+def survives(subject: Subject) -> None:
+    """It answers at the edge: one cell, two, three, all in one place, interfaces without measure."""
+    for case in tiny(subject.kind):
+        values = plain(subject, subject.build(), case)
+        if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
+            partition_only = not (subject.has("bisect") or subject.has("bisect_level"))
+            demand(
+                partition_only or len(np.unique(values)) == 2,
+                f"on {case.name}: all on one side: where cells cannot be told apart any halving will do, as "
+                "np.arange(n) * 2 // n",
+            )
+
+
+@law("bisector", "refiner", "fixer")
+def a_level_is_its_blocks(subject: Subject) -> None:
+    """A block comes out the same alone, beside blocks of any size, and in any order of blocks."""
+    case = level_case(subject.kind)
+    graph = case.given[0]
+    remedy = (
+        "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
+        "whole level, and keep nothing from the block before"
+    )
+    tool = subject.build()
+    together = chunks(graph, plain(subject, tool, case))
+    for block in (0, 1, 2, 30, graph.n_blocks - 1):
+        alone = plain(subject, subject.build(), part_of_level(case, [block]))
+        size = len(alone)
+        demand(
+            same(alone, together[block]),
+            f"a block of {size} cells comes out otherwise alone than in a level: {remedy}",
+        )
+    others = 1 + np.random.default_rng(3).permutation(graph.n_blocks - 1)
+    order = np.insert(others[:20], 7, 0)
+    shuffled = part_of_level(case, order)
+    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
+        demand(
+            same(part, together[block]),
+            f"a block of {len(part)} cells comes out otherwise in another order of blocks: {remedy}",
+        )
+
+
+@law(*KINDS, when=lambda subject: subject.promised("3d") is None)
+def space_served_or_refused(subject: Subject) -> None:
+    """Without the promise 3d it serves 3-D meshes all the same or refuses them with an AggloError."""
+    for case in solids(subject.kind):
+        try:
+            plain(subject, subject.build(), case)
+        except Broken as error:
+            if not isinstance(error.__cause__, AggloError):
+                raise Broken(
+                    f"{error}. If it is for 2-D alone: raise agglo.MeshError('… exists only for 2-D meshes')"
+                ) from error
+
+
+@law("bisector", "refiner", "fixer", "metric")
+def works_in_a_run(subject: Subject) -> None:
+    """A run with it gives the parts asked for, all connected, or it measures the parts of one."""
+    from agglo_core.pipeline import agglomerate
+
+    mesh = bench.grid(9, 7, jitter=0.2)
+    tool = subject.build()
+    try:
+        if subject.kind == "metric":
+            quality(mesh, stripes(mesh.graph, 3), metrics=[tool])
+            return
+        chosen = {"refiner": {"refiners": [tool]}}.get(subject.kind, {subject.kind: tool})
+        bisects = subject.kind != "bisector" or subject.has("bisect") or subject.has("bisect_level")
+        others = {} if subject.kind == "bisector" else {"bisector": "inertial"}
+        method = "recursive" if bisects else "kway"
+        hierarchy = agglomerate(mesh, n_parts=(12, 5), method=method, **chosen, **others)  # type: ignore[arg-type]
+    except AggloError as error:
+        raise Broken(f"a run with it failed: {error}") from error
+    demand(hierarchy.parts == [12, 5], f"a run with it gave {hierarchy.parts} parts instead of 12 and 5")
+
+
+def _repeatably(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
+    """The answer while the global random state is fixed: whether it is read is another law's matter."""
+    with global_random(1):
+        return plain(subject, tool, case)

@@ -1,0 +1,153 @@
+"""The component under test: where it comes from, what it promises, how it is built afresh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from agglo_core.conformance.law import Broken
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.plugins import KINDS, Component, Record, default, describe
+from agglo_core.plugins.construct import construct
+from agglo_core.plugins.declarations import faults
+from agglo_core.plugins.discovery import PLUGIN_FAILURES
+
+__all__ = ["METHODS", "Subject", "find", "subject_of"]
+
+METHODS: Mapping[str, tuple[str, ...]] = {
+    "bisector": ("bisect_level", "bisect", "partition"),
+    "refiner": ("refine",),
+    "fixer": ("fix",),
+    "metric": ("measure",),
+    "solver": ("solve",),
+}
+"""The methods of each kind, the preferred first."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A component under test.
+
+    Attributes
+    ----------
+    record : Record or None
+        Its declaration; None for a bare class or object.
+    given : class or object, optional
+        What was handed over instead of a declaration.
+    options : mapping
+        With which it is built.
+    declared : mapping
+        Promises.
+    """
+
+    kind: str
+    title: str
+    record: Record | None = None
+    given: Any = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    declared: Mapping[str, bool | float] = field(default_factory=dict)
+
+    def build(self) -> Any:
+        """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
+        try:
+            return self.make()
+        except PLUGIN_FAILURES as error:
+            raise Broken("it cannot be built: the law builds says why") from error
+
+    def make(self, **more: Any) -> Any:
+        """A fresh object with further options; whatever its constructor raises passes through."""
+        if self.record is not None:
+            return construct(self.record, {**self.options, **more})
+        return self.given(**self.options, **more) if isinstance(self.given, type) else self.given
+
+    @property
+    def name(self) -> str:
+        """Declared name; empty if there is no declaration."""
+        return self.record.name if self.record else ""
+
+    @property
+    def fallback(self) -> str | None:
+        """The bisector that stands in where this one leaves a side empty."""
+        return self.record.component.fallback if self.record and self.record.component else None
+
+    def promised(self, promise: str) -> bool | float | None:
+        """Value of a promise; None if it is not made (or made as False)."""
+        value = self.declared.get(promise)
+        return None if value is False else value
+
+    def has(self, method: str) -> bool:
+        """Whether its objects have this method; True if none can be built, for that is found elsewhere."""
+        try:
+            return callable(getattr(self.build(), method, None))
+        except Broken:
+            return True
+
+
+def subject_of(
+    component: object,
+    kind: str | None = None,
+    *,
+    options: Mapping[str, Any] | None = None,
+    promises: Mapping[str, bool | float] | None = None,
+) -> Subject:
+    """Subject from a name (``"mine"``, ``"bisector:mine"``), a declaration, a class or an object.
+
+    Raises
+    ------
+    PluginError
+        If no component has that name, or the one that has cannot be used.
+    OptionError
+        If the kind cannot be told.
+    """
+    chosen = dict(options or {})
+    if isinstance(component, str):
+        record = find(component, kind)
+        if record.state != "ok":
+            raise PluginError(f"{describe(record)} cannot be used: {record.state}: {record.reason}")
+        return _declared(record, chosen, promises)
+    if isinstance(component, Component):
+        if wrong := "; ".join(faults(component)):
+            raise PluginError(f"{component.kind} {component.name!r} is not declared well: {wrong}")
+        return _declared(Record(component, component.name), chosen, promises)
+    if options and not isinstance(component, type):
+        raise OptionError(f"{component!r:.60} is built already: options are for names and classes")
+    title = (component if isinstance(component, type) else type(component)).__name__
+    sort = kind or _kind_of(component)
+    return Subject(sort, f"{sort} {title}", None, component, chosen, promises or {})
+
+
+def find(text: str, kind: str | None = None) -> Record:
+    """Record of ``"name"``, ``"plugin/name"`` or either after ``"kind:"``."""
+    before, colon, after = text.partition(":")
+    if colon:
+        return default().record(before, after)
+    if kind:
+        return default().record(kind, text)
+    plain = text.rpartition("/")[2]
+    kinds = sorted({record.kind for record in default().list() if record.name == plain} & set(KINDS))
+    if len(kinds) == 1:
+        return default().record(kinds[0], text)
+    if kinds:
+        raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
+    known = ", ".join(sorted({record.name for record in default().list() if record.kind in KINDS}))
+    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in default().list() if r.kind == "plugin")
+    raise PluginError(
+        f"no component is named {text!r}; there are {known}"
+        + (f"; plugins that cannot be used: {failed}" if failed else "")
+    )
+
+
+def _declared(
+    record: Record, options: Mapping[str, Any], promises: Mapping[str, bool | float] | None
+) -> Subject:
+    declared = record.component.promises if record.component else {}
+    return Subject(record.kind, describe(record), record, None, options, promises or declared)
+
+
+def _kind_of(component: object) -> str:
+    for kind, methods in METHODS.items():
+        if any(callable(getattr(component, method, None)) for method in methods):
+            return kind
+    wanted = ", ".join(method for methods in METHODS.values() for method in methods)
+    raise OptionError(f"{component!r:.60} is no component: it has none of the methods {wanted}")

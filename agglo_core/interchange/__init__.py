@@ -1,0 +1,27 @@
+"""Meshes, graphs and levels in the terms of other packages, and back.
+
+Each function imports the other package when it is called.
+
+>>> from agglo_core import interchange, samples
+>>> mesh = samples.squares(4)
+>>> interchange.mesh_from_shapely(interchange.mesh_to_shapely(mesh)).n_cells
+16
+"""
+
+from __future__ import annotations
+
+from agglo_core.interchange.geojson import from_geojson, to_geojson
+from agglo_core.interchange.grids import to_pyvista
+from agglo_core.interchange.networks import graph_from_networkx, graph_to_networkx
+from agglo_core.interchange.polygons import mesh_to_shapely
+from agglo_core.interchange.rings import mesh_from_shapely
+
+__all__ = [
+    "from_geojson",
+    "graph_from_networkx",
+    "graph_to_networkx",
+    "mesh_from_shapely",
+    "mesh_to_shapely",
+    "to_geojson",
+    "to_pyvista",
+]

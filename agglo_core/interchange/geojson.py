@@ -1,0 +1,142 @@
+"""GeoJSON: a FeatureCollection of cells whose properties are tags, levels and measured values."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.errors import MeshError
+from agglo_core.interchange.polygons import mesh_to_shapely
+from agglo_core.interchange.rings import mesh_from_shapely
+from agglo_core.io.levels import check_belongs
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["from_geojson", "to_geojson"]
+
+_log = logging.getLogger("agglo")
+
+
+def to_geojson(
+    mesh: Mesh, hierarchy: Hierarchy | None = None, *, properties: Mapping[str, ArrayLike] | None = None
+) -> dict[str, Any]:
+    """FeatureCollection (RFC 7946) of the cells of a 2-D mesh, ready for :func:`json.dump`.
+
+    Every feature has the cell number as ``id`` and as properties the cell tags and, with a hierarchy,
+    its agglomerate on each level as ``level_0``, ``level_1``, …. Pass ``hierarchy.mesh(l)`` for the
+    agglomerates themselves. Coordinates are the mesh's own: no reference system is implied.
+
+    Parameters
+    ----------
+    properties : mapping of name to (n_cells,) numbers, optional
+        More properties, such as the values of :func:`agglo_core.quality`; NaN is written as null.
+
+    Raises
+    ------
+    MeshError
+        For a 3-D mesh, a hierarchy of another mesh, or values of another shape.
+    """
+    import shapely
+
+    if hierarchy is not None:
+        check_belongs(mesh, hierarchy)
+    levels = hierarchy.levels if hierarchy is not None else ()
+    columns = {**mesh.cell_tags, **{f"level_{i}": labels for i, labels in enumerate(levels)}}
+    table = {name: values.tolist() for name, values in columns.items()}
+    table |= {name: _plain(name, values, mesh.n_cells) for name, values in (properties or {}).items()}
+    features = [
+        {
+            "type": "Feature",
+            "id": i,
+            "properties": {name: values[i] for name, values in table.items()},
+            "geometry": json.loads(text),
+        }
+        for i, text in enumerate(shapely.to_geojson(mesh_to_shapely(mesh)))
+    ]
+    name = {"name": mesh.name} if mesh.name else {}
+    return {"type": "FeatureCollection", **name, "features": features}
+
+
+def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
+    """``(count,)`` numbers as a list, None where they are not finite."""
+    array = np.asarray(values)
+    if array.shape != (count,) or array.dtype.kind not in "iubf":
+        raise MeshError(
+            f"property {name!r} must be ({count},) numbers; given shape {array.shape}, dtype {array.dtype}"
+        )
+    return [
+        value if finite else None for value, finite in zip(array.tolist(), np.isfinite(array), strict=True)
+    ]
+
+
+def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, strict: bool = False) -> Mesh:
+    """Mesh of a FeatureCollection of polygons; feature i is cell i.
+
+    Properties that are integers in every feature become cell tags (``level_0``, … among them); the
+    names of others are logged.
+
+    Parameters
+    ----------
+    collection : mapping
+        What :func:`json.load` gives.
+    tolerance, strict
+        As in :func:`mesh_from_shapely`.
+
+    Raises
+    ------
+    MeshError
+        If it is no FeatureCollection; naming the feature without a polygon; as :func:`mesh_from_shapely`.
+    """
+    kind = collection.get("type") if isinstance(collection, Mapping) else type(collection).__name__
+    features = collection.get("features") if isinstance(collection, Mapping) else None
+    if kind != "FeatureCollection" or not isinstance(features, Sequence):
+        raise MeshError(f"expected a GeoJSON FeatureCollection, given {kind!r}")
+    for i, feature in enumerate(features):
+        if not isinstance(feature, Mapping) or feature.get("geometry") is None:
+            raise MeshError(f"feature {i} has no geometry")
+    name = collection.get("name")
+    return mesh_from_shapely(
+        _geometries([feature["geometry"] for feature in features]),
+        cell_tags=_tags([feature.get("properties") or {} for feature in features]),
+        tolerance=tolerance,
+        strict=strict,
+        name=name if isinstance(name, str) else "",
+    )
+
+
+def _geometries(members: Iterable[Any]) -> Any:
+    """Shapely geometries, or MeshError naming the feature."""
+    import shapely
+
+    texts = [json.dumps(member) for member in members]
+    found = shapely.from_geojson(texts, on_invalid="ignore")
+    bad = np.flatnonzero(shapely.is_missing(found))
+    if len(bad):
+        try:
+            shapely.from_geojson(texts[bad[0]])
+        except shapely.GEOSException as error:
+            raise MeshError(f"feature {bad[0]}: {error}") from None
+        raise MeshError(f"feature {bad[0]} has no geometry")
+    return found
+
+
+def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
+    """Columns that are integers of 64 bits in every row."""
+    tags: dict[str, ArrayLike] = {}
+    left = []
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = [row.get(name) for row in rows]
+        if all(isinstance(value, int) and -(2**63) <= value < 2**63 for value in values):
+            tags[name] = np.array(values, dtype=np.int64)
+        else:
+            left.append(name)
+    if left:
+        _log.info("properties left out, not integers everywhere: %s", ", ".join(left))
+    return tags

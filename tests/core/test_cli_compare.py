@@ -1,0 +1,173 @@
+"""``agglo compare`` and ``agglo run --report``: every combination in its place, whatever becomes of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from agglo_core.cli import main
+from agglo_core.cli.specs import split_specs
+from agglo_core.errors import MeshError
+from agglo_core.graph import Graph
+from agglo_core.plugins import Component, default, hookimpl
+
+
+class Done(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Agglo = Callable[..., Done]
+
+
+@pytest.fixture
+def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
+    """Run the command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> Done:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as done:
+            main(arguments)
+        assert isinstance(done.value.code, int)
+        return Done(done.value.code, *capsys.readouterr())
+
+    return call
+
+
+class Stubborn:
+    """A bisector that works on small meshes alone, such as the one that warms it up."""
+
+    def bisect(self, graph: Graph, rng: np.random.Generator) -> np.ndarray:
+        if graph.n > 16:
+            raise MeshError("too many cells for me")
+        return np.arange(graph.n) % 2
+
+
+@pytest.fixture
+def stubborn(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setitem(__import__("sys").modules, "stubborn_home", SimpleNamespace(Stubborn=Stubborn))
+    component = Component(kind="bisector", name="stubborn", target="stubborn_home:Stubborn")
+    default().register(SimpleNamespace(agglo_components=hookimpl(lambda: [component])), "stubborn")
+    yield
+    default().unregister("stubborn")
+
+
+def test_lists_of_components_are_split() -> None:
+    assert split_specs("kmeans") == ["kmeans"]
+    assert split_specs("kmeans, inertial") == ["kmeans", "inertial"]
+    assert split_specs("metis:ufactor=30,contig=true,kmeans,theirs/x:a=b:c,d=1") == [
+        "metis:ufactor=30,contig=true",
+        "kmeans",
+        "theirs/x:a=b:c,d=1",
+    ]
+
+
+def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
+    ask = ["--bisectors", "inertial,kmeans", "--methods", "kway,recursive", "--parts", "16,4", "--json"]
+    code, out, _ = agglo("compare", "squares:n=8", *ask)
+    assert code == 0
+    data = json.loads(out)
+    assert data["mesh"]["cells"] == 64
+    pairs = [(run["bisector"], run["method"]) for run in data["runs"]]
+    assert pairs == [(b, m) for b in ("inertial", "kmeans") for m in ("kway", "recursive")]
+    assert "no k-way partition" in data["runs"][0]["error"]
+    assert data["runs"][0]["levels"] == []
+    for run in data["runs"][1:]:
+        assert run["error"] is None
+        assert run["seconds"] > 0
+        assert [level["parts"] for level in run["levels"]] == [16, 4]
+        assert all(level["diameter_ratio"] is None for level in run["levels"])
+    keys = {"target", "parts", "max_diameter", "UF", "CR", "CRc", "connected", "diameter_ratio"}
+    assert set(data["runs"][1]["levels"][0]) == keys
+
+
+def test_the_table_names_what_is_missing(agglo: Agglo) -> None:
+    code, out, _ = agglo(
+        "compare", "squares:n=8", "--bisectors", "inertial,kmeans", "--methods", "kway,recursive"
+    )
+    assert code == 0
+    assert "inertial kway" in out
+    assert "not implemented: it has no k-way partition" in out
+    assert "diam/h*" in out
+    assert "h ≤ 2 h0" in out
+
+
+def test_diameters_are_compared_with_the_size_asked_for(agglo: Agglo) -> None:
+    code, out, _ = agglo("compare", "squares:n=8", "--bisectors", "kmeans", "--h-star", "0.5", "--json")
+    assert code == 0
+    (level,) = json.loads(out)["runs"][0]["levels"]
+    assert level["parts"] == 16  # quarters of a side: the halves would be too large
+    assert level["diameter_ratio"] == pytest.approx(2**0.5 / 4 / 0.5)
+
+
+def test_one_failing_run_is_a_line(agglo: Agglo, stubborn: None) -> None:
+    ask = ["squares:n=8", "--bisectors", "stubborn,kmeans", "--report", "out.html"]
+    code, out, _ = agglo("compare", *ask)
+    assert code == 3
+    assert "too many cells for me" in out
+    assert "too many cells for me" in Path("out.html").read_text()
+    runs = json.loads(agglo("compare", *ask, "--json").out)["runs"]
+    assert [run["error"] is None for run in runs] == [False, True]
+    code, out, err = agglo("compare", "squares:n=8", "--bisectors", "stubborn", "--report", "other.html")
+    assert (code, out) == (2, "")
+    assert "no run came to an end" in err
+    assert not Path("other.html").exists()
+
+
+def test_run_writes_a_report(agglo: Agglo) -> None:
+    code, out, _ = agglo(
+        "run", "ring:n=24", "--bisector", "kmeans", "--bisector", "inertial", "--report", "o.html"
+    )
+    assert code == 0
+    assert "wrote o.html" in out
+    assert Path("o.html").read_text().startswith("<!DOCTYPE html>")
+    assert agglo("run", "squares:n=4", "--report", "q.html", "--quiet") == (0, "", "")
+    assert Path("q.html").exists()
+
+
+WRONG: dict[str, tuple[list[str], str]] = {
+    "no such sample": (["compare", "sqares"], "neither a file"),
+    "an unknown bisector": (
+        ["compare", "squares:n=4", "--bisectors", "kmeans,kmean"],
+        "did you mean 'kmeans'?",
+    ),
+    "an unknown option": (
+        ["compare", "squares:n=4", "--bisectors", "kmeans:no_such=1"],
+        "no option 'no_such'",
+    ),
+    "one bisector twice": (["compare", "squares:n=4", "--bisectors", "kmeans,kmeans"], "given twice"),
+    "an unknown method": (["compare", "squares:n=4", "--methods", "direct"], "'direct' is none of recursive"),
+    "no bisector that can": (
+        ["compare", "squares:n=4", "--bisectors", "inertial", "--methods", "kway"],
+        "no k-way partition",
+    ),
+    "two targets": (["compare", "squares:n=4", "--parts", "2", "--h-star", "1"], "--h-star and --parts"),
+    "a negative size": (["compare", "squares:n=4", "--bisectors", "kmeans", "--h-star", "-1"], "-1"),
+    "more parts than cells": (["compare", "squares:n=2", "--bisectors", "kmeans", "--parts", "5"], "5"),
+    "not a web page": (["compare", "squares:n=4", "--report", "out.vtu"], "reports end in .html"),
+    "a solid": (["compare", "boxes:n=2", "--bisectors", "kmeans", "--report", "out.html"], "plane meshes"),
+    "not a web page of run": (["run", "squares:n=4", "--report", "out.txt"], "reports end in .html"),
+    "no folder for the page": (["run", "squares:n=4", "--report", "absent/out.html"], "absent"),
+    "a page of a solid": (["run", "boxes:n=2", "--report", "out.html", "-o", "left.vtu"], "plane meshes"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), WRONG.values(), ids=WRONG.keys())
+def test_bad_input_is_one_line_and_leaves_nothing(
+    agglo: Agglo, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    code, out, err = agglo(*arguments)
+    assert (code, out) == (2, "")
+    errors = [line for line in err.splitlines() if not line.startswith("note: ")]
+    assert len(errors) == 1
+    assert errors[0].startswith("error: ")
+    assert message in errors[0]
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,168 @@
+"""``agglo demo``: what it prints, the files it leaves, and that one bad bisector does not stop it."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from agglo_core import io, samples
+from agglo_core.cli import main
+from agglo_core.errors import MeshError
+from agglo_core.graph import Graph
+from agglo_core.plugins import Component, default, hookimpl
+
+
+class Done(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Agglo = Callable[..., Done]
+
+
+@pytest.fixture
+def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
+    """Run the command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> Done:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as done:
+            main(arguments)
+        assert isinstance(done.value.code, int)
+        return Done(done.value.code, *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A ring stands in for the brain."""
+    monkeypatch.setattr(samples, "brain", lambda: samples.ring(16))
+
+
+@pytest.fixture
+def few(small: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two bisectors and a ring."""
+    demo = importlib.import_module("agglo_core.cli.demo")
+    monkeypatch.setattr(demo, "_bisectors", lambda quiet: ["kmeans", "inertial"])
+
+
+class Wrong:
+    """A bisector that fails on any mesh."""
+
+    def bisect(self, graph: Graph, rng: np.random.Generator) -> np.ndarray:
+        raise MeshError("not today")
+
+
+@pytest.fixture
+def wrong(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setitem(__import__("sys").modules, "wrong_home", SimpleNamespace(Wrong=Wrong))
+    good = Component(kind="bisector", name="wrong", target="wrong_home:Wrong")
+    lame = Component(kind="bisector", name="lame", target="wrong_home:Wrong", requires=("no_such_module",))
+    default().register(SimpleNamespace(agglo_components=hookimpl(lambda: [good, lame])), "wrong")
+    yield
+    default().unregister("wrong")
+
+
+def active() -> list[str]:
+    return [record.name for record in default().list() if record.kind == "bisector" and record.state == "ok"]
+
+
+def test_every_bisector_leaves_its_files(agglo: Agglo, small: None, wrong: None, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    code, out, err = agglo("demo")
+    assert code == 0
+    assert "note: without lame: it needs no_such_module" in err
+    assert "not today" in out
+    assert "report.html in a browser" in out
+    assert all(name in out for name in active())
+    left = {file.name for file in (tmp_path / "agglo-demo").iterdir()}
+    good = [name for name in active() if name != "wrong"]
+    meshes = {
+        f"{name}{end}" for name in good for end in (".vtu", "_level0.vtu", "_level1.vtu", "_level2.vtu")
+    }
+    assert left == {"report.html", "boxplots.png", *(f"{name}.png" for name in good), *meshes}
+
+
+def test_sizes_are_shares_of_the_diameter(agglo: Agglo, few: None, tmp_path: Path) -> None:
+    code, out, _ = agglo("demo", "-o", "here", "--h-star-factor", "0.3", "--json")
+    assert code == 0
+    data = json.loads(out)
+    diameter = samples.ring(16).graph.diameters()[0]
+    assert data["runs"][0]["bisector"] == "kmeans"
+    for run in data["runs"]:
+        targets = [level["target"] for level in run["levels"]]
+        assert targets == pytest.approx([0.3 * diameter, 0.6 * diameter])  # 1.2 D is one agglomerate
+        for level in run["levels"]:
+            assert level["connected"] == 1
+            assert level["max_diameter"] <= level["target"] * (1 + 1e-9)
+    assert all(Path(file).is_file() for file in data["files"])
+    _, stored = io.read_hierarchy(tmp_path / "here" / "kmeans.vtu")
+    assert stored is not None
+    assert [level.max() + 1 for level in stored.levels] == [
+        level["parts"] for level in data["runs"][0]["levels"]
+    ]
+
+
+def test_without_matplotlib_it_says_so(agglo: Agglo, few: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    demo = importlib.import_module("agglo_core.cli.demo")
+    monkeypatch.setattr(demo, "find_spec", lambda name: None)
+    code, _, err = agglo("demo")
+    assert code == 0
+    assert "matplotlib is not installed" in err
+    assert not list(Path("agglo-demo").glob("*.png"))
+    assert Path("agglo-demo/report.html").exists()
+
+
+def test_an_earlier_demo_is_replaced_and_other_files_stay(agglo: Agglo, few: None) -> None:
+    Path("agglo-demo").mkdir()
+    Path("agglo-demo/mine.txt").write_text("mine")
+    Path("agglo-demo/report.html").write_text("old")
+    assert agglo("demo", "--quiet") == (0, "", "")
+    assert Path("agglo-demo/mine.txt").read_text() == "mine"
+    assert Path("agglo-demo/report.html").read_text() != "old"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-o", "taken"], "taken is a file"),
+        (["-o", "absent/deep"], "there is no folder absent"),
+        (["--h-star-factor", "0"], "0"),
+        (["--h-star-factor", "1.5"], "1.5"),
+        (["--h-star-factor", "x"], "'x'"),
+        (["extra"], "extra"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    agglo: Agglo, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    (tmp_path / "taken").touch()
+    code, out, err = agglo("demo", *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith("error: ")
+    assert message in err
+    assert [each.name for each in tmp_path.iterdir()] == ["taken"]
+
+
+def test_the_brain_of_the_demo(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [name for name in active() if name in ("kmeans", "metis")]
+    monkeypatch.setattr(importlib.import_module("agglo_core.cli.demo"), "_bisectors", lambda quiet: names)
+    code, out, _ = agglo("demo", "--json", "--quiet")
+    assert code == 0
+    data = json.loads(out)
+    assert data["mesh"]["cells"] > 10_000
+    for run in data["runs"]:
+        for level in run["levels"]:
+            assert level["connected"] == 1
+            assert level["max_diameter"] <= level["target"] * (1 + 1e-9)
+    assert data["files"][0].endswith("report.html")

@@ -1,0 +1,296 @@
+"""The dual graph: slow twins, networkx and scipy as oracles, blocks, quotients."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+from scipy.spatial import Delaunay
+from scipy.spatial.distance import pdist
+
+from agglo_core import Graph, Mesh, MeshError, samples
+
+ARRAYS = ("indptr", "indices", "interface", "centroids", "measures", "boundary", "weights", "vertex_offsets")
+
+
+def compact(labels: np.ndarray) -> np.ndarray:
+    return np.unique(labels, return_inverse=True)[1]
+
+
+@st.composite
+def meshes(draw: st.DrawFn) -> Mesh:
+    """Small meshes in the plane and in space, fine or coarsened (parallel faces, holes, loose cells)."""
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    kind = draw(st.sampled_from(["squares", "delaunay", "voronoi", "boxes", "tetrahedra"]))
+    if kind == "delaunay":
+        points = rng.random((draw(st.integers(4, 20)), 2))
+        mesh = Mesh.from_polygons(points, Delaunay(points).simplices)
+    elif kind == "voronoi":
+        mesh = samples.voronoi(draw(st.integers(2, 12)), seed=int(rng.integers(100)))
+    else:
+        mesh = getattr(samples, kind)(draw(st.integers(1, 3)))
+    tags = {"material": rng.integers(0, 3, mesh.n_cells)}
+    mesh = Mesh(mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, tags)
+    if draw(st.booleans()):
+        mesh = mesh.coarsen(compact(rng.integers(0, 5, mesh.n_cells)))
+    return mesh
+
+
+@st.composite
+def labelled(draw: st.DrawFn) -> tuple[Mesh, np.ndarray]:
+    mesh = draw(meshes())
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    return mesh, compact(rng.integers(0, draw(st.integers(1, 5)), mesh.n_cells))
+
+
+def rows(graph: Graph) -> list[dict[int, float]]:
+    """Neighbours of each node with the interface."""
+    return [
+        dict(zip(graph.indices[i:j].tolist(), graph.interface[i:j].tolist(), strict=True))
+        for i, j in zip(graph.indptr[:-1], graph.indptr[1:], strict=True)
+    ]
+
+
+def slow_rows(mesh: Mesh) -> tuple[list[dict[int, float]], np.ndarray]:
+    found: list[dict[int, float]] = [defaultdict(float) for _ in range(mesh.n_cells)]
+    boundary = np.zeros(mesh.n_cells)
+    for (a, b), length in zip(mesh.face_cells.tolist(), mesh.face_measures.tolist(), strict=True):
+        if b < 0:
+            boundary[a] += length
+        else:
+            found[a][b] += length
+            found[b][a] += length
+    return found, boundary
+
+
+def corners(graph: Graph, node: int) -> np.ndarray:
+    return np.unique(graph.vertices[graph.vertex_offsets[node] : graph.vertex_offsets[node + 1]])
+
+
+def same(a: Graph, b: Graph) -> None:
+    for name in (*ARRAYS, "offsets", "origin"):
+        np.testing.assert_allclose(getattr(a, name), getattr(b, name), atol=1e-12, err_msg=name)
+    for node in range(a.n):
+        np.testing.assert_array_equal(a.points[corners(a, node)], b.points[corners(b, node)])
+    assert a.data.keys() == b.data.keys()
+    for name, values in a.data.items():
+        np.testing.assert_array_equal(values, b.data[name])
+
+
+# --- from a mesh ----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=80, deadline=None)
+@given(meshes())
+def test_the_dual_graph_is_what_a_loop_over_the_faces_gives(mesh: Mesh) -> None:
+    graph = mesh.graph
+    wanted, boundary = slow_rows(mesh)
+    for row, expected in zip(rows(graph), wanted, strict=True):
+        assert row == pytest.approx(dict(expected))
+    np.testing.assert_allclose(graph.boundary, boundary, atol=1e-14)
+    np.testing.assert_allclose(graph.centroids + graph.origin, mesh.cell_centroids, atol=1e-13)
+    np.testing.assert_array_equal(graph.measures, mesh.cell_measures)
+    assert graph.weights is graph.measures
+    assert (graph.n, graph.dim, graph.n_blocks) == (mesh.n_cells, mesh.dim, 1)
+    for name, values in mesh.cell_tags.items():
+        np.testing.assert_array_equal(graph.data[name], values)
+    graph.check()
+
+
+def test_a_path_of_three_squares() -> None:
+    graph = samples.strip(3).graph
+    assert rows(graph)[1].keys() == {0, 2}
+    assert repr(graph) == "Graph(2-D, 3 nodes, 2 edges, 1 blocks)"
+    assert graph.indptr.dtype == graph.offsets.dtype == np.int64
+    assert graph.indices.dtype == graph.vertices.dtype == np.int32
+    assert not any(getattr(graph, name).flags.writeable for name in ARRAYS)
+
+
+def test_several_faces_with_one_neighbour_are_one_edge() -> None:
+    mesh = samples.squares(4)
+    x = np.round(mesh.cell_centroids[:, 0] * 4 - 0.5).astype(int)
+    graph = mesh.coarsen((x > 1).astype(int)).graph
+    assert graph.indices.tolist() == [1, 0]
+    np.testing.assert_allclose(graph.interface, [1, 1])
+
+
+# --- components ----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(labelled())
+def test_components_are_those_of_networkx(case: tuple[Mesh, np.ndarray]) -> None:
+    mesh, labels = case
+    graph = mesh.graph
+    net = nx.from_scipy_sparse_array(graph.to_scipy())
+    for parts in (np.zeros(graph.n, int), labels):
+        cut = [(i, j) for i, j in net.edges if parts[i] != parts[j]]
+        whole = net.copy()
+        whole.remove_edges_from(cut)
+        wanted = sorted(sorted(nodes) for nodes in nx.connected_components(whole))
+        found = graph.components(parts)
+        assert [np.flatnonzero(found == c).tolist() for c in range(found.max() + 1)] == wanted
+    np.testing.assert_array_equal(graph.components(), graph.components(np.zeros(graph.n, int)))
+
+
+@pytest.mark.parametrize("labels", [[0, 0, -1, 0], [0, 0, 0]])
+def test_components_of_labels_that_do_not_fit(labels: list[int]) -> None:
+    with pytest.raises(MeshError, match=r"labels must be \(4,\) integers, none negative"):
+        samples.squares(2).graph.components(labels)
+
+
+# --- diameters -----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(labelled())
+def test_diameters_are_exact(case: tuple[Mesh, np.ndarray]) -> None:
+    mesh, labels = case
+    graph = mesh.graph
+    wanted = [
+        pdist(graph.points[np.concatenate([corners(graph, c) for c in np.flatnonzero(labels == p)])]).max()
+        for p in range(labels.max() + 1)
+    ]
+    np.testing.assert_allclose(graph.part_diameters(labels), wanted, rtol=1e-12)
+    np.testing.assert_allclose(graph.split(labels)[0].diameters(), wanted, rtol=1e-12)
+    np.testing.assert_allclose(graph.diameters()[0], pdist(graph.points[np.unique(graph.vertices)]).max())
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("shape", ["cloud", "sphere", "simplex", "line", "lattice", "pair"])
+def test_diameters_of_point_clouds(d: int, shape: str) -> None:
+    """Clouds larger than the part that is compared pair by pair, many of their points far out."""
+    rng = np.random.default_rng(d)
+    cloud = rng.normal(size=(400, d))
+    if shape == "sphere":
+        cloud /= np.linalg.norm(cloud, axis=1)[:, None]
+    elif shape == "simplex":
+        cloud = rng.dirichlet(np.full(d + 1, 0.3), 400) @ np.vstack((np.eye(d), np.zeros(d)))
+    elif shape == "line":
+        cloud = rng.random(400)[:, None] * np.arange(1, d + 1)
+    elif shape == "lattice":
+        cloud = rng.integers(0, 4, (400, d)).astype(float)
+    elif shape == "pair":
+        cloud = np.repeat(cloud[:2], 200, axis=0)
+    graph = Graph.from_arrays(np.zeros(401, int), [], cloud)
+    assert graph.diameters()[0] == pytest.approx(pdist(cloud).max(), rel=1e-13)
+
+
+# --- blocks --------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(labelled())
+def test_splitting_gives_the_parts_as_blocks(case: tuple[Mesh, np.ndarray]) -> None:
+    mesh, labels = case
+    graph = mesh.graph
+    level, order = graph.split(labels)
+    np.testing.assert_array_equal(labels[order], level.block_ids)
+    np.testing.assert_array_equal(level.offsets, np.cumsum([0, *np.bincount(labels)]))
+    matrix = graph.to_scipy().toarray()
+    for b in range(level.n_blocks):
+        nodes = np.flatnonzero(labels == b)
+        block = level[b]
+        np.testing.assert_array_equal(order[level.offsets[b] : level.offsets[b + 1]], nodes)
+        np.testing.assert_array_equal(block.to_scipy().toarray(), matrix[np.ix_(nodes, nodes)])
+        np.testing.assert_array_equal(block.centroids, graph.centroids[nodes])
+        np.testing.assert_array_equal(block.measures, graph.measures[nodes])
+        np.testing.assert_array_equal(block.boundary, graph.boundary[nodes])
+        for k, node in enumerate(nodes):
+            np.testing.assert_array_equal(corners(block, k), corners(graph, node))
+        for name, values in graph.data.items():
+            np.testing.assert_array_equal(block.data[name], values[nodes])
+
+
+@settings(max_examples=40, deadline=None)
+@given(labelled(), st.randoms(use_true_random=False))
+def test_taking_blocks_is_taking_them_one_by_one(case: tuple[Mesh, np.ndarray], random: object) -> None:
+    mesh, labels = case
+    level = mesh.graph.split(labels)[0]
+    blocks = np.arange(level.n_blocks)
+    random.shuffle(blocks)  # type: ignore[attr-defined]
+    chosen = blocks[: max(1, len(blocks) // 2)]
+    taken = level.take(chosen)
+    assert taken.n_blocks == len(chosen)
+    for k, b in enumerate(chosen):
+        same(taken[k], level[b])
+        same(level.take([b]), level[b])
+    same(level.take(np.arange(level.n_blocks)), level)
+
+
+def test_blocks_by_number() -> None:
+    level = samples.squares(2).graph.split([0, 1, 1, 0])[0]
+    same(level[-1], level[1])
+    for block in (2, -3):
+        with pytest.raises(IndexError, match="of a graph with 2 blocks"):
+            level[block]
+
+
+def test_a_permuted_graph() -> None:
+    graph = samples.voronoi(50, seed=2).graph
+    order = np.random.default_rng(0).permutation(50)
+    permuted = graph.subgraph(order, [0, 50])
+    wanted = graph.to_scipy().toarray()[np.ix_(order, order)]
+    np.testing.assert_array_equal(permuted.to_scipy().toarray(), wanted)
+    same(permuted.subgraph(np.argsort(order), [0, 50]), graph)
+
+
+# --- quotients -----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(labelled())
+def test_the_graph_of_the_coarse_mesh_is_the_coarse_graph(case: tuple[Mesh, np.ndarray]) -> None:
+    mesh, labels = case
+    coarse, quotient = mesh.coarsen(labels).graph, mesh.graph.coarsen(labels)
+    assert [row.keys() for row in rows(quotient)] == [row.keys() for row in rows(coarse)]
+    for row, expected in zip(rows(quotient), rows(coarse), strict=True):
+        assert row == pytest.approx(expected)
+    for name in ("measures", "weights", "boundary", "centroids"):
+        np.testing.assert_allclose(getattr(quotient, name), getattr(coarse, name), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(quotient.diameters(), coarse.diameters(), rtol=1e-12)
+    np.testing.assert_allclose(
+        quotient.part_diameters(np.arange(quotient.n)), mesh.graph.part_diameters(labels)
+    )
+    quotient.check()
+
+
+@settings(max_examples=30, deadline=None)
+@given(labelled())
+def test_the_quotient_is_that_of_networkx(case: tuple[Mesh, np.ndarray]) -> None:
+    mesh, labels = case
+    net = nx.from_scipy_sparse_array(mesh.graph.to_scipy())
+    partition = [set(np.flatnonzero(labels == p).tolist()) for p in range(labels.max() + 1)]
+    quotient = nx.quotient_graph(net, partition, relabel=True)
+    wanted = nx.to_numpy_array(quotient, nodelist=range(len(partition)))
+    np.testing.assert_allclose(mesh.graph.coarsen(labels).to_scipy().toarray(), wanted, atol=1e-12)
+
+
+def test_weights_of_their_own_add_up_too() -> None:
+    graph = Graph.from_arrays([0, 1, 3, 4], [1, 0, 2, 1], [[0, 0], [1, 0], [2, 0]], weights=[1, 2, 5])
+    coarse = graph.coarsen([0, 0, 1])
+    assert coarse.weights.tolist() == [3, 5]
+    assert coarse.measures.tolist() == [2, 1]
+    assert (coarse.centroids + coarse.origin).tolist() == [[0.5, 0], [2, 0]]
+
+
+# --- from arrays ---------------------------------------------------------------------------------------
+
+
+def test_a_graph_from_a_matrix_and_centroids() -> None:
+    matrix = sparse.csr_array(nx.to_scipy_sparse_array(nx.karate_club_graph(), dtype=float))
+    rng = np.random.default_rng(0)
+    at = rng.random((34, 2)) + 100
+    graph = Graph.from_arrays(
+        matrix.indptr, matrix.indices, at, interface=matrix.data, data={"id": np.arange(34)}
+    )
+    assert (graph.to_scipy() != matrix).nnz == 0
+    np.testing.assert_allclose(graph.centroids + graph.origin, at)
+    assert graph.diameters()[0] == pytest.approx(pdist(at).max())
+    assert graph.measures.tolist() == [1.0] * 34
+    assert graph.split(np.arange(34) % 2)[0].data["id"][:3].tolist() == [0, 2, 4]

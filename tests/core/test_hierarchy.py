@@ -1,0 +1,161 @@
+"""Trees, hierarchies, and the identities between parents, overlaps and prolongations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglo_core import Hierarchy, Mesh, MeshError, OptionError, samples
+from agglo_core.hierarchy import Tree, by_first_cell
+
+
+def compact(labels: np.ndarray) -> np.ndarray:
+    return np.unique(labels, return_inverse=True)[1]
+
+
+def hierarchy_of(mesh: Mesh, *levels: np.ndarray, nested: bool = True) -> Hierarchy:
+    return Hierarchy(mesh, mesh.graph, levels, [{"h_star": 1.0}] * len(levels), nested)
+
+
+@st.composite
+def nested(draw: st.DrawFn) -> Hierarchy:
+    mesh = samples.voronoi(draw(st.integers(2, 30)), seed=draw(st.integers(0, 20)))
+    rng = np.random.default_rng(draw(st.integers(0, 10**6)))
+    levels, labels = [], np.arange(mesh.n_cells)
+    for _ in range(draw(st.integers(1, 4))):
+        k = int(labels.max()) + 1
+        labels = by_first_cell(rng.integers(0, rng.integers(1, k + 1), k)[labels])
+        levels.append(labels)
+    return hierarchy_of(mesh, *levels)
+
+
+@settings(max_examples=50, deadline=None)
+@given(nested())
+def test_parents_prolongations_and_overlaps_agree(hierarchy: Hierarchy) -> None:
+    measures = hierarchy.graph.measures
+    total = None
+    for level, labels in enumerate(hierarchy.levels):
+        prolongation = hierarchy.prolongation(level)
+        k = hierarchy.parts[level]
+        assert prolongation.shape == ((hierarchy.parts[level - 1] if level else hierarchy.graph.n), k)
+        assert (prolongation.sum(axis=1) == 1).all()
+        total = prolongation if total is None else total @ prolongation
+        np.testing.assert_array_equal(total.toarray(), np.eye(k)[labels])
+        if level + 1 == len(hierarchy.levels):
+            continue
+        parents, coarse = hierarchy.parents(level), hierarchy.levels[level + 1]
+        np.testing.assert_array_equal(parents[labels], coarse)
+        overlap = hierarchy.overlap(level)
+        assert overlap.shape == (hierarchy.parts[level + 1], k)
+        assert overlap.nnz == k  # nested: every part lies in one
+        np.testing.assert_allclose(overlap.sum(axis=1), np.bincount(coarse, measures))
+        np.testing.assert_allclose(overlap.sum(axis=0), np.bincount(labels, measures))
+        wanted = np.bincount(labels, measures) * (parents == np.arange(hierarchy.parts[level + 1])[:, None])
+        np.testing.assert_allclose(overlap.toarray(), wanted)
+
+
+@settings(max_examples=50, deadline=None)
+@given(nested())
+def test_meshes_of_the_levels(hierarchy: Hierarchy) -> None:
+    for level, k in enumerate(hierarchy.parts):
+        coarse = hierarchy.mesh(level)
+        assert coarse.n_cells == k
+        if level:
+            again = hierarchy.mesh(level - 1).coarsen(hierarchy.parents(level - 1))
+            assert again.fingerprint == coarse.fingerprint
+
+
+def test_overlaps_of_levels_that_are_not_nested() -> None:
+    mesh = samples.squares(4)
+    x, y = np.round(mesh.cell_centroids.T * 4 - 0.5).astype(int)
+    hierarchy = hierarchy_of(mesh, compact(y // 2), compact(x // 2), nested=False)
+    np.testing.assert_allclose(hierarchy.overlap(0).toarray(), np.full((2, 2), 0.25))
+    for refused in (lambda: hierarchy.parents(0), lambda: hierarchy.prolongation(1)):
+        with pytest.raises(ValueError, match="not nested"):
+            refused()
+    assert hierarchy.prolongation(0).shape == (16, 2)
+
+
+def test_levels_beyond_the_last() -> None:
+    hierarchy = hierarchy_of(samples.squares(2), np.array([0, 0, 1, 1]), np.zeros(4, int))
+    assert repr(hierarchy) == "Hierarchy(4 cells -> 2, 1 parts)"
+    for refused in (hierarchy.parents, hierarchy.overlap):
+        with pytest.raises(IndexError, match=r"level 2 of a hierarchy with levels 0\.\.1"):
+            refused(1)
+    for refused in (hierarchy.mesh, hierarchy.prolongation):
+        with pytest.raises(IndexError, match=r"level -1"):
+            refused(-1)
+
+
+def test_what_does_not_fit_together_is_refused() -> None:
+    mesh = samples.squares(2)
+    with pytest.raises(OptionError, match="1 levels but 0 targets"):
+        Hierarchy(mesh, mesh.graph, [np.zeros(4, int)], [], True)
+    with pytest.raises(MeshError, match=r"shape \(3,\), expected \(4,\)"):
+        Hierarchy(mesh, mesh.graph, [np.zeros(3, int)], [{}], True)
+
+
+def test_a_hierarchy_of_a_graph_has_no_meshes() -> None:
+    graph = samples.squares(2).graph
+    hierarchy = Hierarchy(None, graph, [np.zeros(4, int)], [{"parts": 1}], True)
+    assert hierarchy.fingerprint == ""
+    with pytest.raises(MeshError, match="belongs to a graph"):
+        hierarchy.mesh(0)
+
+
+def test_the_fingerprint_is_that_of_the_mesh() -> None:
+    mesh = samples.squares(3)
+    assert hierarchy_of(mesh, np.zeros(9, int)).fingerprint == mesh.fingerprint
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 7), min_size=1, max_size=30))
+def test_labels_are_numbered_by_their_first_cell(labels: list[int]) -> None:
+    seen: dict[int, int] = {}
+    wanted = [seen.setdefault(label, len(seen)) for label in labels]
+    assert by_first_cell(labels).tolist() == wanted
+
+
+# --- trees -----------------------------------------------------------------------------------------------
+
+#        0
+#      /   \
+#     1     2       cells in tree order: 4 2 | 0 | 3 1
+#    / \            (nodes 3, 4 under 1; node 2 a leaf)
+#   3   4
+TREE = Tree(
+    cells=np.array([4, 2, 0, 3, 1]),
+    parent=np.array([-1, 0, 0, 1, 1]),
+    start=np.array([0, 0, 3, 0, 2]),
+    stop=np.array([5, 3, 5, 2, 3]),
+    diameter=np.array([4.0, 2.0, 3.0, 1.0, 0.5]),
+)
+
+
+@pytest.mark.parametrize(
+    ("h_star", "nodes"),
+    [(5.0, [0]), (4.0, [0]), (3.9, [1, 2]), (2.0, [1, 2]), (1.9, [2, 3, 4]), (0.1, [2, 3, 4])],
+)
+def test_a_cut_takes_the_first_small_enough_node_on_each_path(h_star: float, nodes: list[int]) -> None:
+    assert TREE.cut(h_star).tolist() == nodes
+
+
+def test_labels_of_a_cut() -> None:
+    assert TREE.labels([0]).tolist() == [0, 0, 0, 0, 0]
+    assert TREE.labels([2, 1]).tolist() == [0, 1, 0, 1, 0]
+    assert TREE.labels([3, 4, 2]).tolist() == [0, 1, 2, 1, 2]
+
+
+def test_roots_of_several_pieces_are_cut_each() -> None:
+    forest = Tree(
+        cells=np.array([1, 0, 2]),
+        parent=np.array([-1, -1, 0, 0]),
+        start=np.array([0, 2, 0, 1]),
+        stop=np.array([2, 3, 1, 2]),
+        diameter=np.array([2.0, 9.0, 1.0, 1.0]),
+    )
+    assert forest.cut(3.0).tolist() == [0, 1]  # a single cell stays, however large
+    assert forest.cut(1.0).tolist() == [1, 2, 3]
+    assert forest.labels(forest.cut(1.0)).tolist() == [0, 1, 2]

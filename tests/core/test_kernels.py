@@ -1,0 +1,453 @@
+"""Compiled kernels against slow, obvious twins; what is compiled, when, and where it is kept.
+
+Moments, dual graphs, diameters and loops meet their oracles in the tests of Mesh and Graph, circles and
+shapes in those of the metrics.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import defaultdict
+from itertools import pairwise
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglo_core import Graph, samples
+from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.kernels.faces import cell_faces, check_polygons, match_half_edges
+from agglo_core.kernels.graphs import child_order, components, count_components, permute_graph, take_rows
+from agglo_core.kernels.interface import relax_interface
+from agglo_core.kernels.repair import absorb
+from agglo_kmeans.kernel import two_means
+
+SEEDS = st.integers(0, 10**6)
+
+
+def compact(labels: np.ndarray) -> np.ndarray:
+    return np.unique(labels, return_inverse=True)[1]
+
+
+# --- faces ----------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=3, max_size=8, unique=True))
+def test_a_loop_is_faulty_where_shapely_says_so(ring: list[tuple[int, int]]) -> None:
+    """On a lattice, where vertices meet edges and edges overlap exactly."""
+    points = frozen_float(ring)
+    loop = frozen_int(np.arange(len(ring)))
+    area, fault = check_polygons(points, frozen_int([0, len(ring)]), loop, False)
+    polygon = shapely.Polygon(ring)
+    assert (fault[0] == 0) == (polygon.is_valid and polygon.area > 0)
+    assert area[0] == (polygon.area if polygon.exterior.is_ccw else -polygon.area) or not polygon.is_valid
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(4, 20), SEEDS, st.booleans())
+def test_star_polygons_are_valid(n: int, seed: int, convex: bool) -> None:
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.permutation(3 * n)[:n]) * (2 * np.pi / (3 * n))
+    radius = np.ones(n) if convex else rng.uniform(0.2, 1, n)
+    points = frozen_float(np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=1))
+    area, fault = check_polygons(points, frozen_int([0, n]), frozen_int(np.arange(n)), False)
+    assert fault.tolist() == [0 if shapely.Polygon(points).is_valid else 3]
+    assert abs(area[0]) == pytest.approx(shapely.area(shapely.Polygon(points))) or fault[0]
+
+
+def slow_match(cells: list[list[int]]) -> tuple[list, list, list, bool]:
+    """Faces (vertices, cells) in order of first sight, doubles, and whether a third cell came."""
+    faces: dict[frozenset[int], list[tuple[int, int, int]]] = defaultdict(list)
+    for c, cell in enumerate(cells):
+        for a, b in zip(cell, [*cell[1:], cell[0]], strict=True):
+            faces[frozenset((a, b))].append((a, b, c))
+    vertices, sides, doubles = [], [], []
+    for walks in faces.values():
+        if len(walks) > 2:
+            return [], [], [], True
+        (a, b, c), *others = walks
+        partner = [e for x, y, e in others if (x, y) == (b, a)]
+        if c in partner:
+            continue  # a bridge
+        vertices.append([a, b])
+        sides.append([c, partner[0] if partner else -1])
+        for x, y, e in others:
+            if (x, y) == (a, b):
+                doubles.append([c, e])
+                vertices.append([x, y])
+                sides.append([e, -1])
+    return sorted(vertices), sorted(sides), sorted(doubles), False
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(st.permutations(range(7)).flatmap(lambda p: st.integers(3, 5).map(lambda k: p[:k])), max_size=4)
+)
+def test_half_edges_are_paired_as_a_dictionary_would(cells: list[list[int]]) -> None:
+    offsets = frozen_int(np.cumsum([0, *map(len, cells)]))
+    flat = frozen_int([v for cell in cells for v in cell])
+    vertices, sides, doubles, fault = match_half_edges(offsets, flat, 7)
+    wanted = slow_match(cells)
+    assert (fault[0] >= 0) == wanted[3]
+    if wanted[3]:
+        a, b, *crowd = fault
+        assert len(set(crowd)) == 3
+        for c in crowd:
+            walked = {frozenset(e) for e in zip(cells[c], [*cells[c][1:], cells[c][0]], strict=True)}
+            assert frozenset((a, b)) in walked
+    else:
+        assert (sorted(vertices.tolist()), sorted(sides.tolist()), sorted(doubles.tolist())) == wanted[:3]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 6), st.integers(0, 12), SEEDS)
+def test_faces_of_cells(n: int, m: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sides = rng.integers(0, n, (m, 2))
+    sides[rng.random(m) < 0.4, 1] = -1
+    offsets, faces = cell_faces(frozen_int(sides), n)
+    for c in range(n):
+        wanted = [f for f, pair in enumerate(sides.tolist()) for side in pair if side == c]
+        assert faces[offsets[c] : offsets[c + 1]].tolist() == wanted
+
+
+# --- graphs ---------------------------------------------------------------------------------------------
+
+
+def random_graph(seed: int, n: int = 30) -> Graph:
+    rng = np.random.default_rng(seed)
+    matrix = np.triu(rng.random((n, n)) * (rng.random((n, n)) < 0.12), 1)
+    matrix += matrix.T
+    rows, columns = np.nonzero(matrix)
+    indptr = np.concatenate(([0], np.cumsum(np.bincount(rows, minlength=n))))
+    return Graph.from_arrays(
+        indptr, columns, rng.random((n, 2)), interface=matrix[rows, columns], measures=rng.uniform(0.5, 2, n)
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.integers(1, 30))
+def test_permuted_rows(seed: int, kept: int) -> None:
+    graph = random_graph(seed)
+    rng = np.random.default_rng(seed)
+    order, cut = rng.permutation(30)[:kept], int(rng.integers(0, kept + 1))
+    indptr, indices, interface = permute_graph(
+        graph.indptr, graph.indices, graph.interface, frozen_int(order), frozen_int([0, cut, kept])
+    )
+    found = np.zeros((kept, kept))
+    found[np.repeat(np.arange(kept), np.diff(indptr)), indices] = interface
+    block = np.arange(kept) < cut
+    dense = graph.to_scipy().toarray()[np.ix_(order, order)] * (block[:, None] == block)
+    np.testing.assert_array_equal(found, dense)
+    offsets, values = take_rows(graph.indptr, graph.indices, frozen_int(order))
+    for row, node in enumerate(order):
+        wanted = graph.indices[graph.indptr[node] : graph.indptr[node + 1]]
+        np.testing.assert_array_equal(values[offsets[row] : offsets[row + 1]], wanted)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.integers(0, 5), max_size=6), SEEDS)
+def test_children_keep_the_order_of_their_parent(sizes: list[int], seed: int) -> None:
+    offsets = np.cumsum([0, *sizes])
+    sides = np.random.default_rng(seed).integers(0, 2, offsets[-1])
+    order, children = child_order(frozen_int(offsets), frozen_int(sides))
+    blocks = np.repeat(np.arange(len(sizes)), sizes)
+    np.testing.assert_array_equal(order, np.lexsort((np.arange(len(sides)), sides, blocks)))
+    wanted = np.cumsum([0, *np.bincount(2 * blocks + sides, minlength=2 * len(sizes))])
+    np.testing.assert_array_equal(children, wanted)
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS)
+def test_nodes_by_component(seed: int) -> None:
+    graph = random_graph(seed)
+    labels = np.random.default_rng(seed).integers(0, 2, 30)
+    nodes, offsets = components(graph.indptr, graph.indices, frozen_int(labels))
+    net = nx.from_scipy_sparse_array(graph.to_scipy())
+    net.remove_edges_from([(i, j) for i, j in net.edges if labels[i] != labels[j]])
+    wanted = sorted(map(sorted, nx.connected_components(net)))
+    assert [sorted(nodes[i:j]) for i, j in pairwise(offsets)] == wanted
+    blocks = graph.subgraph(np.arange(30), [0, 10, 30])
+    counts = count_components(blocks.offsets, blocks.indptr, blocks.indices, frozen_int(labels))
+    first = np.unique(blocks.components(labels), return_index=True)[1]
+    assert counts.tolist() == [np.sum(first < 10), np.sum(first >= 10)]
+    component = graph.components(labels)
+    assert [np.flatnonzero(component == c).tolist() for c in range(len(wanted))] == wanted
+
+
+# --- connectivity repair ----------------------------------------------------------------------------------
+
+
+def slow_absorb(graph: Graph, kept: np.ndarray, loose: list[list[int]]) -> np.ndarray:
+    parts, waiting = kept.copy(), list(loose)
+    while waiting:
+        choices = []
+        for nodes in waiting:
+            shared: dict[int, float] = defaultdict(float)
+            for i in nodes:
+                for h in range(graph.indptr[i], graph.indptr[i + 1]):
+                    if parts[graph.indices[h]] >= 0:
+                        shared[parts[graph.indices[h]]] += graph.interface[h]
+            choices.append(max(shared, key=lambda p: shared[p]) if shared else -1)
+        if max(choices) < 0:
+            break
+        for nodes, choice in zip(waiting, choices, strict=True):
+            parts[nodes] = choice
+        waiting = [nodes for nodes, choice in zip(waiting, choices, strict=True) if choice < 0]
+    return parts
+
+
+@settings(max_examples=80, deadline=None)
+@given(SEEDS, st.integers(1, 4))
+def test_loose_components_join_the_neighbour_they_touch_most(seed: int, n_parts: int) -> None:
+    graph = random_graph(seed)
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, n_parts, 30)
+    nodes, offsets = components(graph.indptr, graph.indices, frozen_int(labels))
+    component = graph.components(labels)
+    loose = np.flatnonzero(rng.random(len(offsets) - 1) < 0.6)
+    kept = np.where(np.isin(component, loose), -1, labels)
+    found = absorb(
+        graph.indptr, graph.indices, graph.interface, frozen_int(kept), frozen_int(nodes),
+        frozen_int(offsets), frozen_int(loose), n_parts,
+    )  # fmt: skip
+    np.testing.assert_array_equal(
+        found, slow_absorb(graph, kept, [np.flatnonzero(component == c) for c in loose])
+    )
+
+
+# --- interface relaxation ---------------------------------------------------------------------------------
+
+
+class SlowRelaxation:
+    """The sweeps of one block, with dictionaries and networkx."""
+
+    def __init__(self, block: Graph, labels: np.ndarray, floor: float) -> None:
+        self.net = nx.from_scipy_sparse_array(block.to_scipy())
+        self.parts, self.measures = labels.copy(), block.measures
+        present = np.unique(labels)
+        measure = {p: block.measures[labels == p].sum() for p in present}
+        small = min(measure, key=lambda p: measure[p])
+        middle = {p: np.average(block.centroids[labels == p], axis=0, weights=block.measures[labels == p])
+                  for p in present}  # fmt: skip
+        axis = middle[small] - np.average(block.centroids, axis=0, weights=block.measures)
+        self.keys = block.centroids @ axis
+        two = labels.max() == 1
+        self.floors = {p: floor * (measure[small] if two else measure[p]) for p in present}
+
+    def shares(self, i: int) -> dict[int, float]:
+        shares: dict[int, float] = defaultdict(float)
+        for j, edge in self.net[i].items():
+            shares[self.parts[j]] += edge["weight"]
+        return shares
+
+    def best_move(self, i: int, pairs: bool) -> tuple[int, int] | None:
+        """Part to move to and the partner to take along (−1: none)."""
+        shares = self.shares(i)
+        own = shares.pop(self.parts[i], 0.0)
+        if not shares:
+            return None
+        target = max(shares, key=lambda p: shares[p])
+        least = 1e-9 * (own + sum(shares.values()))
+        if shares[target] - own > least:
+            return target, -1
+        best = None
+        for j, edge in self.net[i].items() if pairs else ():
+            if self.parts[j] == self.parts[i]:
+                theirs = self.shares(j)
+                gain = shares[target] - own + 2 * edge["weight"] + theirs[target] - theirs[self.parts[i]]
+                if gain > least:
+                    least, best = gain, (target, j)
+        return best
+
+    def leave(self, i: int, target: int) -> bool:
+        rest = [j for j in np.flatnonzero(self.parts == self.parts[i]) if j != i]
+        if not rest or self.measures[rest].sum() < self.floors[self.parts[i]] * (1 - 1e-12):
+            return False
+        reached = {j for j in self.net[i] if self.parts[j] == self.parts[i]}
+        if sum(bool(reached & c) for c in nx.connected_components(self.net.subgraph(rest))) > 1:
+            return False
+        self.parts[i] = target
+        return True
+
+    def run(self) -> np.ndarray:
+        ever = {i for i in self.net if self.shares(i).keys() - {self.parts[i]}}
+        candidates, pairs, paired = set(ever), False, False
+        for _ in range(10):
+            movers = [i for i in candidates if self.best_move(i, pairs)]
+            candidates = set()
+            for i in sorted(movers, key=lambda i: self.keys[i]):
+                move, own = self.best_move(i, pairs), self.parts[i]
+                if not move or not self.leave(i, move[0]):
+                    continue
+                if move[1] >= 0 and not self.leave(move[1], move[0]):
+                    self.parts[i] = own
+                    continue
+                for node in move[1:] if move[1] >= 0 else ():
+                    candidates |= set(self.net[node])
+                candidates |= set(self.net[i])
+                ever |= candidates
+            if pairs:
+                pairs = False
+            elif not candidates and not paired:
+                pairs, paired, candidates = True, True, set(ever)
+            if not candidates:
+                break
+        return self.parts
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(8, 60), st.integers(2, 4), SEEDS, st.sampled_from([0.0, 0.5, 0.85]), st.booleans())
+def test_interfaces_are_relaxed_as_the_slow_sweeps_do(
+    n: int, parts: int, seed: int, floor: float, ragged: bool
+) -> None:
+    graph = samples.voronoi(n, seed=seed % 50).graph
+    rng = np.random.default_rng(seed)
+    near = np.argmin(
+        ((graph.centroids[:, None] - rng.uniform(-0.5, 0.5, (parts, 2))) ** 2).sum(axis=2), axis=1
+    )
+    astray = rng.random(n) < (0.3 if ragged else 0.0)
+    labels = compact(np.where(astray, rng.integers(0, parts, n), near))
+    blocks = compact(graph.components(compact(graph.centroids[:, 0] > 0.1)))
+    level, order = graph.split(blocks)
+    given_labels = frozen_int(labels[order])
+    found = relax_interface(
+        level.offsets, level.indptr, level.indices, level.interface, level.centroids, level.measures,
+        given_labels, floor,
+    )  # fmt: skip
+    for b in range(level.n_blocks):
+        nodes = slice(level.offsets[b], level.offsets[b + 1])
+        wanted = SlowRelaxation(level[b], given_labels[nodes], floor).run()
+        np.testing.assert_array_equal(found[nodes], wanted)
+
+
+# --- 2-means ------------------------------------------------------------------------------------------------
+
+
+def slow_two_means(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Lloyd from the principal axis, or from eight axes where none stands out; least energy wins."""
+    x = points - np.average(points, axis=0, weights=weights)
+    moments, frame = np.linalg.eigh(x.T @ (weights[:, None] * x))
+    angle = np.arctan2(*frame[::-1, 1])
+    count = 1
+    if moments[0] > 0.8 * moments[1]:
+        z = x[:, 0] + 1j * x[:, 1]
+        count, angle = 8, np.angle((weights * z**4).sum()) / 4
+    best, sides = np.inf, np.zeros(len(x), int)
+    for a in angle + np.arange(count) * np.pi / 8:
+        trial = (x @ [np.cos(a), np.sin(a)] > 0).astype(int)
+        for _ in range(100):
+            means = [np.average(x[trial == s], axis=0, weights=weights[trial == s]) for s in (0, 1)]
+            distance = np.array([((x - mean) ** 2).sum(axis=1) for mean in means])
+            before, trial = trial, (distance[1] < distance[0]).astype(int)
+            if (trial == before).all():
+                break
+        energy = (weights * distance.min(axis=0)).sum()
+        if energy < best * (1 - 1e-9):
+            best, sides = energy, trial
+    return sides
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.lists(st.integers(2, 40), min_size=1, max_size=4), SEEDS, st.floats(0.2, 1.0))
+def test_two_means_of_every_block(sizes: list[int], seed: int, flatness: float) -> None:
+    rng = np.random.default_rng(seed)
+    offsets = np.cumsum([0, *sizes])
+    points = rng.random((offsets[-1], 2)) * [1, flatness] + 3
+    weights = rng.uniform(0.5, 2, offsets[-1])
+    none = frozen_float(np.empty((len(sizes), 0, 3)))
+    found = two_means(frozen_int(offsets), frozen_float(points), frozen_float(weights), none)
+    for i, j in pairwise(offsets):
+        wanted = slow_two_means(points[i:j], weights[i:j])
+        assert min((found[i:j] != wanted).sum(), (found[i:j] == wanted).sum()) == 0
+
+
+# --- compilation --------------------------------------------------------------------------------------------
+
+TYPICAL_RUN = """
+import importlib, pkgutil
+import numpy as np
+import agglo_core as agglo
+import agglo_core.kernels as kernels
+
+def run(mesh):
+    for options in ({"h_factor": (2, 4)}, {"n_parts": (4, 2)}, {"n_parts": 4, "method": "kway"}):
+        hierarchy = agglo.agglomerate(mesh, bisector="kmeans", **options)
+    coarse = hierarchy.mesh(0)
+    coarse.graph, coarse.h, mesh.graph.part_diameters(hierarchy.levels[0])
+    mesh.graph.coarsen(hierarchy.levels[0]).diameters()
+    if mesh.dim == 2:
+        agglo.quality(mesh, hierarchy.levels[0], metrics=("UF", "CR", "CRc"))
+        coarse.boundary_loops
+    return hierarchy
+
+modules = [f"agglo_core.kernels.{m.name}" for m in pkgutil.iter_modules(kernels.__path__)]
+modules = [importlib.import_module(name) for name in (*modules, "agglo_kmeans.kernel")]
+public = [getattr(m, name) for m in modules for name in m.__all__]
+"""
+CHECK = """
+for mesh in (agglo.samples.voronoi(60, seed=1), agglo.samples.squares(8), agglo.samples.disconnected(4)):
+    run(mesh)
+used = {k.py_func.__name__: len(k.signatures) for k in public if k.signatures}
+assert len(used) >= 14, used
+assert set(used.values()) == {1}, used
+"""
+
+
+def python(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True, text=True, check=True, env=os.environ | environment,
+    )  # fmt: skip
+
+
+def test_every_kernel_has_one_signature_in_the_plane() -> None:
+    python(TYPICAL_RUN + CHECK)
+
+
+PERMUTE = """
+import numpy as np
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
+from agglo_core.kernels import first_use
+from agglo_core.kernels.graphs import permute_graph
+
+def permute():
+    one, ends = frozen_int([0]), frozen_int([0, 1])
+    return permute_graph(frozen_int([0, 0]), frozen_index([]), frozen_float([]), one, ends)[0].tolist()
+
+"""
+
+
+def test_first_use_is_over_once_a_kernel_is_kept_on_disk(tmp_path: Path) -> None:
+    run = python(PERMUTE + "print(first_use(), permute() and first_use())", NUMBA_CACHE_DIR=str(tmp_path))
+    assert run.stdout.split() == ["True", "False"]
+    again = python(PERMUTE + "print(first_use())", NUMBA_CACHE_DIR=str(tmp_path))
+    assert again.stdout.split() == ["False"]
+    elsewhere = python(PERMUTE + "print(first_use())", NUMBA_CACHE_DIR=str(tmp_path / "other"))
+    assert elsewhere.stdout.split() == ["True"]
+
+
+UNWRITABLE = """
+import logging
+from numba.core import caching
+
+def refuse(self):
+    raise PermissionError("read-only file system")
+
+caching._CacheLocator.ensure_cache_path = refuse
+logging.basicConfig(format="%(levelname)s %(name)s %(message)s")
+"""
+
+
+def test_without_a_writable_folder_there_is_one_warning_and_it_works() -> None:
+    run = python(UNWRITABLE + PERMUTE + "print(first_use(), permute(), first_use())")
+    assert run.stdout == "True [0, 0] False\n"
+    assert run.stderr.count("\n") == 1
+    assert run.stderr.startswith("WARNING agglo no folder for compiled kernels is writable")
