@@ -1,0 +1,230 @@
+"""The three fronts: data, pytest, command line; processes that are stopped; outside the repository."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+from conformance.mutants import Dies, HangsWhenBuilt, ListOfSides, SwapsSides
+
+from agglo_core import Component, OptionError, PluginError
+from agglo_core.cli import main
+from agglo_core.conformance import check, conformance
+from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.runner import laws_for
+from agglo_core.conformance.subject import subject_of
+
+PLUGIN = """
+import numpy as np
+from agglo_core import Component, hookimpl
+
+@hookimpl
+def agglo_components():
+    return [Component("bisector", "mine", "my_plugin:Mine", promises={"deterministic": True, "3d": True}),
+            Component("bisector", "list_of_sides", "my_plugin:AsList"),
+            Component("bisector", "endless", "my_plugin:Endless")]
+
+class Mine:
+    def bisect(self, graph, rng):
+        order = np.argsort(graph.centroids[:, 0], kind="stable")
+        sides = np.zeros(graph.n, int)
+        sides[order[graph.n // 2 :]] = 1
+        return sides
+
+class AsList(Mine):
+    def bisect(self, graph, rng):
+        print("to stdout")
+        return list(super().bisect(graph, rng))
+
+class Endless:
+    def bisect(self, graph, rng):
+        while True:
+            pass
+"""
+ENTRY_POINTS = "[agglo]\nmine = my_plugin\n"
+METADATA = "Metadata-Version: 2.1\nName: my-plugin\nVersion: 0.3\n"
+
+
+@pytest.fixture(scope="module")
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder outside the repository with an installed plugin."""
+    folder = tmp_path_factory.mktemp("elsewhere")
+    (folder / "my_plugin.py").write_text(PLUGIN)
+    info = folder / "my_plugin-0.3.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(METADATA)
+    (info / "entry_points.txt").write_text(ENTRY_POINTS)
+    return folder
+
+
+def python(folder: Path, source: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in a folder where pytest cannot be imported."""
+    program = f"import sys; sys.path.insert(0, {str(folder)!r}); sys.modules['pytest'] = None\n" + source
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder)
+
+
+# --- data -------------------------------------------------------------------------------------------
+
+
+def test_results_are_data() -> None:
+    results = check("metric:cells")
+    assert [r.law for r in results][:2] == ["builds", "promises_can_be_kept"]
+    assert all(r.passed and not r.message and r.sentence and r.seconds >= 0 for r in results)
+    assert {r.promise for r in results} == {None, "deterministic", "3d", "pickles"}
+
+
+def test_a_component_may_be_a_name_a_declaration_a_class_or_an_object() -> None:
+    titles = [
+        subject_of(given).title
+        for given in (
+            "cells",
+            "defaults/cells",
+            "metric:cells",
+            Component("metric", "cells", "agglo_core.defaults.metrics:Cells"),
+            ListOfSides,
+            ListOfSides(),
+        )
+    ]
+    assert all("'cells'" in title for title in titles[:4])
+    assert titles[4:] == ["bisector ListOfSides"] * 2
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("nothing", "no component is named 'nothing'; there are .*kmeans"),
+        ("bisector:nothing", "no bisector is named 'nothing'"),
+        ("wizard:nothing", "unknown kind"),
+        (3, "has none of the methods"),
+        (Component("bisector", "not a name", "m:C"), "not an identifier"),
+    ],
+)
+def test_what_cannot_be_checked_is_refused(given: object, says: str) -> None:
+    with pytest.raises((PluginError, OptionError), match=says):
+        check(given)
+
+
+def test_a_component_that_needs_an_option_says_so() -> None:
+    with pytest.raises(OptionError, match="needs a value for h_star"):
+        check("diameter_ratio")
+    assert all(r.passed for r in check("diameter_ratio", options={"h_star": 0.5}))
+
+
+# --- another process --------------------------------------------------------------------------------
+
+
+def test_another_process_says_the_same() -> None:
+    here, there = check("inertial"), check("inertial", timeout=60)
+    assert [(r.law, r.passed) for r in here] == [(r.law, r.passed) for r in there]
+    broken = check(SwapsSides, timeout=60)
+    assert next(r.law for r in broken if not r.passed) == "no_memory"
+
+
+def test_a_component_that_hangs_is_stopped() -> None:
+    hangs = Component("bisector", "hangs", "conformance.mutants:Hangs")
+    messages = {r.law: r.message for r in check(hangs, timeout=2)}
+    assert list(messages) == [law.name for law in laws_for(subject_of(hangs))]
+    assert messages["builds"] == ""
+    assert "no answer after 2 seconds: look for a loop" in messages["answers"]
+    assert "not run: the component had to be stopped twice" in messages["works_in_a_run"]
+
+
+def test_a_constructor_that_hangs_is_stopped() -> None:
+    (result,) = check(HangsWhenBuilt, timeout=2)
+    assert result.law == "builds"
+    assert "no answer" in result.message
+
+
+def test_a_process_that_dies_is_a_failure() -> None:
+    messages = {r.law: r.message for r in check(Dies, timeout=60)}
+    assert messages["answers"] == "the process died (exit code 7): it left no message"
+
+
+def test_an_object_cannot_be_sent() -> None:
+    with pytest.raises(OptionError, match="not an object"):
+        check(ListOfSides(), timeout=5)
+    with pytest.raises(OptionError, match="timeout must be positive"):
+        check("cells", timeout=0)
+
+
+# --- pytest -----------------------------------------------------------------------------------------
+
+test_conformance = conformance("bisector:inertial")
+test_a_failure_that_is_known = conformance(ListOfSides, xfail={"side_array": "a list on purpose"})
+
+
+def test_the_pytest_front_fails_if_nothing_can_run() -> None:
+    with pytest.raises(AssertionError, match="no bisector is named 'nothing'"):
+        conformance("bisector:nothing")("is_found")
+
+
+def test_the_pytest_front_names_law_and_remedy() -> None:
+    with pytest.raises(AssertionError, match=r"ListOfSides: side_array: on two cells: .*np\.asarray"):
+        conformance(ListOfSides)("side_array")
+
+
+def test_xfail_is_strict() -> None:
+    test = conformance(ListOfSides, xfail={"side_array": "known"})
+    (mark,) = (m for m in test.pytestmark if m.name == "parametrize")  # type: ignore[attr-defined]
+    marked = [p for p in mark.args[1] if not isinstance(p, str) and p.marks]
+    assert [(p.values, p.marks[0].kwargs) for p in marked] == [
+        (("side_array",), {"strict": True, "reason": "known"})
+    ]
+    assert len(mark.args[1]) == 1 + len(check(ListOfSides))
+    with pytest.raises(OptionError, match="'side_arrays', which is no law"):
+        conformance(ListOfSides, xfail={"side_arrays": "misspelt"})
+    with pytest.raises(AssertionError, match="'symmetric', which does not apply"):
+        conformance(ListOfSides, xfail={"symmetric": "not asked"})("is_found")
+
+
+# --- command line -----------------------------------------------------------------------------------
+
+
+def test_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match=r"^0$"):
+        main(["check", "metric:cells", "--json"])
+    results = json.loads(capsys.readouterr().out)
+    assert {r["law"] for r in results} <= {law.name for law in all_laws()}
+    assert all(r["passed"] for r in results)
+    for arguments in (["nothing"], ["diameter_ratio"], ["cells", "--timeout", "0"], ["cells:colour=red"]):
+        with pytest.raises(SystemExit, match=r"^2$"):
+            main(["check", *arguments])
+        assert capsys.readouterr().err.startswith("error: ")
+
+
+AGGLO = "from agglo_core.cli import main; main({!r})"
+
+
+def test_a_plugin_outside_the_repository_passes(elsewhere: Path) -> None:
+    done = python(elsewhere, AGGLO.format(["check", "mine"]))
+    assert done.returncode == 0, done.stdout + done.stderr
+    laws = len(check("coordinate", promises={"deterministic": True, "3d": True}))
+    assert f"mine: {laws} of {laws} laws hold" in done.stdout
+
+
+def test_a_broken_plugin_is_told_what_to_do(elsewhere: Path) -> None:
+    done = python(elsewhere, AGGLO.format(["check", "bisector:list_of_sides", "--json"]))
+    assert done.returncode == 3, done.stderr
+    messages = {r["law"]: r["message"] for r in json.loads(done.stdout)}
+    assert "np.asarray(sides)" in messages["side_array"]
+    assert "use logging" in messages["says_nothing"]
+
+
+def test_a_hanging_plugin_is_stopped(elsewhere: Path) -> None:
+    done = python(elsewhere, AGGLO.format(["check", "mine/endless", "--timeout", "2"]))
+    assert done.returncode == 3, done.stderr
+    assert "no answer after 2 seconds" in " ".join(done.stdout.split())
+
+
+def test_the_first_front_needs_no_pytest(elsewhere: Path) -> None:
+    source = """
+        from agglo_core.conformance import check
+        assert all(result.passed for result in check("mine"))
+        assert [r.law for r in check("list_of_sides") if not r.passed] == ["side_array", "says_nothing"]
+    """
+    done = python(elsewhere, textwrap.dedent(source))
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,79 @@
+"""Every law kills its mutant and lets sound components pass."""
+
+from __future__ import annotations
+
+import pytest
+from conformance.mutants import MUTANTS, NEWCOMERS, SOUND, AddsData, Mutant
+
+from agglo_core.conformance import check
+from agglo_core.conformance.law import Law
+from agglo_core.conformance.laws import all_laws, refiner
+from agglo_core.conformance.runner import judge, laws_for
+from agglo_core.conformance.subject import Subject, subject_of
+from agglo_core.plugins import KINDS, PROMISES
+
+
+def first_failure(subject: Subject) -> tuple[str, str]:
+    """Name of the first law that does not hold, and its message."""
+    for law in laws_for(subject):
+        result = judge(law, subject)
+        if not result.passed:
+            return result.law, result.message
+    return "", ""
+
+
+def test_the_number_of_laws() -> None:
+    laws = all_laws()
+    assert len(laws) == len({law.name for law in laws}) == 53
+    assert {kind: sum(kind in law.kinds for law in laws) for kind in KINDS} == {
+        "bisector": 24,
+        "refiner": 21,
+        "fixer": 22,
+        "metric": 24,
+        "solver": 23,
+    }
+
+
+@pytest.mark.parametrize("law", all_laws(), ids=lambda law: law.name)
+def test_a_law_says_in_one_sentence_what_it_wants(law: Law) -> None:
+    assert law.sentence.endswith(".")
+    assert law.sentence.count(". ") == 0
+    assert law.promise in (None, *PROMISES)
+
+
+def test_every_law_has_a_mutant_and_every_promise_a_law() -> None:
+    assert {mutant.law for mutant in MUTANTS} == {law.name for law in all_laws()}
+    assert {law.promise for law in all_laws() if law.promise} == set(PROMISES)
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=str)
+def test_every_law_kills_its_mutant(mutant: Mutant, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(refiner, "PATIENCE", 0.2)
+    law, message = first_failure(subject_of(mutant.given, promises=mutant.promises))
+    assert law == mutant.law, message
+    assert mutant.says in message
+
+
+@pytest.mark.parametrize("component", NEWCOMERS, ids=lambda each: each.__name__)
+def test_the_bugs_of_newcomers_are_told_what_to_do(component: type) -> None:
+    law, message = first_failure(subject_of(component))
+    assert {m.law for m in MUTANTS if m.given is component} == {law}
+    assert ": " in message
+    assert len(message) > 60
+
+
+@pytest.mark.parametrize(("component", "promises"), SOUND, ids=lambda each: getattr(each, "__name__", ""))
+def test_sound_components_pass(component: type, promises: dict[str, bool]) -> None:
+    assert [r for r in check(component, promises=promises) if not r.passed] == []
+
+
+def test_a_check_never_stops_at_the_first_failure() -> None:
+    broken = next(mutant.given for mutant in MUTANTS if mutant.law == "answers")
+    results = check(broken)
+    assert [r.law for r in results] == [law.name for law in laws_for(subject_of(broken))]
+    assert 1 < sum(not r.passed for r in results) < len(results)
+
+
+def test_what_a_mutant_does_to_the_bench_stays_with_it() -> None:
+    check(AddsData)
+    assert all(result.passed for result in check("bisector:inertial"))
