@@ -1,0 +1,113 @@
+"""Runs a guide: the fenced blocks of a Markdown file, top to bottom, in the current folder.
+
+``python tests/docs/guide.py docs/how-to/write-a-plugin.md``
+
+- A block whose first line is a comment that is a path, ``# my_package/halves.py``, becomes that file.
+- ``python`` is executed, all blocks of the guide in one namespace; ``sh`` is run by ``bash -e``.
+- ``output`` must be what the block before it printed; ``…`` stands for anything, spaces do not matter.
+- Other languages, and blocks marked ``no-run`` (as in ```` ```sh no-run ````), are for the reader alone.
+"""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import io
+import re
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+__all__ = ["Block", "GuideError", "blocks", "run"]
+
+_FENCE = re.compile(r"^( *)```([^`\n]*)\n(.*?)^\1``` *$", re.MULTILINE | re.DOTALL)
+_PATH = re.compile(r"# ([\w./-]+\.\w+)\n")
+_LOOSELY = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+
+
+class GuideError(Exception):
+    """A block that does not do what the guide says; the message begins with file and line."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block: the words after the fence, its text, the line its text begins on."""
+
+    words: tuple[str, ...]
+    text: str
+    line: int
+
+    @property
+    def language(self) -> str:
+        """First word after the fence; empty if there is none or the block is not to be run."""
+        return "" if not self.words or "no-run" in self.words else self.words[0]
+
+    @property
+    def path(self) -> str | None:
+        """The file it is to be written to."""
+        found = _PATH.match(self.text)
+        return found[1] if found and self.language else None
+
+
+def blocks(guide: Path) -> Iterator[Block]:
+    """The fenced blocks of a Markdown file."""
+    text = guide.read_text(encoding="utf-8")
+    for fence in _FENCE.finditer(text):
+        line = text.count("\n", 0, fence.start(3)) + 1
+        yield Block(tuple(fence[2].split()), textwrap.dedent(fence[3]), line)
+
+
+def run(guide: Path) -> None:
+    """Run every block of a guide in the current folder.
+
+    Raises
+    ------
+    GuideError
+        If a command fails or prints something else than the guide says; what Python blocks raise passes.
+    """
+    namespace: dict[str, Any] = {"__name__": "__main__"}
+    printed = ""
+    for block in blocks(guide):
+        where = f"{guide.name}:{block.line}"
+        if block.path is not None:
+            Path(block.path).parent.mkdir(parents=True, exist_ok=True)
+            Path(block.path).write_text(block.text, encoding="utf-8")
+        elif block.language == "python":
+            printed = _python(guide, block, namespace)
+        elif block.language == "sh":
+            printed = _shell(block, where)
+        elif block.language == "output":
+            _compare(block.text, printed, where)
+
+
+def _python(guide: Path, block: Block, namespace: dict[str, Any]) -> str:
+    """Execute a block; tracebacks show the lines of the guide."""
+    out = io.StringIO()
+    with redirect_stdout(out):
+        exec(compile("\n" * (block.line - 1) + block.text, str(guide), "exec"), namespace)
+    return out.getvalue()
+
+
+def _shell(block: Block, where: str) -> str:
+    command = ["bash", "-eo", "pipefail", "-c", block.text]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+    if done.returncode:
+        raise GuideError(f"{where}: exit code {done.returncode} of\n{block.text}\n{done.stdout}")
+    importlib.invalidate_caches()  # it may have installed something
+    return done.stdout
+
+
+def _compare(wanted: str, printed: str, where: str) -> None:
+    pattern = wanted.replace("…", "...")
+    if not doctest.OutputChecker().check_output(pattern, printed, _LOOSELY):
+        raise GuideError(f"{where}: the guide says\n{wanted}\nbut the block before it printed\n{printed}")
+
+
+if __name__ == "__main__":
+    sys.path[0] = ""  # imports see the current folder, not this one
+    run(Path(sys.argv[1]))

@@ -1,0 +1,94 @@
+"""Every guide does what it says: its blocks are run in a folder of their own, and pip installs beside it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from docs.guide import Block, blocks
+
+RUNNER = Path(__file__).with_name("guide.py")
+DOCS = Path(__file__).parents[2] / "docs"
+GUIDES = sorted([*DOCS.glob("how-to/*.md"), *DOCS.glob("tutorial/*.md"), *DOCS.glob("tutorial*.md")])
+PLUGIN = DOCS / "how-to" / "write-a-plugin.md"
+
+OFFLINE_PIP = {
+    "PIP_NO_INDEX": "1",
+    "PIP_NO_DEPS": "1",
+    "PIP_UPGRADE": "1",  # what is in the target folder already is replaced
+    "PIP_NO_BUILD_ISOLATION": "0",  # pip reads this one upside down: 0 means without isolation
+    "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+}
+
+
+def run_guide(guide: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a guide in a fresh interpreter; what it installs with pip goes to ``folder/site``."""
+    site, work = folder / "site", folder / "work"
+    site.mkdir()
+    work.mkdir()
+    paths = (str(site), os.environ.get("PYTHONPATH", ""))
+    programs = (str(Path(sys.executable).parent), os.environ["PATH"])
+    environment = {
+        **os.environ,
+        **OFFLINE_PIP,
+        "PIP_TARGET": str(site),
+        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        "PATH": os.pathsep.join(programs),
+        "MPLBACKEND": "Agg",
+    }
+    return subprocess.run(
+        [sys.executable, str(RUNNER), str(guide)],
+        cwd=work,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda guide: guide.stem)
+def test_every_block_of_the_guide_runs(guide: Path, tmp_path: Path) -> None:
+    done = run_guide(guide, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_first_plugin_takes_less_than_thirty_lines() -> None:
+    written: list[Block] = []
+    for block in blocks(PLUGIN):
+        if "agglo check" in block.text:
+            break
+        if block.path is not None:
+            written.append(block)
+    names = [block.path for block in written]
+    assert names == ["pyproject.toml", "agglo_halves/__init__.py", "agglo_halves/halves.py"]
+    assert sum(1 for block in written for line in block.text.splitlines() if line.strip()) < 30
+
+
+def test_nothing_in_the_guide_to_plugins_is_left_unrun() -> None:
+    assert {block.language for block in blocks(PLUGIN)} <= {"python", "toml", "sh", "output"}
+    assert all(block.path for block in blocks(PLUGIN) if block.language == "toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("a\n```python\nx = 1\n```\n```python\nprint(x + 1)\n```\n```output\n2\n```", ""),
+        ("```sh\necho a b c\n```\n```output\na … c\n```", ""),
+        ("```python\n# one/two.py\nthree = 3\n```\n```python\nfrom one.two import three\n```", ""),
+        ("- item\n  ```sh\n  true\n  ```", ""),
+        ("```sh no-run\nfalse\n```\n```text\nfalse\n```\n```\nfalse\n```", ""),
+        ("```sh\nfalse | cat\n```", "it.md:2: exit code 1 of"),
+        ("\n```python\nx = 1\ny = 1 / 0\n```", 'it.md", line 4, in'),
+        ("```sh\necho 1\n```\n\n```output\n2\n```", "it.md:6: the guide says"),
+        ("```python\n# one.py\n```\n```python\nname\n```", "NameError"),
+    ],
+)
+def test_the_runner_says_what_is_wrong_and_where(tmp_path: Path, text: str, complaint: str) -> None:
+    guide = tmp_path / "it.md"
+    guide.write_text(text)
+    done = run_guide(guide, tmp_path)
+    assert complaint in done.stderr
+    assert (done.returncode == 0) == (complaint == ""), done.stderr

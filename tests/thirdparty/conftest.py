@@ -1,0 +1,37 @@
+"""Installed once for all tests here: agglo-hilbert, the fakes, and a crowd of thirty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from thirdparty.fakes import FAKES, crowd
+from thirdparty.installing import install
+
+collect_ignore_glob = ["agglo-hilbert/*"]  # its own tests are run where it is installed
+
+
+@pytest.fixture(scope="session")
+def hilbert(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Site folder with agglo-hilbert, built from its source tree."""
+    site = tmp_path_factory.mktemp("hilbert")
+    install(site, Path(__file__).parent / "agglo-hilbert")
+    return site
+
+
+@pytest.fixture(scope="session")
+def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Site folder with all fakes together."""
+    site = tmp_path_factory.mktemp("zoo")
+    wheels = tmp_path_factory.mktemp("wheels")
+    install(site, *(fake.wheel(wheels) for fake in FAKES))
+    return site
+
+
+@pytest.fixture(scope="session")
+def thirty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Site folder with thirty sound plugins."""
+    site = tmp_path_factory.mktemp("thirty")
+    wheels = tmp_path_factory.mktemp("wheels")
+    install(site, *(each.wheel(wheels) for each in crowd(30)))
+    return site
