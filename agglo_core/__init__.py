@@ -15,7 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from agglo_core import errors, functionals, interchange, plugins, samples
+    from agglo_core import conformance, errors, functionals, interchange, plugins, samples
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
     from agglo_core.graph import Graph
     from agglo_core.hierarchy import Hierarchy
@@ -44,6 +44,7 @@ __all__ = [
     "Target",
     "__version__",
     "agglomerate",
+    "conformance",
     "errors",
     "functionals",
     "hookimpl",
@@ -66,7 +67,7 @@ _HOME = {
     "protocols": ("Target",),
     "report": ("quality",),
 }
-_SUBMODULES = ("errors", "functionals", "interchange", "plugins", "samples")
+_SUBMODULES = ("conformance", "errors", "functionals", "interchange", "plugins", "samples")
 
 
 def __getattr__(name: str) -> object:

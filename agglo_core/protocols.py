@@ -82,7 +82,12 @@ class Partitioner(Protocol):
 
 @runtime_checkable
 class Refiner(Protocol):
-    """Improves labels without emptying a part or raising any part's number of components."""
+    """Improves labels without emptying a part or raising any part's number of components.
+
+    ``objective`` says what never gets worse: ``"interface"`` (total length), ``"cut"`` (number of
+    dual edges), ``"compactness"`` (moment of inertia), ``"balance"`` (largest part) or ``"diameter"``
+    (largest diameter).
+    """
 
     objective: str
 
@@ -118,7 +123,11 @@ class QualityMetric(Protocol):
 
 @runtime_checkable
 class Solver(Protocol):
-    """Solves a problem with the help of a hierarchy of coarse meshes."""
+    """Solves a problem with the help of a hierarchy of coarse meshes.
+
+    One that promises ``symmetric`` also has ``aspreconditioner(problem, hierarchy)``, which returns a
+    ``scipy.sparse.linalg.LinearOperator``.
+    """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
         """Return the solution with its convergence history."""

@@ -14,8 +14,9 @@ _TIE = 1e-9
 
 
 @kernel
-def _gain(indptr, indices, interface, parts, i, target):
+def _gain(graph, parts, i, target):
     """How much shorter the interface gets when cell i moves to ``target``."""
+    indptr, indices, interface = graph
     gain = 0.0
     for h in range(indptr[i], indptr[i + 1]):
         p = parts[indices[h]]
@@ -27,11 +28,12 @@ def _gain(indptr, indices, interface, parts, i, target):
 
 
 @kernel
-def _best_move(indptr, indices, interface, parts, i, pairs):
+def _best_move(graph, parts, i, pairs):
     """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
 
     Target −1 if nothing is saved. A pair pays where neither cell does alone.
     """
+    indptr, indices, interface = graph
     own, total = 0.0, 0.0
     target, length = -1, 0.0
     for h in range(indptr[i], indptr[i + 1]):
@@ -55,7 +57,7 @@ def _best_move(indptr, indices, interface, parts, i, pairs):
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
         if parts[j] == parts[i]:
-            both = length - own + 2.0 * interface[h] + _gain(indptr, indices, interface, parts, j, target)
+            both = length - own + 2.0 * interface[h] + _gain(graph, parts, j, target)
             if both > best:
                 partner, best = j, both
     if partner < 0:
@@ -64,12 +66,14 @@ def _best_move(indptr, indices, interface, parts, i, pairs):
 
 
 @kernel
-def _keeps_whole(indptr, indices, parts, i, mark, stamp, queue, source, root):
+def _keeps_whole(graph, parts, i, search, stamp):
     """Whether the neighbours of cell i in its part stay joined near it once it has left.
 
     Complete rings of cells are grown around all of them at once until they meet; the search ends
     between rings, so that its outcome does not depend on the order of the neighbours.
     """
+    indptr, indices, _ = graph
+    mark, queue, source, root = search
     filled, done = 0, 0
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
@@ -130,39 +134,9 @@ def _sort_by_key(items, keys, m):
 
 
 @kernel
-def _leave(
-    indptr,
-    indices,
-    measures,
-    parts,
-    part_measures,
-    part_cells,
-    floors,
-    i,
-    target,
-    mark,
-    stamp,
-    queue,
-    source,
-    root,
-):
-    """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
-    own = parts[i]
-    if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
-        return False
-    if not _keeps_whole(indptr, indices, parts, i, mark, stamp, queue, source, root):
-        return False
-    parts[i] = target
-    part_measures[own] -= measures[i]
-    part_measures[target] += measures[i]
-    part_cells[own] -= 1
-    part_cells[target] += 1
-    return True
-
-
-@kernel
-def _part_sums(start, stop, centroids, measures, parts, part_measures, part_cells, moments):
+def _part_sums(start, stop, centroids, measures, tally, moments):
     """Measure, cell count and first moment of each part of a block; returns its highest label + 1."""
+    parts, part_measures, part_cells = tally
     present = 0
     for i in range(start, stop):
         present = max(present, parts[i] + 1)
@@ -199,6 +173,59 @@ def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
 
 
 @kernel
+def _put(measures, tally, i, target):
+    """Move cell i to part ``target``."""
+    parts, part_measures, part_cells = tally
+    part_measures[parts[i]] -= measures[i]
+    part_cells[parts[i]] -= 1
+    parts[i] = target
+    part_measures[target] += measures[i]
+    part_cells[target] += 1
+
+
+@kernel
+def _leave(graph, measures, tally, floors, i, target, search, stamp):
+    """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
+    parts, part_measures, part_cells = tally
+    own = parts[i]
+    if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
+        return False
+    if not _keeps_whole(graph, parts, i, search, stamp):
+        return False
+    _put(measures, tally, i, target)
+    return True
+
+
+@kernel
+def _paying(graph, parts, cells, m, pairs, axis, centroids, keys, chosen):
+    """Write the cells of ``cells[:m]`` whose move pays to ``chosen``, along ``axis``; return how many."""
+    found = 0
+    for c in range(m):
+        i = cells[c]
+        if _best_move(graph, parts, i, pairs)[0] >= 0:
+            chosen[found] = i
+            found += 1
+            keys[i] = 0.0
+            for k in range(len(axis)):
+                keys[i] += axis[k] * centroids[i, k]
+    _sort_by_key(chosen, keys, found)
+    return found
+
+
+@kernel
+def _add_new(graph, i, cells, m, seen, stamp):
+    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]``; return the new length."""
+    indptr, indices, _ = graph
+    for h in range(indptr[i], indptr[i + 1]):
+        j = indices[h]
+        if seen[j] != stamp:
+            seen[j] = stamp
+            cells[m] = j
+            m += 1
+    return m
+
+
+@kernel
 def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
     """Sweeps of interface-shortening moves, block by block; no part loses its connection.
 
@@ -209,102 +236,49 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
     n_parts = parts.max() + 1 if n else 0
-    part_measures = np.empty(n_parts)
-    part_cells = np.empty(n_parts, np.int64)
-    floors = np.empty(n_parts)
-    moments = np.empty((n_parts, d))
-    axis = np.empty(d)
-    keys = np.empty(n)
+    graph = (indptr, indices, interface)
+    tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
+    search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
+    floors, moments, axis = np.empty(n_parts), np.empty((n_parts, d)), np.empty(d)
+    keys, now, later, boundary = (
+        np.empty(n),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+    )
     listed, seen = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    boundary = np.empty(n, np.int64)
-    mark = np.full(n, -1, np.int64)
-    queue, source, root = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    now, later = np.empty(n, np.int64), np.empty(n, np.int64)
     stamp, sweep = 0, 0
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
-        present = _part_sums(start, stop, centroids, measures, parts, part_measures, part_cells, moments)
-        _axis_and_floors(present, floor, part_measures, moments, axis, floors)
+        present = _part_sums(start, stop, centroids, measures, tally, moments)
+        _axis_and_floors(present, floor, tally[1], moments, axis, floors)
         edge = 0  # cells that are or were beside another part
         for i in range(start, stop):
             for h in range(indptr[i], indptr[i + 1]):
                 if parts[indices[h]] != parts[i]:
-                    boundary[edge] = i
-                    later[edge] = i
+                    boundary[edge] = later[edge] = i
                     listed[i] = b
                     edge += 1
                     break
         candidates, pairs, paired = edge, False, False
         for _ in range(_SWEEPS):
-            m = 0
-            for c in range(candidates):
-                i = later[c]
-                if _best_move(indptr, indices, interface, parts, i, pairs)[0] >= 0:
-                    now[m] = i
-                    m += 1
-                    keys[i] = 0.0
-                    for k in range(d):
-                        keys[i] += axis[k] * centroids[i, k]
-            _sort_by_key(now, keys, m)
+            m = _paying(graph, parts, later, candidates, pairs, axis, centroids, keys, now)
             sweep += 1
             candidates = 0
             for c in range(m):
-                i = now[c]
-                target, partner, _ = _best_move(indptr, indices, interface, parts, i, pairs)
-                own = parts[i]
+                i, own = now[c], parts[now[c]]
+                target, partner, _gained = _best_move(graph, parts, i, pairs)
                 stamp += 2
-                if target < 0 or not _leave(
-                    indptr,
-                    indices,
-                    measures,
-                    parts,
-                    part_measures,
-                    part_cells,
-                    floors,
-                    i,
-                    target,
-                    mark,
-                    stamp,
-                    queue,
-                    source,
-                    root,
-                ):
+                if target < 0 or not _leave(graph, measures, tally, floors, i, target, search, stamp):
                     continue
-                if partner >= 0 and not _leave(
-                    indptr,
-                    indices,
-                    measures,
-                    parts,
-                    part_measures,
-                    part_cells,
-                    floors,
-                    partner,
-                    target,
-                    mark,
-                    stamp + 1,
-                    queue,
-                    source,
-                    root,
-                ):
-                    parts[i] = own
-                    part_measures[own] += measures[i]
-                    part_measures[target] -= measures[i]
-                    part_cells[own] += 1
-                    part_cells[target] -= 1
-                    continue
-                for node in (i, partner):
-                    if node < 0:
+                if partner >= 0:
+                    if not _leave(graph, measures, tally, floors, partner, target, search, stamp + 1):
+                        _put(measures, tally, i, own)
                         continue
-                    for h in range(indptr[node], indptr[node + 1]):
-                        j = indices[h]
-                        if seen[j] != sweep:
-                            seen[j] = sweep
-                            later[candidates] = j
-                            candidates += 1
-                        if listed[j] != b:
-                            listed[j] = b
-                            boundary[edge] = j
-                            edge += 1
+                    candidates = _add_new(graph, partner, later, candidates, seen, sweep)
+                    edge = _add_new(graph, partner, boundary, edge, listed, b)
+                candidates = _add_new(graph, i, later, candidates, seen, sweep)
+                edge = _add_new(graph, i, boundary, edge, listed, b)
             if pairs:
                 pairs = False
             elif candidates == 0 and not paired:
