@@ -263,6 +263,8 @@ class Graph:
     def split(self, labels: ArrayLike) -> tuple[Graph, Int]:
         """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
         array = frozen_int(labels)
+        if self.n_blocks == 1 and not array.any():  # one part: a connected mesh, most of the time
+            return self, frozen_int(np.arange(self.n))
         order = frozen_int(np.argsort(array, kind="stable"))
         offsets = np.concatenate(([0], np.cumsum(np.bincount(array))))
         return self.subgraph(order, offsets), order
