@@ -20,7 +20,7 @@ from agglo_core.protocols import Bisector, ConnectivityFixer, LevelBisector, Par
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Crew", "Member", "Statistics", "attributed", "bisect_by_block"]
+__all__ = ["Crew", "Member", "Statistics", "attributed", "bisect_by_block", "piece_seeds", "splitmix"]
 
 _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
@@ -31,6 +31,14 @@ def splitmix(seeds: UInt64) -> UInt64:
     z = (z ^ (z >> np.uint64(30))) * _MIX[1]
     z = (z ^ (z >> np.uint64(27))) * _MIX[2]
     return np.asarray(z ^ (z >> np.uint64(31)))
+
+
+def piece_seeds(seed: int, stage: int, count: int) -> UInt64:
+    """Seeds ``(count,)`` of the pieces that stage (level, pass) number ``stage`` of a run starts from."""
+    root: UInt64 = np.full(count, stage, np.uint64) * _MIX[1]
+    root += np.uint64(seed)
+    place: UInt64 = np.arange(count, dtype=np.uint64)
+    return splitmix(splitmix(root) + place)
 
 
 @dataclass

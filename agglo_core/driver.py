@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_float, frozen_int
-from agglo_core.crew import Crew, Statistics, splitmix
+from agglo_core.crew import Crew, Statistics, piece_seeds, splitmix
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
 from agglo_core.post import PostPass
@@ -75,10 +75,11 @@ class _Growth:
 
 
 def grow(
-    graph: Graph, labels: Int, rule: Rule, crew: Crew, seed: int, statistics: Statistics
+    graph: Graph, labels: Int, rule: Rule, crew: Crew, seed: int, stage: int, statistics: Statistics
 ) -> tuple[Tree, Int]:
     """Split the connected pieces ``labels (n,)`` of ``graph`` until ``rule`` finishes all.
 
+    Seeds follow from ``seed``, the number of the ``stage`` and the place in the tree.
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.
     """
     growth = _Growth(graph.n, rule)
@@ -88,7 +89,7 @@ def grow(
         state, finished = rule.roots(source, order, offsets)
     start = np.asarray(offsets[:-1])
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
-    seeds = splitmix(np.uint64(seed) + np.arange(1, len(start) + 1, dtype=np.uint64) * np.uint64(2**32))
+    seeds = piece_seeds(seed, stage, len(start))
     leaves: list[Int] = []
     while True:
         leaves.append(nodes[finished])
@@ -153,7 +154,7 @@ def recursive_levels(
     """
     if levels.sizes and not post.active:
         h_stars = levels.sizes
-        tree, leaves = grow(graph, graph.components(), ByDiameter(h_stars[0]), crew, seed, statistics)
+        tree, leaves = grow(graph, graph.components(), ByDiameter(h_stars[0]), crew, seed, 0, statistics)
         note_oversized(tree, leaves, h_stars[0], statistics)
         return [tree.labels(tree.cut(h * (1 + ROUNDING))) for h in h_stars]
     labels = graph.components()
@@ -161,10 +162,10 @@ def recursive_levels(
     for stage, target in enumerate(reversed(levels.sizes or levels.counts)):
         h_star = target if levels.sizes else None
         rule = ByQuota(_shares(graph, labels, int(target))) if h_star is None else ByDiameter(h_star)
-        tree, leaves = grow(graph, labels, rule, crew, seed + stage, statistics)
+        tree, leaves = grow(graph, labels, rule, crew, seed, stage, statistics)
         if h_star is not None and stage == len(levels.sizes) - 1:
             note_oversized(tree, leaves, h_star, statistics)
-        labels = post.apply(graph, labels, tree.labels(leaves), h_star, crew, seed, statistics)
+        labels = post.apply(graph, labels, tree.labels(leaves), h_star, crew, seed, stage, statistics)
         result.append(labels)
     return result[::-1]
 

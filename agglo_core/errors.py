@@ -1,4 +1,4 @@
-"""Every error agglo raises on purpose; the command line turns each into exit code 2."""
+"""The errors agglo raises for bad input, files and components; the command line exits with 2 on each."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class Graph:
             *mesh.cell_faces, mesh.face_cells, mesh.face_measures
         )
         vertex_offsets, vertices = mesh.cell_vertices
-        return cls(
+        graph = cls(
             indptr=indptr,
             indices=indices,
             interface=interface,
@@ -98,6 +98,8 @@ class Graph:
             data=mesh.cell_tags,
             origin=mesh.origin,
         )
+        graph.__dict__["_sound"] = True
+        return graph
 
     @classmethod
     def from_arrays(
@@ -112,7 +114,7 @@ class Graph:
         boundary: ArrayLike | None = None,
         data: Mapping[str, NDArray[Any]] | None = None,
     ) -> Graph:
-        """Graph of one block from a symmetric CSR and centroids alone.
+        """Graph of one block from a symmetric CSR and centroids alone; the arrays are copied.
 
         Interfaces and measures default to 1. Without cell vertices a diameter is that of the
         centroids.
@@ -123,30 +125,38 @@ class Graph:
             If shapes disagree, an index is out of range, a value is not finite or negative, or the
             CSR is not symmetric or has a self-loop.
         """
-        centre = frozen_float(centroids)
+        centre = _copied("centroids", centroids, np.float64)
         if centre.ndim != 2 or centre.shape[1] not in (2, 3):
             raise MeshError(f"centroids must have shape (n, 2) or (n, 3), not {centre.shape}")
         n = len(centre)
         origin = 0.5 * (centre.min(axis=0) + centre.max(axis=0)) if n else np.zeros(centre.shape[1])
-        columns = frozen_index(indices)
-        size = np.ones(n) if measures is None else frozen_float(measures)
+        columns = _copied("indices", indices, np.int32)
+        size = np.ones(n) if measures is None else _copied("measures", measures, np.float64)
+        given = {"interface": interface, "boundary": boundary, "weights": weights}
+        floats = {key: _copied(key, each, np.float64) for key, each in given.items() if each is not None}
         graph = cls(
-            indptr=frozen_int(indptr),
+            indptr=_copied("indptr", indptr, np.int64),
             indices=columns,
-            interface=np.ones(len(columns)) if interface is None else frozen_float(interface),
+            interface=floats.get("interface", np.ones(columns.size)),
             centroids=centre - origin,
             measures=size,
-            boundary=np.zeros(n) if boundary is None else frozen_float(boundary),
-            weights=size if weights is None else frozen_float(weights),
+            boundary=floats.get("boundary", np.zeros(n)),
+            weights=floats.get("weights", size),
             vertex_offsets=frozen_int(np.arange(n + 1)),
             vertices=frozen_index(np.arange(n)),
             points=centre - origin,
             offsets=frozen_int([0, n]),
-            data=data or {},
+            data={key: np.array(values) for key, values in (data or {}).items()},
             origin=origin,
         )
-        graph.check()
+        graph.ensure_sound()
         return graph
+
+    def ensure_sound(self) -> None:
+        """Run :meth:`check` once; the graph of a mesh is known to pass."""
+        if "_sound" not in self.__dict__:
+            self.check()
+            self.__dict__["_sound"] = True
 
     def check(self) -> None:
         """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
@@ -169,9 +179,26 @@ class Graph:
                 where = tuple(bad[0].tolist())
                 raise MeshError(f"{key}{list(where)} is {values[where]}: it must be finite and not negative")
         for key, values in self.data.items():
+            if values.ndim == 0:
+                raise MeshError(f"data {key!r} is a single value, expected {n} rows")
             if len(values) != n:
                 raise MeshError(f"data {key!r} has {len(values)} rows, expected {n}")
         self._check_edges()
+        self._check_vertices()
+
+    def _check_vertices(self) -> None:
+        total = len(self.vertices)
+        for key, count, end in (
+            ("vertex_offsets", self.n + 1, total),
+            ("offsets", self.n_blocks + 1, self.n),
+        ):
+            values = getattr(self, key)
+            if len(values) != count or values[0] != 0 or values[-1] != end or (np.diff(values) < 0).any():
+                raise MeshError(f"{key} must have {count} entries rising from 0 to {end}")
+        if total and (self.vertices.min() < 0 or self.vertices.max() >= len(self.points)):
+            raise MeshError(f"vertices must lie in 0..{len(self.points) - 1}")
+        if not np.isfinite(self.points).all():
+            raise MeshError("points must be finite")
 
     def _check_edges(self) -> None:
         n, m = self.n, len(self.indices)
@@ -240,8 +267,11 @@ class Graph:
         """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
         from agglo_core.kernels.graphs import permute_graph, take_rows
 
-        order = frozen_int(nodes)
-        blocks = frozen_int(offsets)
+        order, blocks = frozen_int(nodes), frozen_int(offsets)
+        if len(order) and (order.min() < 0 or order.max() >= self.n):
+            raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
+        if len(blocks) == 0 or blocks[0] != 0 or blocks[-1] != len(order) or (np.diff(blocks) < 0).any():
+            raise MeshError(f"block offsets must rise from 0 to {len(order)}")
         indptr, indices, interface = permute_graph(self.indptr, self.indices, self.interface, order, blocks)
         vertex_offsets, vertices = take_rows(self.vertex_offsets, self.vertices, order)
         measures = frozen_float(self.measures[order])
@@ -262,7 +292,7 @@ class Graph:
 
     def split(self, labels: ArrayLike) -> tuple[Graph, Int]:
         """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
-        array = frozen_int(labels)
+        array = check_labels(labels, self.n)
         if self.n_blocks == 1 and not array.any():  # one part: a connected mesh, most of the time
             return self, frozen_int(np.arange(self.n))
         order = frozen_int(np.argsort(array, kind="stable"))
@@ -380,3 +410,16 @@ class Graph:
             offsets=frozen_int([0, k]),
             data={},
         )
+
+
+def _copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
+    """A copy of ``values`` as numbers of ``dtype``; whole numbers must be given as integers."""
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise MeshError(f"{name} must be an array of numbers: {error}") from None
+    kinds = "iu" if np.issubdtype(dtype, np.integer) else "iufb"
+    if array.size and array.dtype.kind not in kinds:
+        what = "integers" if kinds == "iu" else "numbers"
+        raise MeshError(f"{name} must be an array of {what}, not of {array.dtype}")
+    return frozen(array, dtype)

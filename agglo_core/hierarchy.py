@@ -99,7 +99,7 @@ class Hierarchy:
     statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "levels", [frozen_int(labels) for labels in self.levels])
+        object.__setattr__(self, "levels", tuple(frozen_int(labels) for labels in self.levels))
         if len(self.levels) != len(self.targets):
             raise OptionError(f"{len(self.levels)} levels but {len(self.targets)} targets")
         for labels in self.levels:
@@ -133,7 +133,7 @@ class Hierarchy:
             If the hierarchy is not nested.
         """
         if not self.nested:
-            raise ValueError("the hierarchy is not nested: use overlap(level)")
+            raise OptionError(f"the hierarchy is not nested: use overlap({level})")
         fine, coarse = self._level(level), self._level(level + 1)
         parents = np.empty(self.parts[level], np.int64)
         parents[fine] = coarse

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_int
-from agglo_core.crew import Crew, Statistics
+from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.crew import Crew, Statistics, piece_seeds
 from agglo_core.driver import grow, note_oversized
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
@@ -33,11 +33,11 @@ def kway_levels(
     """
     result: list[Int] = []
     current, fine_to_current = graph, frozen_int(np.arange(graph.n))
-    for target in levels.sizes or levels.counts:
+    for stage, target in enumerate(levels.sizes or levels.counts):
         size = target if levels.sizes else None
         parts = _estimate(graph, target) if levels.sizes else int(target)
-        labels = _one_level(current, parts, size, crew, seed, statistics)
-        labels = post.apply(current, current.components(), labels, size, crew, seed, statistics)
+        labels = _one_level(current, parts, size, crew, seed, stage, statistics)
+        labels = post.apply(current, current.components(), labels, size, crew, seed, stage, statistics)
         result.append(by_first_cell(labels[fine_to_current]))
         if nested:
             fine_to_current = result[-1]
@@ -46,14 +46,20 @@ def kway_levels(
 
 
 def _estimate(graph: Graph, h_star: float) -> int:
-    """Number of round parts of diameter ``h_star`` that fill the domain; too large ones are split later."""
-    d = graph.dim
-    full = np.pi / 4 if d == 2 else np.pi / 6
-    return max(1, int(np.ceil(graph.measures.sum() / (0.5 * full * h_star**d))))
+    """Number of parts to ask for at ``h_star``: real parts fill about half a ball of that diameter."""
+    ball = np.pi / 4 if graph.dim == 2 else np.pi / 6
+    side = float((graph.measures.sum() / (0.5 * ball)) ** (1.0 / graph.dim)) / h_star
+    return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))
 
 
 def _one_level(
-    graph: Graph, parts: int, h_star: float | None, crew: Crew, seed: int, statistics: Statistics
+    graph: Graph,
+    parts: int,
+    h_star: float | None,
+    crew: Crew,
+    seed: int,
+    stage: int,
+    statistics: Statistics,
 ) -> Int:
     """One level on ``graph``: partition each component, refine, repair, then split what remains to split."""
     labels = graph.components()
@@ -62,10 +68,10 @@ def _one_level(
         parts = int(np.clip(parts, len(sizes), graph.n))
     quotas = apportion(parts, part_measures(graph, labels), frozen_int(sizes))
     pieces, cells = graph.split(labels)
+    seeds = piece_seeds(seed, stage, pieces.n_blocks)
     with statistics.timed("partition"):
-        local = _partition_components(pieces, quotas, crew, seed)
+        local = _partition_components(pieces, quotas, crew, seeds)
     target = Target(parts=parts, h_star=h_star)
-    seeds = np.arange(pieces.n_blocks, dtype=np.uint64) + np.uint64(seed)
     with statistics.timed("refine"):
         local = crew.refine(pieces, local, seeds, target)
     with statistics.timed("fix"):
@@ -74,15 +80,15 @@ def _one_level(
     first = np.cumsum(found) - found
     labels = np.empty(graph.n, np.int64)
     labels[cells] = local + np.repeat(first, np.diff(pieces.offsets))
-    return _finish(graph, frozen_int(labels), quotas, found, h_star, crew, seed, statistics)
+    return _finish(graph, frozen_int(labels), quotas, found, h_star, crew, seed, stage, statistics)
 
 
-def _partition_components(pieces: Graph, quotas: Int, crew: Crew, seed: int) -> Int:
+def _partition_components(pieces: Graph, quotas: Int, crew: Crew, seeds: UInt64) -> Int:
     """Labels local to each component, gaps closed."""
     local = np.zeros(pieces.n, np.int64)
     for b in np.flatnonzero(quotas > 1):
         nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
-        local[nodes] = crew.partition(pieces[int(b)], int(quotas[b]), seed)
+        local[nodes] = crew.partition(pieces[int(b)], int(quotas[b]), int(seeds[b]))
     return frozen_int(local)
 
 
@@ -94,6 +100,7 @@ def _finish(
     h_star: float | None,
     crew: Crew,
     seed: int,
+    stage: int,
     statistics: Statistics,
 ) -> Int:
     """Bisect parts that are too large, or as many as are missing to the exact count."""
@@ -113,7 +120,7 @@ def _finish(
         if shares:
             extra[np.repeat(found < quotas, found)] = np.concatenate(shares)
         rule = ByQuota(frozen_int(extra))
-    tree, leaves = grow(graph, labels, rule, crew, seed, statistics)
+    tree, leaves = grow(graph, labels, rule, crew, seed, stage, statistics)
     if h_star is not None:
         note_oversized(tree, leaves, h_star, statistics)
     return tree.labels(leaves)

@@ -88,6 +88,11 @@ class Mesh:
             raise MeshError(f"face_cells must have shape (n_faces, 2), not {self.face_cells.shape}")
         if len(self.face_offsets) != self.n_faces + 1 or self.face_offsets[-1] != len(self.face_vertices):
             raise MeshError("face_offsets do not match face_cells and face_vertices")
+        vertices, cells = self.face_vertices, self.face_cells
+        if len(vertices) and (vertices.min() < 0 or vertices.max() >= self.n_points):
+            raise MeshError(f"face_vertices must lie in 0..{self.n_points - 1}")
+        if len(cells) and (cells[:, 0].min() < 0 or cells[:, 1].min() < -1):
+            raise MeshError("every face needs an owner cell, and a neighbour cell or -1")
         object.__setattr__(self, "cell_tags", _checked_tags("cell", self.cell_tags, self.n_cells))
         object.__setattr__(self, "face_tags", _checked_tags("face", self.face_tags, self.n_faces))
 
@@ -109,8 +114,11 @@ class Mesh:
         ----------
         points : (n_points, 2) float
             Coordinates; a third column is accepted if it is constant.
-        cells : list of index loops, (n, k) integers, or a pair (offsets (n + 1,), vertices)
-            Loops in either direction (clockwise ones are reversed and counted).
+        cells : list of index loops, (n, k) integers, or a tuple of two 1-D arrays (offsets, vertices)
+            Loops in either direction (clockwise ones are reversed and counted). Two cells are
+            neighbours if they list the same two vertices in a row: a vertex that hangs on a
+            neighbour's edge must be listed by that neighbour too, or the cells stay apart
+            (``strict=True`` reports it, :meth:`from_shapely` inserts it).
         cell_tags : mapping of name to (n,) integers, optional
         merge_points : bool
             Merge exactly equal points first.
@@ -426,5 +434,7 @@ def _checked_tags(kind: str, tags: Mapping[str, ArrayLike], count: int) -> dict[
             raise MeshError(f"{kind} tag {name!r} has shape {array.shape}, expected ({count},)")
         if array.dtype.kind not in "iub":
             raise MeshError(f"{kind} tag {name!r} must hold integers, not {array.dtype}")
+        if array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
+            raise MeshError(f"{kind} tag {name!r} holds {array.max()}, more than an int64 can")
         checked[name] = frozen_int(array)
     return checked

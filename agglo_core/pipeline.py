@@ -116,6 +116,7 @@ class Pipeline:
     def run(self, mesh: Mesh | Graph) -> Hierarchy:
         """Agglomerate ``mesh``; see :func:`agglomerate`."""
         graph = mesh.graph if isinstance(mesh, Mesh) else mesh
+        graph.ensure_sound()
         h0 = mesh.h if isinstance(mesh, Mesh) and self._needs_mesh_size() else None
         levels = resolve_targets(
             graph,
@@ -125,6 +126,8 @@ class Pipeline:
             n_parts=self.n_parts,
             cells_per_part=self.cells_per_part,
         )
+        if self.merge and levels.counts:
+            raise OptionError("merge works on size targets; counts are met exactly without it")
         crew = self._crew()
         statistics = Statistics()
         with statistics.timed("order"):
@@ -260,7 +263,8 @@ def agglomerate(
     merge : bool, optional
         Size targets: merge neighbouring parts while their union meets the target. Default False.
     post_refiners : sequence of components, optional
-        Applied to each finished level, coarsest first. Default ``()``.
+        Applied to each finished level; moves that make a part miss its size are taken back. Default
+        ``()``.
     seed : int, optional
         Default 0.
     config : path, optional

@@ -1,6 +1,7 @@
 """Post-passes on a finished level: merge small parts, polish all interfaces at once.
 
-Both stay inside the parts of the next coarser level and never make a part miss its size target.
+Both stay inside given blocks (in a recursion the parts of the next coarser level, in a k-way hierarchy the
+connected components) and never make a part miss its size target.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_int
-from agglo_core.crew import Crew, Statistics
+from agglo_core.crew import Crew, Statistics, piece_seeds
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.protocols import Target
@@ -39,6 +40,7 @@ class PostPass:
         h_star: float | None,
         crew: Crew,
         seed: int,
+        stage: int,
         statistics: Statistics,
     ) -> Int:
         """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
@@ -47,7 +49,7 @@ class PostPass:
                 labels = merge_parts(graph, blocks, labels, h_star)
         if self.polish:
             with statistics.timed("polish"):
-                labels = _polish(graph, blocks, labels, h_star, crew, seed)
+                labels = _polish(graph, blocks, labels, h_star, crew, seed, stage)
         return labels
 
 
@@ -96,7 +98,9 @@ def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
     return mutual
 
 
-def _polish(graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, seed: int) -> Int:
+def _polish(
+    graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, seed: int, stage: int
+) -> Int:
     """One k-way pass of the post-refiners in each block; moves that break a promise are taken back."""
     level, cells = graph.split(blocks)
     before = labels[cells]
@@ -106,7 +110,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: 
     first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
     local = np.empty(len(owner), np.int64)
     local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
-    seeds = np.arange(level.n_blocks, dtype=np.uint64) + np.uint64(seed)
+    seeds = piece_seeds(seed, stage, level.n_blocks)
     target = Target(parts=len(owner), h_star=h_star)
     moved = crew.refine(level, frozen_int(local[before]), seeds, target, post=True)
     after = by_block[first[level.block_ids] + moved]

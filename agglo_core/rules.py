@@ -107,8 +107,7 @@ def apportion(k: int, measures: Float, cells: Int) -> Int:
     """
     if k < len(measures):
         raise OptionError(
-            f"too few parts, {k}: there are {len(measures)} pieces already, not joined or made so by a "
-            "coarser level"
+            f"too few parts, {k}: the mesh has {len(measures)} disconnected components, and each is a part"
         )
     if k > cells.sum():
         raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")

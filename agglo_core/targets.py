@@ -74,6 +74,9 @@ def resolve_targets(
     elif name == "n_parts":
         pairs = [(_count(v, graph.n), {"n_parts": int(v)}) for v in values]
     else:
+        for v in values:
+            if v < 0.5:
+                raise OptionError(f"cells_per_part must be at least 1, given {v!r}")
         counts = [(max(1, int(np.floor(graph.n / v + 0.5))), v) for v in values]
         pairs = [(_count(k, graph.n), {"n_parts": k, "cells_per_part": v}) for k, v in counts]
     sizes = name in ("h_star", "h_factor")
@@ -90,7 +93,8 @@ def _mesh_size(graph: Graph) -> float:
 
 
 def _positive(name: str, value: Any) -> list[float]:
-    many = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and np.ndim(value) > 0
+    many = isinstance(value, Sequence) and not isinstance(value, str)
+    many = many or (isinstance(value, np.ndarray) and value.ndim > 0)
     values = list(value) if many else [value[()] if isinstance(value, np.ndarray) else value]
     if not values:
         raise OptionError(f"{name} is empty: give at least one value")
@@ -106,7 +110,7 @@ def _positive(name: str, value: Any) -> list[float]:
 
 
 def _count(value: float, n: int) -> int:
-    if value != int(value):
+    if not isinstance(value, int) and value != np.floor(value):
         raise OptionError(f"n_parts must be a whole number, given {value!r}")
     if value > n:
         raise OptionError(f"too many parts, {value:.6g}: the mesh has {n} cells")

@@ -58,6 +58,13 @@ def agglo_components() -> list[Component]:
             promises=geometric | {"invariant": True},
             summary="Halves by measure across the principal axis.",
         ),
+        Component(
+            kind="bisector",
+            name="sweep",
+            target="agglo_core.defaults.sweep:SweepBisection",
+            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            summary="The best straight cut along eight rotated principal axes: short and compact.",
+        ),
         *(
             Component(
                 kind="metric",

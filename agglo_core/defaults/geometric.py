@@ -1,34 +1,14 @@
-"""Recursive coordinate and inertial bisection: the floor every other bisector must justify itself against.
-
-Whole levels at once. Sums go through ``np.bincount`` and cumulated weights are integers, so that the
-result of a block does not depend, to the last bit, on the blocks beside it.
-"""
+"""Recursive coordinate and inertial bisection: the floor every other bisector must justify itself against."""
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
-from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int, UInt64
+from agglo_core.arrays import Int, UInt64
+from agglo_core.blocks import TIE, block_extents, principal_frames, split_at_median
 from agglo_core.graph import Graph
 
-__all__ = [
-    "CoordinateBisection",
-    "InertialBisection",
-    "block_extents",
-    "block_ranks",
-    "block_shares",
-    "block_sums",
-    "integer_shares",
-    "principal_frames",
-    "split_at_median",
-]
-
-_TIE = 1e-7  # of a block's extent; meshes shifted by 1e6 diameters carry noise of 1e-9 on their pieces
-_ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
-_SHARE_BITS = 40  # for shares of a block in integers: the sum over 2**23 blocks fits in an int64
+__all__ = ["CoordinateBisection", "InertialBisection"]
 
 
 class CoordinateBisection:
@@ -40,7 +20,7 @@ class CoordinateBisection:
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Return the sides ``(n,)``; ``seeds`` are not needed."""
         extents = block_extents(level, level.centroids)
-        longest = np.argmax(extents >= (1 - _TIE) * extents.max(axis=1, keepdims=True), axis=1)
+        longest = np.argmax(extents >= (1 - TIE) * extents.max(axis=1, keepdims=True), axis=1)
         axes = (longest[:, None] + np.arange(level.dim)) % level.dim
         coordinates = np.take_along_axis(level.centroids, axes[level.block_ids], axis=1)
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
@@ -58,134 +38,3 @@ class InertialBisection:
         """Return the sides ``(n,)``; ``seeds`` are not needed."""
         coordinates = principal_frames(level)[1]
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
-
-
-def split_at_median(level: Graph, projection: Float, tie: Float) -> Int:
-    """Split each block at the weighted median of ``projection``.
-
-    Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns
-    decide among them, not the numbering of the cells.
-
-    Parameters
-    ----------
-    projection : (n,) float
-    tie : (n, t) float
-        Further coordinates, the most important first.
-
-    Returns
-    -------
-    (n,) int64
-        0 below the median, 1 above; both occur in every block of at least two nodes.
-    """
-    extents = [block_extents(level, projection[:, None])[:, 0]]
-    extents += [block_extents(level, tie).max(axis=1)] * tie.shape[1] if tie.shape[1] else []
-    columns = [projection, *tie.T]
-    ranks = [block_ranks(level, values, extent) for values, extent in zip(columns, extents, strict=True)]
-    order = np.lexsort((*ranks[::-1], level.block_ids))
-    shares = integer_shares(level.weights, level.block_ids)[order]
-    before = np.cumsum(shares) - shares
-    starts = level.offsets[:-1]
-    below = before - before[starts][level.block_ids]  # blocks keep their places in the order
-    totals = np.bincount(level.block_ids, shares, minlength=level.n_blocks)[level.block_ids]
-    upper = 2 * below + shares > totals
-    upper[level.offsets[1:] - 1] = True
-    upper[starts] = False
-    sides = np.empty(level.n, dtype=np.int64)
-    sides[order] = upper
-    return sides
-
-
-def principal_frames(level: Graph) -> tuple[Float, Float]:
-    """Principal axes of the weighted centroids of each block, and the centroids in them.
-
-    Axes with second moments within a factor 0.9 are turned within their plane to where the fourth
-    moments are least (along the sides of a square). Each axis points to its heavier tail (positive
-    third moment), so that frames follow the mesh when it is rotated.
-
-    Returns
-    -------
-    frames : (B, d, d) float
-        Orthonormal rows, that of the largest second moment first.
-    coordinates : (n, d) float
-        Relative to the centre of mass of the block.
-    """
-    blocks = level.block_ids
-    weights = block_shares(level.weights, blocks)
-    centres = block_sums(level, weights[:, None] * level.centroids) / block_sums(level, weights[:, None])
-    local = level.centroids - centres[blocks]
-    moments = block_sums(level, (weights[:, None, None] * local[:, :, None] * local[:, None, :]))
-    values, vectors = np.linalg.eigh(moments)
-    values, frames = values[:, ::-1], np.swapaxes(vectors[:, :, ::-1], 1, 2)
-    frames = _turned(level, weights, local, values, frames)
-    coordinates = (frames[blocks] * local[:, None, :]).sum(axis=2)
-    seconds = block_sums(level, weights[:, None] * coordinates**2)
-    order = np.argsort(-seconds, axis=1, kind="stable")
-    signs = np.where(block_sums(level, weights[:, None] * coordinates**3) < 0, -1.0, 1.0)
-    frames = np.take_along_axis(signs[:, :, None] * frames, order[:, :, None], axis=1)
-    return frames, np.take_along_axis((signs[blocks] * coordinates), order[blocks], axis=1)
-
-
-def block_extents(level: Graph, values: Float) -> Float:
-    """Largest minus smallest of each column ``(n, t)`` in each block, ``(B, t)``."""
-    starts = level.offsets[:-1]
-    high: Float = np.maximum.reduceat(values, starts, axis=0)
-    return high - np.minimum.reduceat(values, starts, axis=0)
-
-
-def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
-    """Rank of each value in its block, the same for values that a chain of tiny steps connects."""
-    order = np.lexsort((values, level.block_ids))
-    steps = np.diff(values[order]) > _TIE * extents[level.block_ids[1:]]
-    ranks = np.zeros(level.n, dtype=np.int64)
-    ranks[order[1:]] = np.cumsum(steps)
-    return ranks
-
-
-def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
-    """Sum of ``values`` (n, …) over each block, (B, …)."""
-    flat = values.reshape(level.n, -1)
-    sums: Float = np.stack(
-        [np.bincount(level.block_ids, c, minlength=level.n_blocks) for c in flat.T], axis=1
-    )
-    return sums.reshape(level.n_blocks, *values.shape[1:])
-
-
-def block_shares(values: Float, blocks: Int) -> Float:
-    """Share of each value ``(n,)`` in the sum of its block; even shares where all values are zero."""
-    totals = np.bincount(blocks, values)[blocks]
-    even = 1.0 / np.bincount(blocks)[blocks]
-    shares: Float = np.divide(values, totals, out=even, where=totals > 0)
-    return shares
-
-
-def integer_shares(values: Float, blocks: Int) -> Int:
-    """:func:`block_shares` times 2**40, rounded: sums over any number of blocks are exact."""
-    integers: Int = np.rint(block_shares(values, blocks) * 2.0**_SHARE_BITS).astype(np.int64)
-    return integers
-
-
-def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: Float) -> Float:
-    """Frames turned to the least fourth moments in the planes whose second moments nearly agree.
-
-    With z = x + iy, turning by θ leaves x⁴ + y⁴ = (3|z|⁴ + Re z⁴ exp(−4iθ)) / 4: one closed angle per
-    plane; in 3-D sweeps over the three planes converge quadratically, as Jacobi's rotations do.
-    """
-    frames = frames.copy()
-    for _ in range(1 if level.dim == 2 else 6):
-        for i, j in combinations(range(level.dim), 2):
-            isotropic = moments[:, j] >= _ISOTROPIC * moments[:, i]
-            nodes = np.flatnonzero(isotropic[level.block_ids])
-            if not len(nodes):
-                continue
-            blocks = level.block_ids[nodes]
-            x, y = ((frames[blocks, k] * local[nodes]).sum(axis=1) for k in (i, j))
-            fourth = weights[nodes] * (x + 1j * y) ** 4
-            real = np.bincount(blocks, fourth.real, level.n_blocks)
-            imaginary = np.bincount(blocks, fourth.imag, level.n_blocks)
-            angle = np.arctan2(-imaginary, -real) / 4 * isotropic
-            cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
-            frames[:, i], frames[:, j] = (
-                cos * frames[:, i] + sin * frames[:, j],
-                cos * frames[:, j] - sin * frames[:, i],
-            )
-    return frames

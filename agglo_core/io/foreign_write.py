@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["write_foreign"]
 
+_FORMS = {".msh": "gmsh22"}  # meshlane would write Ansys'; 4.1 cannot hold blocks of several kinds
+
 
 def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     """Write through meshlane, then read the result back: what differs from the mesh is refused.
@@ -54,7 +56,8 @@ def _silently(target: Path, points: Any, blocks: Any, data: Any) -> None:
     try:
         with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            meshlane.Mesh(points, blocks, cell_data=data).write(target)
+            form = _FORMS.get(target.suffix.lower())
+            meshlane.Mesh(points, blocks, cell_data=data).write(target, file_format=form)
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise FileError(f"meshlane cannot write it: {reason[:300]}; .vtu and .npz can hold it") from error

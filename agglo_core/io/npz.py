@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
+from agglo_core.io.soundness import check_arrays
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -188,7 +189,7 @@ def _native(arrays: _Arrays) -> tuple[Mesh, Hierarchy | None]:
         )
         if mesh.fingerprint != meta["fingerprint"]:
             raise FileError("the mesh arrays do not match their fingerprint: the file was altered")
-        _check(mesh)
+        check_arrays(mesh)
         return mesh, _hierarchy(arrays, meta, mesh)
     except FileError:
         raise
@@ -199,6 +200,8 @@ def _native(arrays: _Arrays) -> tuple[Mesh, Hierarchy | None]:
 def _meta(arrays: _Arrays) -> dict[str, Any]:
     try:
         meta = json.loads(arrays.take("meta", "u", 1).tobytes())
+    except FileError:
+        raise
     except (ValueError, RecursionError) as error:
         raise FileError(f"array 'meta' is corrupt: {error}") from None
     if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
@@ -222,20 +225,3 @@ def _hierarchy(arrays: _Arrays, meta: dict[str, Any], mesh: Mesh) -> Hierarchy |
     targets = stored["targets"]
     levels = [mesh.check_labels(arrays.take(f"level_{i}", "iu", 1)) for i in range(len(targets))]
     return Hierarchy(mesh, mesh.graph, levels, targets, bool(stored["nested"]), stored["statistics"])
-
-
-def _check(mesh: Mesh) -> None:
-    """Every index within its range: the file may have been written by other hands."""
-    offsets, cells = mesh.face_offsets, mesh.face_cells
-    if not len(cells) or cells.shape[1] != 2 or offsets[0] != 0 or (np.diff(offsets) < mesh.dim).any():
-        raise FileError("array 'face_offsets' or 'face_cells' is corrupt")
-    if mesh.dim == 2 and (np.diff(offsets) != 2).any():
-        raise FileError("array 'face_offsets': faces of a 2-D mesh have two vertices")
-    if mesh.face_vertices.min() < 0 or mesh.face_vertices.max() >= mesh.n_points:
-        raise FileError(f"array 'face_vertices' uses points outside 0..{mesh.n_points - 1}")
-    if cells[:, 0].min() < 0 or cells[:, 1].min() < -1 or mesh.n_cells > cells.size:
-        raise FileError("array 'face_cells' holds wrong cell numbers")
-    if (np.bincount(cells[cells >= 0], minlength=mesh.n_cells) == 0).any():
-        raise FileError("array 'face_cells' leaves out cells")
-    if not np.isfinite(mesh.points).all():
-        raise FileError("array 'points' holds coordinates that are not finite")

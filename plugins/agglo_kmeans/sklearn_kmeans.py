@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agglo_core.arrays import Float, Int
-from agglo_core.defaults.geometric import block_shares
+from agglo_core.blocks import block_shares
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 

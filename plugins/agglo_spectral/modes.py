@@ -13,7 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int
-from agglo_core.defaults.geometric import block_extents, block_shares, principal_frames
+from agglo_core.blocks import block_extents, block_shares, principal_frames
 from agglo_core.graph import Graph
 
 __all__ = ["laplacian_modes"]

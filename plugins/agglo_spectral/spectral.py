@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, UInt64
-from agglo_core.defaults.geometric import (
+from agglo_core.blocks import (
     block_extents,
     block_ranks,
     block_shares,

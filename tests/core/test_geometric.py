@@ -7,12 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agglo_core.defaults.geometric import (
-    CoordinateBisection,
-    InertialBisection,
-    principal_frames,
-    split_at_median,
-)
+from agglo_core.blocks import principal_frames, split_at_median
+from agglo_core.defaults.geometric import CoordinateBisection, InertialBisection
 from agglo_core.graph import Graph
 
 BISECTORS = [CoordinateBisection(), InertialBisection()]

@@ -1,0 +1,108 @@
+"""Small valid files of every suffix that is fuzzed: all codings, layouts and kinds of cells."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+import zipfile
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+
+import meshlane
+import numpy as np
+from core.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
+
+from agglo_core import Hierarchy, Mesh, agglomerate, samples, write
+
+__all__ = ["valid_files"]
+
+
+def valid_files() -> dict[str, list[bytes]]:
+    """Small valid files of each suffix, every coding and layout among them."""
+    return {".vtu": [*_vtu_by_hand(), *_written(".vtu")], ".npz": _npz(), ".msh": _msh()}
+
+
+def _vtu_by_hand() -> Iterator[bytes]:
+    codings = [(form, packing) for form in ("ascii", "binary", "raw", "base64") for packing in ("", "zlib")]
+    plane = [(9, [0, 1, 2, 3]), (7, [1, 4, 5, 2]), (3, [0, 1])]
+    solid = [(14, [4, 5, 6, 7, 8]), (9, [0, 1, 2, 3]), (42, list(range(8)))]
+    points = np.array([*ELEMENTS[12][0], [0.5, 0.5, 4]])
+    for i, (form, packing) in enumerate([*codings, ("raw", "lzma"), ("binary", "lzma")]):
+        w = Writer(form, packing, "u4" if i % 3 else "u8", ">" if i % 4 == 3 else "<")
+        yield w.file(w.piece(SQUARE, plane, data=w.array("mat", [3, -4, 5], "i4")))
+        w = Writer(form, packing)
+        layout = "csr" if i % 2 else "stream"
+        data = [w.array("mat", [1, 2, 3], "i8") + w.array("vtkGhostType", [k, 0, 0], "u1") for k in (0, 1)]
+        pieces = [w.piece(points + np.array([k, 0, 0]), solid, polyhedra(w, layout), data[k]) for k in (0, 1)]
+        yield w.file(*pieces)
+
+
+def _hierarchies() -> Iterator[tuple[Mesh, Hierarchy]]:
+    """A plane mesh, a solid one, one with holes."""
+    grid = samples.squares(7)
+    one_by_one = np.arange(grid.n_cells)
+    holes = grid.coarsen(np.unique(np.where(_frame(7), 8, one_by_one), return_inverse=True)[1])
+    for mesh in (samples.voronoi(60, seed=1), samples.boxes(3), holes):
+        tagged = replace(mesh, cell_tags={"mat": np.arange(mesh.n_cells) % 3})
+        hierarchy = agglomerate(tagged, bisector="coordinate", n_parts=(8, 2))
+        yield tagged, replace(hierarchy, statistics={"depth": 3})  # no times: the same bytes every day
+
+
+def _frame(n: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """The cells of an n by n grid around its middle 3 by 3."""
+    i, j = np.divmod(np.arange(n * n), n)
+    return np.maximum(abs(i - n // 2), abs(j - n // 2)) == 2
+
+
+def _written(suffix: str) -> Iterator[bytes]:
+    with tempfile.TemporaryDirectory() as folder:
+        for i, (mesh, hierarchy) in enumerate(_hierarchies()):
+            file = Path(folder) / f"{i}{suffix}"
+            write(file, mesh, hierarchy)
+            yield file.read_bytes()
+
+
+def _npz() -> list[bytes]:
+    mesh = samples.voronoi(60, seed=1)
+    loops = mesh.boundary_loops
+    stream = io.BytesIO()
+    np.savez(stream, points=mesh.points, cell_offsets=loops.loop_offsets, cell_vertices=loops.vertices)
+    plain = stream.getvalue()
+    return [_undated(content) for content in (*_written(".npz"), plain, plain)]
+
+
+def _undated(content: bytes) -> bytes:
+    """The archive without the time of writing."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(stream, "w") as new:
+        for info in old.infolist():
+            new.writestr(zipfile.ZipInfo(info.filename), old.read(info), info.compress_type)
+    return stream.getvalue()
+
+
+def _msh() -> list[bytes]:
+    """Gmsh 2.2 and 4.1, text and binary, plane and solid."""
+    plane = samples.triangles(4)
+    loops = plane.boundary_loops.vertices.reshape(-1, 3)
+    flat = np.c_[plane.points, np.zeros(plane.n_points)]
+    cube = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], float)
+    meshes = [
+        meshlane.Mesh(flat, [("triangle", loops[:-2]), ("triangle", loops[-2:]), ("line", loops[:3, :2])]),
+        meshlane.Mesh(flat, [("triangle", loops)]),
+        meshlane.Mesh(cube, [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))]),
+        meshlane.Mesh(cube, [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))]),
+    ]
+    found = []
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
+        for mesh, form in zip(meshes, ("gmsh22", "gmsh", "gmsh22", "gmsh"), strict=True):
+            mesh.cell_data = {
+                f"gmsh:{name}": [np.ones(len(block.data), np.int64) for block in mesh.cells]
+                for name in ("physical", "geometrical")
+            }
+            for binary in (False, True):
+                file = Path(folder) / "m.msh"
+                meshlane.write(file, mesh, file_format=form, binary=binary)
+                found.append(file.read_bytes())
+    return found
