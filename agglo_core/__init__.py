@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
     from agglo_core.graph import Graph
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.io import read, write
+    from agglo_core.io import read, read_hierarchy, write
     from agglo_core.mesh import Mesh
     from agglo_core.pipeline import Pipeline, agglomerate
     from agglo_core.plugins import Command, Component, Registry, hookimpl
@@ -52,6 +52,7 @@ __all__ = [
     "plugins",
     "quality",
     "read",
+    "read_hierarchy",
     "samples",
     "write",
 ]
@@ -60,7 +61,7 @@ _HOME = {
     "errors": ("AggloError", "FileError", "MeshError", "OptionError", "PluginError"),
     "graph": ("Graph",),
     "hierarchy": ("Hierarchy",),
-    "io": ("read", "write"),
+    "io": ("read", "read_hierarchy", "write"),
     "mesh": ("Mesh",),
     "pipeline": ("Pipeline", "agglomerate"),
     "plugins": ("Command", "Component", "Registry", "hookimpl"),

@@ -156,4 +156,6 @@ def _checked_probabilities(graph: Graph, Y: ArrayLike) -> Float:
     array = np.asarray(Y, dtype=float)
     if array.ndim != 2 or len(array) != graph.n:
         raise OptionError(f"Y must have shape ({graph.n}, M), one row per node; given {array.shape}")
+    if not ((array >= 0) & (array <= 1)).all():
+        raise OptionError(f"Y must hold probabilities in [0, 1]; given {array.min():g} to {array.max():g}")
     return array

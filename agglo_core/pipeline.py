@@ -77,6 +77,8 @@ class Pipeline:
         for name in ("nested", "merge"):
             if not isinstance(getattr(self, name), bool):
                 raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
+        if self.merge and (self.n_parts is not None or self.cells_per_part is not None):
+            raise OptionError("merge works on size targets; counts are met exactly without it")
         for name in ("refiners", "post_refiners"):
             value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):
@@ -126,8 +128,6 @@ class Pipeline:
             n_parts=self.n_parts,
             cells_per_part=self.cells_per_part,
         )
-        if self.merge and levels.counts:
-            raise OptionError("merge works on size targets; counts are met exactly without it")
         crew = self._crew()
         statistics = Statistics()
         with statistics.timed("order"):
@@ -293,7 +293,8 @@ def agglomerate(
         "cells_per_part": cells_per_part,
     }
     if any(value is not None for value in targets.values()):
-        pipeline = replace(pipeline, **targets)
+        counts = n_parts is not None or cells_per_part is not None
+        pipeline = replace(pipeline, **targets, merge=pipeline.merge and not counts)
     rest: dict[str, Any] = {
         "bisector": bisector,
         "method": method,

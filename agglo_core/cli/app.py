@@ -6,6 +6,7 @@ import difflib
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NoReturn
 
 import click
@@ -19,6 +20,7 @@ from agglo_core.cli.generate import mesh
 from agglo_core.cli.listing import plugins
 from agglo_core.cli.measure import quality
 from agglo_core.cli.run import run
+from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.plugins import CORE_COMMANDS, Record, default, describe
 from agglo_core.plugins.construct import resolve
@@ -90,7 +92,7 @@ def _unknown(name: str, known: list[str]) -> str:
 def app(context: click.Context) -> None:
     """Agglomerate polygonal and polyhedral meshes into nested hierarchies.
 
-    Exit codes: 0 done, 2 bad input, 3 not converged or a law failed.
+    Exit codes: 0 done, 2 bad input, 3 not converged or a law failed, 130 Ctrl-C, 143 SIGTERM.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
@@ -102,7 +104,7 @@ for _command in (demo, run, compare, quality, mesh, plugins, check):
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; errors raised on purpose become one line, bugs a traceback."""
-    with notices():
+    with notices(), terminations():
         code = _run(args)
     sys.exit(code)
 
@@ -111,23 +113,50 @@ def _run(args: Sequence[str] | None) -> int:
     try:
         result = app.main(args=args, prog_name="agglo", standalone_mode=False)
         sys.stdout.flush()
-    except click.Abort:
-        click.echo("interrupted", err=True)
-        return 130
+    except (AggloError, click.Abort, SystemError) as error:
+        stop = stopped_by(error)
+        if stop is not None or isinstance(error, click.Abort):
+            return _stopped(143 if isinstance(stop, Terminated) else 130)
+        if isinstance(error, SystemError):
+            raise
+        return _fail(str(error))
     except click.ClickException as error:
         return _fail(error.format_message())
-    except AggloError as error:
-        return _fail(str(error))
-    except BrokenPipeError:  # the reader of our output left: say nothing, now and at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except MemoryError as error:
+        return _fail(f"out of memory: {error}" if str(error) else "out of memory")
+    except BrokenPipeError:  # the reader of our output left: say nothing
+        _give_up_output()
         return 1
     except OSError as error:
-        if error.filename is None:
+        if error.filename is not None:
+            return _fail(f"{error.filename}: {error.strerror}")
+        if not _output_is_lost():
             raise
-        return _fail(f"{error.filename}: {error.strerror}")
+        _give_up_output()
+        return _fail(f"standard output cannot be written: {error.strerror}")
     return result if isinstance(result, int) else 0
 
 
+def _output_is_lost() -> bool:
+    try:
+        sys.stdout.flush()  # what could not be written is still waiting
+    except OSError:
+        return True
+    return False
+
+
+def _give_up_output() -> None:
+    """Let what waits to be written go nowhere: at exit it would fail once more."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def _fail(message: str) -> int:
-    click.echo(f"error: {' '.join(message.split())}", err=True)
+    with suppress(OSError):  # stderr may be as full as stdout: the exit code still says it
+        click.echo(f"error: {' '.join(message.split())}", err=True)
     return 2
+
+
+def _stopped(code: int) -> int:
+    with suppress(OSError):
+        click.echo("interrupted" if code == 130 else "terminated", err=True)
+    return code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -25,12 +26,19 @@ __all__ = ["demo"]
 _FIRST = ("kmeans", "metis")
 
 
+def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> float:
+    if not math.isfinite(value):  # NaN lies in every range of click's
+        raise click.BadParameter(f"{value} is not in the range 0<x<=1.", param=parameter)
+    return value
+
+
 @click.command(short_help="See a brain agglomerated by every bisector.")
 @click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
 @click.option(
-    "--h-star-factor",
+    "--diameter-fraction",
     "factor",
     type=click.FloatRange(0.0, 1.0, min_open=True),
+    callback=_fraction,
     default=0.2,
     show_default=True,
     help="Largest agglomerate, over the diameter of the brain.",
@@ -40,7 +48,7 @@ _FIRST = ("kmeans", "metis")
 def demo(output: Path, factor: float, as_json: bool, quiet: bool) -> None:
     """Agglomerate a coronal section of a human brain with every bisector that can be used.
 
-    The table compares them at --h-star-factor; levels of twice and four times that size stand above.
+    The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
     The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
     """
     if quiet:

@@ -23,7 +23,7 @@ _FLAGS = {
     "n_parts": "--parts",
     "cells_per_part": "--cells-per-part",
 }
-_SIZES, _COUNTS = numbers(float), numbers(int)
+_SIZES, _COUNTS, _MEANS = numbers(float), numbers(int), numbers(float, least=1)
 _PIPELINE = (
     click.option(
         "--refiner", "refiners", multiple=True, metavar=COMPONENT, help="Repeatable; 'none' for none."
@@ -32,7 +32,7 @@ _PIPELINE = (
     click.option("--h-star", callback=_SIZES, metavar="LIST", help="Largest diameters, a level each."),
     click.option("--h-factor", callback=_SIZES, metavar="LIST", help="The same over h0 (default 2,4,8)."),
     click.option("--parts", "n_parts", callback=_COUNTS, metavar="LIST", help="Numbers of agglomerates."),
-    click.option("--cells-per-part", callback=_SIZES, metavar="LIST", help="Mean sizes of agglomerates."),
+    click.option("--cells-per-part", callback=_MEANS, metavar="LIST", help="Mean sizes of agglomerates."),
     click.option("--seed", type=click.IntRange(min=0), help="Default 0."),
 )
 
@@ -58,7 +58,7 @@ def arguments(
     Raises
     ------
     UsageError
-        If there are several kinds of target.
+        If there are several kinds of target, or a refiner beside ``none``.
     PluginError, OptionError
         If a component cannot be used: found out before a mesh is read.
     """
@@ -67,6 +67,8 @@ def arguments(
     if len(given) > 1:
         flags = " and ".join(_FLAGS[name] for name in given)
         raise click.UsageError(f"{flags} cannot be given together: choose one")
+    if "none" in refiners and len(refiners) > 1:
+        raise click.UsageError("--refiner none cannot be given with another --refiner: choose one")
     if refiners:
         given["refiners"] = tuple(choice("refiner", spec) for spec in refiners if spec != "none")
     if fixer is not None:

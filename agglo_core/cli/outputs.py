@@ -64,10 +64,10 @@ def refuse_solids(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) ->
 
 
 def _check_picture(plot: Path) -> None:
-    if plot.suffix.lower() not in _PICTURES:
-        raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, not {plot.suffix!r}")
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
+    if plot.suffix.lower() not in _PICTURES:
+        raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, not {plot.suffix!r}")
     if not plot.parent.is_dir():
         raise FileError(f"{plot}: there is no folder {plot.parent}")
     if find_spec("matplotlib") is None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from agglo_core.cli.console import number, print_table, progress
+from agglo_core.cli.stopping import stopped_by
 from agglo_core.errors import AggloError, OptionError
 
 if TYPE_CHECKING:
@@ -20,27 +20,29 @@ __all__ = ["LEVEL_KEYS", "attempt", "data", "execute", "level_data", "refuse_all
 
 LEVEL_KEYS = ("target", "parts", "max_diameter", "UF", "CR", "CRc", "connected")
 _COLUMNS = ("parts", "UF", "CR", "CRc", "connected", "diameter_ratio")
-_HEADS = ("target", "K", "UF", "CR", "CRc", "connected", "diam/h*", "seconds")
+_HEADS = ("target", "K", "UF", "CR", "CRc", "connected", "mean diam/h*", "seconds")
 
 
 def execute(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run:
-    """Agglomerate with the arguments ``given`` and measure; errors pass through."""
+    """Warm up, agglomerate with the arguments ``given``, and measure; errors pass through."""
     from agglo_core.comparison import timed_run
     from agglo_core.pipeline import agglomerate
 
+    with progress(f"{name}: loading", quiet):
+        _warm_up(given)
     with progress(name, quiet):
         return timed_run(mesh, name, lambda: agglomerate(mesh, **given))
 
 
 def attempt(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run:
-    """The same for one run among others: it is warmed up first, and its failure is a result."""
+    """The same for one run among others: its failure is a result."""
     from agglo_core.comparison import Run
 
-    with progress(f"{name}: loading", quiet):
-        _warm_up(given)
     try:
         return execute(mesh, name, given, quiet)
     except AggloError as error:
+        if stopped_by(error) is not None:
+            raise
         return Run(name, None, error=str(error))
 
 
@@ -52,8 +54,12 @@ def _warm_up(given: Mapping[str, Any]) -> None:
     targets = ("h_star", "h_factor", "n_parts", "cells_per_part")
     counts = "n_parts" in given or "cells_per_part" in given
     rest = {name: value for name, value in given.items() if name not in targets}
-    with suppress(AggloError):  # the run itself will tell
+    try:
         agglomerate(samples.squares(4), **rest, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
+    except AggloError as error:
+        if stopped_by(error) is not None:
+            raise
+        # else the run itself will tell
 
 
 def refuse_all_failed(runs: Sequence[Run]) -> None:

@@ -26,6 +26,8 @@ def load_mesh(text: str) -> Mesh:
     OptionError
         If it has the form of a sample, but is none.
     """
+    if not text:
+        raise FileError("the name of the mesh is empty; expected a file or a sample such as squares:n=64")
     if Path(text).exists():
         from agglo_core.io import read
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from typing import Any
 
 import click
@@ -66,17 +67,22 @@ def split_specs(text: str) -> list[str]:
 
 
 def numbers(
-    number: type[int] | type[float],
+    number: type[int] | type[float], least: float | None = None
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
-    """A click callback that turns ``"2,4,8"`` into a tuple of numbers."""
+    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
 
     def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
         if text is None:
             return None
         try:
-            return tuple(number(item) for item in text.split(","))
+            values = tuple(number(item) for item in text.split(","))
         except ValueError:
             noun = "whole numbers" if number is int else "numbers"
             raise click.BadParameter(f"{text!r} is not a comma list of {noun}", param=parameter) from None
+        for value in values:
+            if not (0 < value < inf and value >= (least or 0)):
+                wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
+                raise click.BadParameter(f"each number must be {wanted}, given {value}", param=parameter)
+        return values
 
     return read

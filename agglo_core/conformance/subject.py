@@ -12,6 +12,7 @@ from agglo_core.plugins import KINDS, Component, Record, default, describe
 from agglo_core.plugins.construct import construct
 from agglo_core.plugins.declarations import faults
 from agglo_core.plugins.discovery import PLUGIN_FAILURES
+from agglo_core.plugins.records import unusable
 
 __all__ = ["METHODS", "Subject", "find", "subject_of"]
 
@@ -104,7 +105,7 @@ def subject_of(
     if isinstance(component, str):
         record = find(component, kind)
         if record.state != "ok":
-            raise PluginError(f"{describe(record)} cannot be used: {record.state}: {record.reason}")
+            raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
         return _declared(record, chosen, promises)
     if isinstance(component, Component):
         if wrong := "; ".join(faults(component)):

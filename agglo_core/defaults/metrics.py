@@ -123,6 +123,11 @@ class DiameterRatio:
     ----------
     h_star : float
         Positive, in the units of the mesh; with it fixed, values scale like a length.
+
+    Raises
+    ------
+    OptionError
+        If ``h_star`` is anything else.
     """
 
     better: Better = "low"
@@ -131,8 +136,9 @@ class DiameterRatio:
     shape_only = True
 
     def __init__(self, h_star: float) -> None:
-        if not 0.0 < h_star < inf:
-            raise OptionError(f"h_star of metric diameter_ratio must be positive and finite, not {h_star}")
+        number = isinstance(h_star, int | float | np.number) and not isinstance(h_star, bool)
+        if not number or not 0.0 < h_star < inf:
+            raise OptionError(f"diameter_ratio: h_star must be a positive, finite number, not {h_star!r}")
         self.h_star = float(h_star)
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
@@ -21,14 +23,20 @@ class InterfaceRefiner:
     Parameters
     ----------
     floor : float in [0, 1]
+
+    Raises
+    ------
+    OptionError
+        If ``floor`` is anything else.
     """
 
     objective = "interface"
 
     def __init__(self, floor: float = 0.85) -> None:
-        if not 0.0 <= floor <= 1.0:
-            raise OptionError(f"interface refiner: floor must lie in [0, 1], given {floor}")
-        self.floor = floor
+        number = isinstance(floor, int | float | np.number) and not isinstance(floor, bool)
+        if not number or not 0.0 <= floor <= 1.0:
+            raise OptionError(f"interface: floor must be a number in [0, 1], not {floor!r}")
+        self.floor = float(floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` after the sweeps; seeds and target are not used."""

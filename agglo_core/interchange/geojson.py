@@ -14,6 +14,7 @@ from agglo_core.errors import MeshError
 from agglo_core.interchange.polygons import mesh_to_shapely
 from agglo_core.interchange.rings import mesh_from_shapely
 from agglo_core.io.levels import check_belongs
+from agglo_core.io.tags import cell_data
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -30,8 +31,9 @@ def to_geojson(
     """FeatureCollection (RFC 7946) of the cells of a 2-D mesh, ready for :func:`json.dump`.
 
     Every feature has the cell number as ``id`` and as properties the cell tags and, with a hierarchy,
-    its agglomerate on each level as ``level_0``, ``level_1``, …. Pass ``hierarchy.mesh(l)`` for the
-    agglomerates themselves. Coordinates are the mesh's own: no reference system is implied.
+    its agglomerate on each level as ``level_0``, ``level_1``, …, in place of older tags of that kind.
+    Pass ``hierarchy.mesh(l)`` for the agglomerates themselves. Coordinates are the mesh's own: no
+    reference system is implied.
 
     Parameters
     ----------
@@ -47,9 +49,7 @@ def to_geojson(
 
     if hierarchy is not None:
         check_belongs(mesh, hierarchy)
-    levels = hierarchy.levels if hierarchy is not None else ()
-    columns = {**mesh.cell_tags, **{f"level_{i}": labels for i, labels in enumerate(levels)}}
-    table = {name: values.tolist() for name, values in columns.items()}
+    table = {name: values.tolist() for name, values in cell_data(mesh, hierarchy).items()}
     table |= {name: _plain(name, values, mesh.n_cells) for name, values in (properties or {}).items()}
     features = [
         {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.errors import OptionError
 from agglo_core.io import write
 from agglo_core.io.levels import check_belongs
+from agglo_core.io.tags import cell_data
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
     OptionError
         If pyvista is not installed.
     MeshError
-        If the hierarchy belongs to another mesh.
+        If the hierarchy belongs to another mesh, or a cell tag has a name that VTU cannot hold.
     """
     try:
         import pyvista
@@ -38,9 +39,7 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
         raise OptionError(f"to_pyvista needs pyvista: pip install pyvista ({error})") from error
     if hierarchy is not None:
         check_belongs(mesh, hierarchy)
-    levels = hierarchy.levels if hierarchy is not None else ()
-    tags = {**mesh.cell_tags, **{f"level_{i}": labels for i, labels in enumerate(levels)}}
     with TemporaryDirectory(prefix="agglo") as folder:
         path = Path(folder) / "mesh.vtu"
-        write(path, replace(mesh, cell_tags=tags))
+        write(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy)))
         return pyvista.read(path)

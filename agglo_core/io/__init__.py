@@ -1,4 +1,8 @@
-"""Files: ``.vtu`` by our own reader and writer, lossless ``.npz``, every other format through meshlane."""
+"""Files: ``.vtu`` by our own reader and writer, lossless ``.npz``, every other format through meshlane.
+
+:func:`read` gives the mesh of a file, :func:`read_hierarchy` also the hierarchy stored with it, and
+:func:`write` writes both; :mod:`agglo_core` offers all three.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agglo_core.errors import FileError, MeshError
+from agglo_core.errors import FileError, MeshError, OptionError
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -20,8 +24,9 @@ __all__ = ["check_writable", "read", "read_hierarchy", "write"]
 def read(path: str | PathLike[str], *, merge_points: bool = True) -> Mesh:
     """Mesh of a file; its suffix says the format.
 
-    Integer cell data become cell tags. What was left out or normalised (orphan points, clockwise
-    cells, lower-dimensional cells, higher-order nodes) is counted in ``mesh.repairs``.
+    Integer cell data become cell tags. What was left out or normalised (other cell data, orphan
+    points, clockwise cells, lower-dimensional cells, higher-order nodes) is counted in
+    ``mesh.repairs``.
 
     Parameters
     ----------
@@ -35,6 +40,8 @@ def read(path: str | PathLike[str], *, merge_points: bool = True) -> Mesh:
         Naming the file: missing, a folder, empty, truncated, corrupt, of an unknown format.
     MeshError
         For a mesh that breaks a rule, naming file and cells.
+    OptionError
+        If ``path`` is no path.
     """
     return _read(path, merge_points)[0]
 
@@ -47,11 +54,11 @@ def read_hierarchy(path: str | PathLike[str]) -> tuple[Mesh, Hierarchy | None]:
 
     Raises
     ------
-    FileError, MeshError
+    FileError, MeshError, OptionError
         As :func:`read`.
     """
     mesh, hierarchy = _read(path, True)
-    if hierarchy is None and "level_0" in mesh.cell_tags:
+    if hierarchy is None:
         from agglo_core.io.levels import split_levels
 
         with _naming(Path(path)):
@@ -64,16 +71,22 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as
     cell data ``level_0``, …, and beside it each coarse mesh as ``NAME_level0.vtu``, …. Other formats
-    are refused where they would lose something. Files appear whole or not at all.
+    are refused where they would lose something. Files appear whole or not at all. What an earlier
+    hierarchy left is replaced as a whole: tags ``level_<number>`` of the mesh are not written to such
+    files, and coarse meshes of more levels than there are now are removed (only files named
+    ``NAME_level<number>.vtu`` beside the new one that this program wrote).
 
     Raises
     ------
     FileError
         Naming the file, if it cannot be written.
     MeshError
-        If the hierarchy belongs to another mesh.
+        If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
+    OptionError
+        If an argument is not of its type.
     """
-    target = Path(path)
+    target = _checked_path("write", path)
+    _check_written(mesh, hierarchy)
     check_writable(target)
     with _naming(target):
         if hierarchy is not None:
@@ -97,11 +110,11 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
 
 def check_writable(path: str | PathLike[str]) -> None:
     """Raise FileError unless a file can be written there: known suffix, existing folder, no folder itself."""
-    target = Path(path)
+    target = _checked_path("write", path)
     with _naming(target):
-        _check_suffix(target, writing=True)
         if target.is_dir():
             raise FileError("is a folder, expected a file name")
+        _check_suffix(target, writing=True)
         if not target.parent.is_dir():
             raise FileError(f"the folder {target.parent} does not exist")
         from agglo_core.io.atomic import check_replaceable
@@ -110,7 +123,7 @@ def check_writable(path: str | PathLike[str]) -> None:
 
 
 def _read(path: str | PathLike[str], merge_points: bool) -> tuple[Mesh, Hierarchy | None]:
-    source = Path(path)
+    source = _checked_path("read", path)
     with _naming(source):
         if source.is_dir():
             raise FileError("is a folder, expected a file")
@@ -133,6 +146,27 @@ def _read(path: str | PathLike[str], merge_points: bool) -> tuple[Mesh, Hierarch
         from agglo_core.io.foreign import read_foreign
 
         return read_foreign(source, merge_points=merge_points), None
+
+
+def _checked_path(function: str, path: object) -> Path:
+    if not isinstance(path, str | PathLike):
+        call = "read(path)" if function == "read" else "write(path, mesh, hierarchy)"
+        raise OptionError(f"{call}: the path must be a text or a Path, given {type(path).__name__}")
+    return Path(path)
+
+
+def _check_written(mesh: object, hierarchy: object) -> None:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+    call = "write(path, mesh, hierarchy)"
+    if isinstance(mesh, Hierarchy):
+        raise OptionError(f"{call}: the mesh comes before the hierarchy, as in write(path, h.fine, h)")
+    if not isinstance(mesh, Mesh):
+        raise OptionError(f"{call}: the mesh must be a Mesh, given {type(mesh).__name__}")
+    if hierarchy is not None and not isinstance(hierarchy, Hierarchy):
+        given = type(hierarchy).__name__
+        raise OptionError(f"{call}: the hierarchy must be a Hierarchy, given {given}")
 
 
 def _check_suffix(path: Path, *, writing: bool) -> None:

@@ -16,6 +16,7 @@ from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.elements import Polyhedra
 from agglo_core.errors import FileError
 from agglo_core.io.cells import Soup, mesh_from_soup
+from agglo_core.io.tags import note_left_out
 from agglo_core.mesh import Mesh
 
 __all__ = ["read_foreign", "suffixes"]
@@ -44,9 +45,9 @@ def read_foreign(path: Path, *, merge_points: bool) -> Mesh:
         For a broken file or mesh.
     """
     _check_end(path)
-    soup, sets = _soup(path)
+    soup, sets, left = _soup(path)
     mesh = mesh_from_soup(soup, merge_points=merge_points, weak=False, name=path.stem)
-    return _without_empty_sets(mesh, sets)
+    return note_left_out(_without_empty_sets(mesh, sets), left)
 
 
 def _check_end(path: Path) -> None:
@@ -60,8 +61,8 @@ def _check_end(path: Path) -> None:
         raise FileError("truncated: the last line of a Gmsh file begins with $End")
 
 
-def _soup(path: Path) -> tuple[Soup, set[str]]:
-    """The cells that meshlane finds, and the names of the tags that are sets; in a process apart."""
+def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
+    """Cells that meshlane finds in a process apart; names of tags that are sets, and of data left out."""
     size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory(prefix="agglo-") as folder:
@@ -91,18 +92,19 @@ def _soup(path: Path) -> tuple[Soup, set[str]]:
         return _load(target)
 
 
-def _load(target: str) -> tuple[Soup, set[str]]:
+def _load(target: str) -> tuple[Soup, set[str], list[str]]:
     with np.load(target, allow_pickle=False) as arrays:
         names = json.loads(arrays["names"].tobytes())
         solids = (frozen_int(arrays[key]) for key in ("cell_offsets", "loop_offsets", "loops"))
-        return Soup(
+        soup = Soup(
             frozen_float(arrays["points"]),
             frozen_int(arrays["types"]),
             frozen_int(arrays["offsets"]),
             frozen_int(arrays["vertices"]),
             Polyhedra(*solids),
             {name: frozen_int(arrays[f"tag_{i}"]) for i, name in enumerate(names["tags"])},
-        ), set(names["sets"])
+        )
+        return soup, set(names["sets"]), names["left"]
 
 
 def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:

@@ -17,6 +17,7 @@ from agglo_core.elements import gather
 from agglo_core.errors import AggloError, FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.foreign import read_foreign
+from agglo_core.io.tags import cell_data, check_names
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -34,9 +35,11 @@ def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     ------
     FileError
         Naming what the format would lose.
+    MeshError
+        For a cell tag whose name files cannot hold.
     """
-    levels = hierarchy.levels if hierarchy is not None else []
-    tags = {**mesh.cell_tags, **{f"level_{i}": labels for i, labels in enumerate(levels)}}
+    tags = cell_data(mesh, hierarchy)
+    check_names(tags)
     blocks = _triangles_and_so_on(mesh)
     cuts = np.cumsum([len(rows) for _, rows in blocks])[:-1]
     points = np.zeros((mesh.n_points, 3))

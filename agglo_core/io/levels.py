@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,17 +11,28 @@ import numpy as np
 from agglo_core.arrays import Int
 from agglo_core.errors import MeshError
 from agglo_core.hierarchy import Hierarchy
+from agglo_core.io.tags import is_level
 from agglo_core.mesh import Mesh
 
 __all__ = ["check_belongs", "split_levels"]
 
+_log = logging.getLogger("agglo")
 
-def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy]:
-    """Mesh without its tags ``level_0``, ``level_1``, …, and the hierarchy that they are."""
+
+def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
+    """Mesh without its tags ``level_0``, ``level_1``, …, and the hierarchy that they are, if any.
+
+    Tags of later levels than the first that is missing stay tags, which is logged.
+    """
     tags = dict(mesh.cell_tags)
     levels: list[Int] = []
     while f"level_{len(levels)}" in tags:
         levels.append(mesh.check_labels(tags.pop(f"level_{len(levels)}")))
+    later = [name for name in tags if is_level(name)]
+    if later:
+        _log.warning("%s taken for no level: there is no level_%d", ", ".join(later), len(levels))
+    if not levels:
+        return mesh, None
     mesh = replace(mesh, cell_tags=tags)
     nested = all(_nests(fine, coarse) for fine, coarse in pairwise(levels))
     targets = [{"parts": int(labels.max()) + 1} for labels in levels]

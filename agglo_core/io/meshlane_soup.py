@@ -19,6 +19,7 @@ from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.elements import Polyhedra, concatenate
 from agglo_core.errors import FileError
 from agglo_core.io.cells import Soup
+from agglo_core.io.tags import tag_values
 
 __all__ = ["main", "soup_from_meshlane"]
 
@@ -54,7 +55,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
             import meshlane
 
             found = meshlane.read(source)
-            _save(soup_from_meshlane(found), sorted(found.cell_sets), target)
+            _save(soup_from_meshlane(found), sorted(found.cell_sets), list(found.cell_data), target)
     except FileError as error:
         print(error, file=result)
     except (Exception, SystemExit) as error:
@@ -75,8 +76,9 @@ def _limit(seconds: int, memory: int) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
 
 
-def _save(soup: Soup, sets: list[str], target: str) -> None:
-    names = json.dumps({"tags": list(soup.tags), "sets": sets}).encode()
+def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
+    left = [name for name in data if name not in soup.tags]
+    names = json.dumps({"tags": list(soup.tags), "sets": sets, "left": left}).encode()
     tags = {f"tag_{i}": values for i, values in enumerate(soup.tags.values())}
     with open(target, "wb") as file:
         np.savez(
@@ -156,7 +158,7 @@ def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
         arrays = [np.asarray(block) for block in blocks]
         whole = all(a.shape == (n,) and a.dtype.kind in "iu" for a, n in zip(arrays, counts, strict=True))
         if whole and arrays:
-            tags[name] = frozen_int(np.concatenate(arrays))
+            tags[name] = tag_values(name, np.concatenate(arrays))
     return tags
 
 

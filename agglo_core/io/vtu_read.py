@@ -13,6 +13,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.elements import Polyhedra, concatenate, gather, take_cells
 from agglo_core.errors import FileError
 from agglo_core.io.cells import Soup, mesh_from_soup, with_repairs
+from agglo_core.io.tags import BRIDGES, note_left_out, tag_values
 from agglo_core.io.vtu_arrays import TYPES, Document, parse
 from agglo_core.mesh import Mesh
 
@@ -34,11 +35,13 @@ def read_vtu(path: Path, *, merge_points: bool) -> Mesh:
     pieces = [_piece(document, piece) for piece in (grid.findall("Piece") if grid is not None else [])]
     soup = _join([piece for piece in pieces if len(piece.types)] or pieces)
     soup, ghosts = _without_ghosts(soup)
-    weak = "loops" in soup.tags and bool((soup.types == 7).all())  # our writer's mark of bridges
+    weak = BRIDGES in soup.tags and bool((soup.types == 7).all())
     if weak:
-        soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != "loops"})
+        soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
     mesh = mesh_from_soup(soup, merge_points=merge_points, weak=weak, name=path.stem)
-    return with_repairs(mesh, {"ghost cells dropped": ghosts})
+    mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
+    data = grid.iterfind("Piece/CellData/DataArray") if grid is not None else ()
+    return note_left_out(mesh, (each.get("Name", "") for each in data if not _is_tag(each)))
 
 
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
@@ -80,16 +83,20 @@ def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, I
     """Integer cell data of one component."""
     tags = {}
     for element in piece.iterfind("CellData/DataArray"):
-        name, kind = element.get("Name", ""), element.get("type", "")
-        if not name or not kind.startswith(("Int", "UInt")) or kind not in TYPES:
+        if not _is_tag(element):
             continue
-        if element.get("NumberOfComponents", "1").strip() not in ("0", "1"):
-            continue
-        values = document.array(element)
+        name, values = element.get("Name", ""), document.array(element)
         if len(values) != n:
             raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
-        tags[name] = frozen_int(values)
+        tags[name] = tag_values(name, values)
     return tags
+
+
+def _is_tag(element: ElementTree.Element) -> bool:
+    """Whether cell data are named integers of one component."""
+    kind = element.get("type", "")
+    single = element.get("NumberOfComponents", "1").strip() in ("0", "1")
+    return bool(element.get("Name")) and kind.startswith(("Int", "UInt")) and kind in TYPES and single
 
 
 class _Arrays(NamedTuple):

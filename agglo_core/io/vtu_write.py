@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import logging
+import re
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,6 +18,7 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.elements import gather
 from agglo_core.io.atomic import staging
 from agglo_core.io.bridges import single_loops
+from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -25,6 +28,12 @@ __all__ = ["write_vtu"]
 
 _NAMES = {"i1": "Int8", "i2": "Int16", "i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
 _BLOCK = 1 << 20  # bytes compressed at once
+_HEAD = (
+    '<?xml version="1.0"?>',
+    '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+    'header_type="UInt64" compressor="vtkZLibDataCompressor">',
+)
+_log = logging.getLogger("agglo")
 
 
 def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
@@ -32,17 +41,48 @@ def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
 
     The fine mesh carries its cell tags and the labels of every level (``level_0``, …). A cell of
     several boundary loops (a hole) is one polygon that walks a bridge between them both ways; then
-    integer cell data ``loops`` say how many loops each cell has. VTK reads such polygons but its
-    triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
+    integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
+    its triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
+
+    With a hierarchy of k levels, tags ``level_<number>`` of an earlier one are not written, and files
+    ``NAME_level<number>.vtu`` with a number of k or more are removed from the folder if they begin as
+    this writer's files do.
+
+    Raises
+    ------
+    MeshError
+        For a cell tag of the name ``agglo_loops``, or of one that XML cannot hold.
     """
     levels = list(hierarchy.levels) if hierarchy is not None else []
-    tags = {**mesh.cell_tags, **{f"level_{i}": labels for i, labels in enumerate(levels)}}
+    tags = cell_data(mesh, hierarchy)
+    check_names(tags)
     with staging(path) as folder:
         (folder / path.name).write_bytes(_document(mesh, tags))
         for i, labels in enumerate(levels):
             coarse = mesh.coarsen(labels)
             name = f"{path.stem}_level{i}{path.suffix}"
-            (folder / name).write_bytes(_document(coarse, coarse.cell_tags))
+            kept = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}
+            (folder / name).write_bytes(_document(coarse, kept))
+    if levels:
+        _remove_stale(path, len(levels))
+
+
+def _remove_stale(path: Path, count: int) -> None:
+    """Remove the coarse meshes of an earlier, deeper hierarchy, which would pass for levels of this one."""
+    head = "\n".join(_HEAD).encode()
+    pattern = re.compile(re.escape(f"{path.stem}_level") + r"(0|[1-9]\d*)" + re.escape(path.suffix), re.ASCII)
+    for file in sorted(path.parent.iterdir()):
+        found = pattern.fullmatch(file.name)
+        if found is None or int(found[1]) < count or file.is_symlink() or not file.is_file():
+            continue
+        try:
+            with open(file, "rb") as stream:
+                ours = stream.read(len(head)) == head
+            if ours:
+                file.unlink()
+                _log.info("removed %s, a level of an earlier hierarchy", file)
+        except OSError as error:  # the mesh and its levels are written: this is no reason to fail
+            _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 
 def _document(mesh: Mesh, tags: Mapping[str, Int]) -> bytes:
@@ -52,15 +92,13 @@ def _document(mesh: Mesh, tags: Mapping[str, Int]) -> bytes:
         points, vertices = _used(mesh, vertices)
         cells = _cells(offsets, vertices, 7)
         if (loops > 1).any():
-            data["loops"] = loops
+            data[BRIDGES] = loops
     else:
         offsets, vertices = mesh.cell_vertices
         points, vertices = _used(mesh, frozen_int(vertices))
         cells = {**_cells(offsets, vertices, 42), **_face_stream(mesh)}
     lines = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-        'header_type="UInt64" compressor="vtkZLibDataCompressor">',
+        *_HEAD,
         "<UnstructuredGrid>",
         f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{mesh.n_cells}">',
         "<Points>",

@@ -11,7 +11,7 @@ from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.plugins.discovery import PLUGIN_FAILURES, raised
-from agglo_core.plugins.records import Record, describe
+from agglo_core.plugins.records import Record, describe, unusable
 
 __all__ = ["construct", "resolve"]
 
@@ -33,7 +33,7 @@ def resolve(record: Record) -> Any:
         If the record is not ok, or its target cannot be imported.
     """
     if record.state != "ok":
-        raise PluginError(f"{describe(record)} cannot be used: {record.state}: {record.reason}")
+        raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
     declared = record.component or record.command
     if declared is None:
         raise PluginError(f"{describe(record)} declares nothing that could be built")

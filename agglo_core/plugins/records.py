@@ -13,7 +13,7 @@ from typing import Literal
 
 from agglo_core.plugins.declarations import CORE_COMMANDS, Command, Component
 
-__all__ = ["Record", "State", "describe", "with_conflicts", "with_requirements"]
+__all__ = ["Record", "State", "describe", "unusable", "with_conflicts", "with_requirements"]
 
 State = Literal["ok", "needs", "broken", "conflict", "blocked"]
 
@@ -76,6 +76,11 @@ def describe(record: Record) -> str:
     if record.kind == "plugin":
         return f"plugin {record.plugin!r} ({origin})"
     return f"{record.kind} {record.name!r} (plugin {record.plugin!r}, {origin})"
+
+
+def unusable(record: Record) -> str:
+    """State and reason of a record that is not ok, the state once: reasons of ``needs`` begin with it."""
+    return record.reason if record.state == "needs" else f"{record.state}: {record.reason}"
 
 
 def with_requirements(record: Record) -> Record:

@@ -33,18 +33,18 @@ class Metis:
     vertex_weights, edge_weights : bool
         Balance the weights of the nodes (by default measures) instead of their number; cut little
         interface instead of few edges.
-    ufactor : int, optional
+    ufactor : int in 1..10^6, optional
         Allowed imbalance in thousandths. Default: 300 for k-way (parts round themselves off at the
         cost of balance), METIS' own for bisections.
     contig : bool
         k-way only: force connected parts.
-    niter, ncuts : int
+    niter, ncuts : int in 1..10^4
         Refinement sweeps per level; partitions tried, the best is kept.
 
     Raises
     ------
     OptionError
-        If an option is outside what METIS takes.
+        If an option is of another type or outside its bounds.
     """
 
     def __init__(
@@ -59,9 +59,14 @@ class Metis:
     ) -> None:
         if algorithm not in ("kway", "recursive"):
             raise OptionError(f"metis: algorithm must be 'kway' or 'recursive', not {algorithm!r}")
-        for name, value in (("ufactor", ufactor), ("niter", niter), ("ncuts", ncuts)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-                raise OptionError(f"metis: {name} must be a positive integer, not {value!r}")
+        flags = {"vertex_weights": vertex_weights, "edge_weights": edge_weights, "contig": contig}
+        for name, flag in flags.items():
+            if not isinstance(flag, bool):
+                raise OptionError(f"metis: {name} must be true or false, not {flag!r}")
+        if ufactor is not None:
+            _check_count("ufactor", ufactor, 10**6)
+        _check_count("niter", niter, 10**4)
+        _check_count("ncuts", ncuts, 10**4)
         self.algorithm, self.contig = algorithm, contig
         self.vertex_weights, self.edge_weights = vertex_weights, edge_weights
         self.ufactor, self.niter, self.ncuts = ufactor, niter, ncuts
@@ -131,6 +136,11 @@ class Metis:
         nodes = _integers(level.weights, level.block_ids) if self.vertex_weights else None
         edges = _integers(level.interface, level.block_ids[owners]) if self.edge_weights else None
         return nodes, edges
+
+
+def _check_count(name: str, value: object, largest: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= largest:
+        raise OptionError(f"metis: {name} must be an integer in 1..{largest}, not {value!r}")
 
 
 def _sliced(values: Int | None, span: slice) -> Int | None:

@@ -96,7 +96,7 @@ def test_the_table_names_what_is_missing(agglo: Agglo) -> None:
     assert code == 0
     assert "inertial kway" in out
     assert "not implemented: it has no k-way partition" in out
-    assert "diam/h*" in out
+    assert "mean diam/h*" in out
     assert "h ≤ 2 h0" in out
 
 

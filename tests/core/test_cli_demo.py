@@ -94,7 +94,7 @@ def test_every_bisector_leaves_its_files(agglo: Agglo, small: None, wrong: None,
 
 
 def test_sizes_are_shares_of_the_diameter(agglo: Agglo, few: None, tmp_path: Path) -> None:
-    code, out, _ = agglo("demo", "-o", "here", "--h-star-factor", "0.3", "--json")
+    code, out, _ = agglo("demo", "-o", "here", "--diameter-fraction", "0.3", "--json")
     assert code == 0
     data = json.loads(out)
     diameter = samples.ring(16).graph.diameters()[0]
@@ -137,9 +137,10 @@ def test_an_earlier_demo_is_replaced_and_other_files_stay(agglo: Agglo, few: Non
     [
         (["-o", "taken"], "taken is a file"),
         (["-o", "absent/deep"], "there is no folder absent"),
-        (["--h-star-factor", "0"], "0"),
-        (["--h-star-factor", "1.5"], "1.5"),
-        (["--h-star-factor", "x"], "'x'"),
+        (["--diameter-fraction", "0"], "0"),
+        (["--diameter-fraction", "1.5"], "1.5"),
+        (["--diameter-fraction", "nan"], "nan"),
+        (["--diameter-fraction", "x"], "'x'"),
         (["extra"], "extra"),
     ],
 )

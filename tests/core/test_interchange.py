@@ -276,6 +276,16 @@ def test_features_carry_number_tags_level_and_values(run: tuple[Mesh, Hierarchy]
     }
 
 
+def test_an_earlier_hierarchy_is_not_exported(run: tuple[Mesh, Hierarchy]) -> None:
+    mesh, hierarchy = run
+    stale = replace(
+        mesh, cell_tags={"level_5": np.arange(mesh.n_cells), "level_set": mesh.cell_tags["material"]}
+    )
+    properties = to_geojson(stale, hierarchy)["features"][0]["properties"]
+    assert list(properties) == ["level_set", "level_0", "level_1"]
+    assert list(to_geojson(stale)["features"][0]["properties"]) == ["level_5", "level_set"]
+
+
 def test_only_whole_properties_become_tags(caplog: pytest.LogCaptureFixture) -> None:
     rows = [{"a": 1, "b": 1.5, "c": "x", "d": 2, "e": True}, {"a": -3, "b": 2, "c": None, "e": False}]
     collection = to_geojson(mesh_from_shapely(boxes((0, 0, 1, 1), (1, 0, 2, 1))))

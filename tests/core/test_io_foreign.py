@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import meshlane
 import numpy as np
 import pytest
 
@@ -109,6 +110,24 @@ def test_levels_in_legacy_vtk(tmp_path: Path) -> None:
     assert hierarchy.nested
     assert back.cell_tags == {}
     assert [labels.tolist() for labels in hierarchy.levels] == [[0, 1, 1], [0, 0, 0]]
+
+
+def test_earlier_levels_are_replaced_and_other_data_counted(tmp_path: Path) -> None:
+    tags = {"level_0": [5, 6, 7], "level_4": [0, 0, 0], "id": [1, 2, 3]}
+    mesh = Mesh.from_polygons(POINTS, [[0, 1, 2, 3], [1, 4, 2], [4, 5, 2]], cell_tags=tags)
+    write(tmp_path / "m.vtk", mesh, Hierarchy(mesh, mesh.graph, [np.array([0, 1, 1])], [{}], True, {}))
+    back, hierarchy = read_hierarchy(tmp_path / "m.vtk")
+    assert hierarchy is not None
+    assert [labels.tolist() for labels in hierarchy.levels] == [[0, 1, 1]]
+    assert {name: tag.tolist() for name, tag in back.cell_tags.items()} == {"id": [1, 2, 3]}
+    assert back.repairs == {}
+    cells = [("triangle", np.array([[0, 1, 2], [0, 2, 3]]))]
+    data = {"u": [np.array([0.5, 1.5])], "v": [np.ones((2, 3))], "id": [np.array([4, 5])]}
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    meshlane.Mesh(points, cells, cell_data=data).write(tmp_path / "real.vtk")
+    real = read(tmp_path / "real.vtk")
+    assert list(real.cell_tags) == ["id"]
+    assert real.repairs == {"cell data that are not integers left out": 2}
 
 
 def test_tetrahedra_round_trip(tmp_path: Path) -> None:

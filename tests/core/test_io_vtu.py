@@ -7,6 +7,7 @@ import lzma
 import os
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from agglo_core.elements import polyhedra_from_elements
-from agglo_core.errors import AggloError, FileError, MeshError
+from agglo_core.errors import AggloError, FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import check_writable, read, read_hierarchy, write
 from agglo_core.io.bridges import single_loops
@@ -301,9 +302,9 @@ def test_hole_is_bridged(tmp_path: Path) -> None:
     np.testing.assert_array_equal(back.cell_measures, [9, 16])
     assert back.n_faces == 12 + 20
     assert np.diff(back.boundary_loops.cell_offsets).tolist() == [1, 2]
-    assert "loops" not in back.cell_tags
+    assert back.cell_tags == {}
     assert back.repairs == {}
-    assert 'Name="loops"' in (tmp_path / "ring.vtu").read_text()
+    assert 'Name="agglo_loops"' in (tmp_path / "ring.vtu").read_text()
 
 
 @settings(max_examples=60, deadline=None)
@@ -329,6 +330,99 @@ def test_coarse_polygons_keep_their_areas(n: int, m: int, k: int, seed: int) -> 
     np.testing.assert_array_equal(
         np.diff(back.boundary_loops.cell_offsets), np.diff(coarse.boundary_loops.cell_offsets)
     )
+
+
+def test_an_earlier_hierarchy_is_replaced_whole(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    mesh = squares(4)
+    half, whole = np.repeat([0, 1], 8), np.zeros(16, np.int64)
+    write(tmp_path / "o.vtu", mesh, hierarchy_of(mesh, np.arange(16), half, whole))
+    for name in ("o_level7.vtu", "o_level.vtu", "o_level02.vtu", "other_level2.vtu", "o_level2.npz"):
+        (tmp_path / name).write_text("mine")
+    before = set(os.listdir(tmp_path))
+    back = read(tmp_path / "o.vtu")
+    assert sorted(back.cell_tags) == ["level_0", "level_1", "level_2"]
+    write(tmp_path / "o.vtu", back)  # without a hierarchy, nothing is replaced
+    assert set(os.listdir(tmp_path)) == before
+    assert sorted(read(tmp_path / "o.vtu").cell_tags) == ["level_0", "level_1", "level_2"]
+    with caplog.at_level("INFO", "agglo"):
+        write(tmp_path / "o.vtu", back, hierarchy_of(back, half))
+    assert "earlier hierarchy left out: level_0, level_1, level_2" in caplog.text
+    assert before - set(os.listdir(tmp_path)) == {"o_level1.vtu", "o_level2.vtu"}
+    assert read(tmp_path / "o.vtu").cell_tags.keys() == {"level_0"}
+    assert read(tmp_path / "o_level0.vtu").cell_tags == {}
+    found = read_hierarchy(tmp_path / "o.vtu")[1]
+    assert found is not None
+    assert [labels.tolist() for labels in found.levels] == [half.tolist()]
+
+
+def test_levels_without_the_first_are_none(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    mesh = replace(squares(2), cell_tags={"level_1": np.zeros(4, np.int64)})
+    write(tmp_path / "o.vtu", mesh)
+    back, found = read_hierarchy(tmp_path / "o.vtu")
+    assert found is None
+    assert list(back.cell_tags) == ["level_1"]
+    assert "level_1 taken for no level: there is no level_0" in caplog.text
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
+@pytest.mark.parametrize(
+    ("name", "match"), [("", "empty name"), ("agglo_loops", "reserved"), ("a\x01", "control characters")]
+)
+def test_names_that_files_cannot_hold_are_refused(tmp_path: Path, suffix: str, name: str, match: str) -> None:
+    mesh = replace(squares(2), cell_tags={name: np.arange(4)})
+    with pytest.raises(MeshError, match=rf"o\{suffix}: .*{match}"):
+        write(tmp_path / f"o{suffix}", mesh)
+    assert os.listdir(tmp_path) == []
+    write(tmp_path / "o.npz", mesh)
+    assert list(read(tmp_path / "o.npz").cell_tags) == [name]
+
+
+def test_a_tag_named_loops_is_a_tag(tmp_path: Path) -> None:
+    mesh = replace(squares(2), cell_tags={"loops": np.arange(4)})
+    write(tmp_path / "o.vtu", mesh)
+    assert read(tmp_path / "o.vtu").cell_tags["loops"].tolist() == [0, 1, 2, 3]
+
+
+def test_cell_data_that_are_no_tags_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write(tmp_path / "o.vtu", replace(squares(2), cell_tags={"id": np.arange(4)}))
+    text = (tmp_path / "o.vtu").read_text()
+    more = """<DataArray type="Float64" Name="pressure" format="ascii">1 2 3 4.5</DataArray>
+<DataArray type="Int32" Name="pair" NumberOfComponents="2" format="ascii">1 2 3 4 5 6 7 8</DataArray>
+<DataArray type="Int32" format="ascii">1 2 3 4</DataArray></CellData>"""
+    (tmp_path / "o.vtu").write_text(text.replace("</CellData>", more))
+    with caplog.at_level("INFO", "agglo"):
+        mesh = read(tmp_path / "o.vtu")
+    assert list(mesh.cell_tags) == ["id"]
+    assert mesh.repairs == {"cell data that are not integers left out": 3}
+    assert "pressure, pair, (without a name)" in caplog.text
+
+
+@pytest.mark.parametrize(("value", "fits"), [(2**63 - 1, True), (2**63, False)])
+def test_tags_beyond_int64_are_refused(tmp_path: Path, value: int, fits: bool) -> None:
+    write(tmp_path / "o.vtu", squares(1))
+    more = f'<DataArray type="UInt64" Name="big" format="ascii">{value}</DataArray></CellData>'
+    (tmp_path / "o.vtu").write_text((tmp_path / "o.vtu").read_text().replace("</CellData>", more))
+    if fits:
+        assert read(tmp_path / "o.vtu").cell_tags["big"].tolist() == [value]
+    else:
+        refused(tmp_path / "o.vtu", f"'big' holds {value}")
+
+
+def test_arguments_of_a_wrong_kind_are_explained(tmp_path: Path) -> None:
+    mesh = squares(2)
+    levels, file = hierarchy_of(mesh, np.zeros(4, np.int64)), tmp_path / "o.vtu"
+    for arguments, match in (
+        ((file, levels), "the mesh comes before the hierarchy"),
+        ((file, mesh.graph), "the mesh must be a Mesh, given Graph"),
+        ((mesh, file), "the path must be a text or a Path, given Mesh"),
+        ((file, mesh, levels.levels[0]), "the hierarchy must be a Hierarchy, given ndarray"),
+    ):
+        with pytest.raises(OptionError, match=match):
+            write(*arguments)
+    for function in (read, read_hierarchy, check_writable):
+        with pytest.raises(OptionError, match="given NoneType"):
+            function(None)
+    assert os.listdir(tmp_path) == []
 
 
 def test_boxes_round_trip(tmp_path: Path) -> None:

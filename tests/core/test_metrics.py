@@ -252,9 +252,9 @@ def test_solids(name: str) -> None:
     np.testing.assert_allclose(EVERY[name].measure(mesh, labels), expected[name])
 
 
-@pytest.mark.parametrize("h_star", [0.0, -1.0, np.nan, np.inf])
-def test_bad_h_star_is_refused(h_star: float) -> None:
-    with pytest.raises(OptionError, match="h_star of metric diameter_ratio"):
+@pytest.mark.parametrize("h_star", [0.0, -1.0, np.nan, np.inf, "abc", True, None])
+def test_bad_h_star_is_refused(h_star: object) -> None:
+    with pytest.raises(OptionError, match="diameter_ratio: h_star must"):
         DiameterRatio(h_star=h_star)
 
 

@@ -79,6 +79,15 @@ def test_faulty_requests_are_explained() -> None:
         quality(mesh, labels, "CR")
     with pytest.raises(OptionError, match="no metric"):
         quality(mesh, labels, (object(),))  # type: ignore[arg-type]
+    for wrong in (("UF", "CR"), ("UF",), ("UF", {}, {}), (3, {})):
+        with pytest.raises(OptionError, match=r"a metric is a name, \(name, options\) or an object"):
+            quality(mesh, labels, [wrong])  # type: ignore[list-item]
+    with pytest.raises(OptionError, match="no metric"):
+        quality(mesh, labels, (Scalar,))  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="list or tuple"):
+        quality(mesh, labels, None)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="needs a Mesh and its labels, given Graph"):
+        quality(mesh.graph, labels)  # type: ignore[arg-type]
     with pytest.raises(PluginError, match=r"'Scalar' .* expected \(2,\)"):
         quality(mesh, labels, (Scalar(),))  # type: ignore[arg-type]
     with pytest.raises(MeshError, match="gaps"):
@@ -90,7 +99,7 @@ def test_summary_of_a_plane_mesh() -> None:
     split = np.add.outer(np.arange(4), np.arange(4)).ravel() % 2
     lines = summary(mesh, _hierarchy(mesh, _quarters(4), split))
     assert [list(line) for line in lines] == [
-        ["target", "parts", "max_diameter", "UF", "CR", "CRc", "connected"]
+        ["target", "parts", "max_diameter", "UF", "CR", "CRc", "connected", "diameter_ratio"]
     ] * 2
     first, second = lines
     assert first["target"] == {"parts": 4}
@@ -100,6 +109,7 @@ def test_summary_of_a_plane_mesh() -> None:
     assert first["CR"] == first["CRc"] == pytest.approx(0.5**0.5)
     assert first["connected"] == 1.0
     assert second["connected"] == 0.0
+    assert first["diameter_ratio"] is None
     json.dumps(lines)
 
 

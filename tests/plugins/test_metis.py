@@ -132,7 +132,19 @@ def test_no_more_parts_than_nodes(parts, expected):
 
 @pytest.mark.parametrize(
     "options",
-    [{"algorithm": "multilevel"}, {"ufactor": 0}, {"niter": 1.5}, {"ncuts": True}, {"ufactor": -3}],
+    [
+        {"algorithm": "multilevel"},
+        {"ufactor": 0},
+        {"niter": 1.5},
+        {"ncuts": True},
+        {"ufactor": -3},
+        {"ufactor": 10**6 + 1},
+        {"niter": 10**4 + 1},
+        {"ncuts": 2**40},
+        {"contig": 1},
+        {"edge_weights": "no"},
+        {"vertex_weights": None},
+    ],
 )
 def test_options_outside_their_range_are_refused(options):
     with pytest.raises(agglo.errors.OptionError, match=next(iter(options))):

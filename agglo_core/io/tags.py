@@ -1,0 +1,74 @@
+"""Cell tags as the cell data of files: what is written under which name, and what is left out on reading."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import FileError, MeshError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+
+__all__ = ["BRIDGES", "cell_data", "check_names", "is_level", "note_left_out", "tag_values"]
+
+BRIDGES = "agglo_loops"
+"""Cell data of our own VTU files: boundary loops of each cell, where some have several."""
+
+_log = logging.getLogger("agglo")
+_LEVEL = re.compile(r"level_\d+", re.ASCII)
+_NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def is_level(name: str) -> bool:
+    """Whether cell data of that name are the labels of a level: ``level_0``, ``level_1``, …."""
+    return _LEVEL.fullmatch(name) is not None
+
+
+def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
+    """Cell tags, and labels of every level as ``level_0``, …; those of an earlier hierarchy are dropped.
+
+    Only a hierarchy takes their place: without one, tags of these names are kept as they are.
+    """
+    if hierarchy is None:
+        return dict(mesh.cell_tags)
+    stale = [name for name in mesh.cell_tags if is_level(name)]
+    if stale:
+        _log.info("cell data of an earlier hierarchy left out: %s", ", ".join(stale))
+    tags = {name: values for name, values in mesh.cell_tags.items() if not is_level(name)}
+    return tags | {f"level_{i}": labels for i, labels in enumerate(hierarchy.levels)}
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raise MeshError for tags that no file can hold under their name."""
+    for name in names:
+        if not name:
+            raise MeshError("a cell tag has an empty name; only .npz can hold it")
+        if name == BRIDGES:
+            raise MeshError(f"the name of cell tag {name!r} is reserved for the marks of cells with holes")
+        if _NO_XML.search(name):
+            raise MeshError(f"the name of cell tag {name!r} has control characters; only .npz can hold it")
+
+
+def tag_values(name: str, values: NDArray[Any]) -> Int:
+    """Integers of a file as a tag, or FileError if they are too large for one."""
+    if values.dtype.kind == "u" and values.size and values.max() > np.iinfo(np.int64).max:
+        raise FileError(f"cell data {name!r} holds {values.max()}, more than an int64 can")
+    return frozen_int(values)
+
+
+def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
+    """The mesh with the cell data that could not become tags counted as a repair; they are logged."""
+    left = list(dict.fromkeys(name or "(without a name)" for name in names))
+    if not left:
+        return mesh
+    text = "cell data that are not integers left out"
+    _log.info("%s: %s", text, ", ".join(left))
+    repairs: Mapping[str, int] = {**mesh.repairs, text: len(left)}
+    return replace(mesh, repairs=repairs)

@@ -1,0 +1,38 @@
+"""Graph neural networks as bisectors, and the commands that train them and look into their files."""
+
+from __future__ import annotations
+
+from agglo_core import Command, Component, hookimpl
+
+
+@hookimpl
+def agglo_components() -> list[Component]:
+    """The bisectors."""
+    return [
+        Component(
+            kind="bisector",
+            name="gnn",
+            target="agglo_gnn.fast:FastGNN",
+            requires=("safetensors",),
+            promises={"deterministic": True, "invariant": True, "pickles": True},
+            summary="A learned direction and an exact sweep across it; needs no torch.",
+        ),
+        Component(
+            kind="bisector",
+            name="gnn_paper",
+            target="agglo_gnn.paper:PaperGNN",
+            requires=("torch", "safetensors"),
+            promises={"deterministic": True, "invariant": True, "pickles": True},
+            summary="The paper's graph neural network, or one of yours, in torch.",
+            fallback="inertial",
+        ),
+    ]
+
+
+@hookimpl
+def agglo_commands() -> list[Command]:
+    """``agglo train`` and ``agglo model``."""
+    return [
+        Command("train", "agglo_gnn.train:train", "Train a graph neural network from a seed."),
+        Command("model", "agglo_gnn.model:model", "Look into a model file."),
+    ]

@@ -1,0 +1,184 @@
+"""Model files: arrays in safetensors, and a header that says what they are and how they came to be.
+
+A header is a JSON object under the key ``agglo`` of the file's metadata. It has at least these keys:
+
+- ``architecture``: name of the network the arrays belong to;
+- ``features``: its input columns in their order;
+- ``recipe``: training data and options; ``seed``; ``version`` of agglo; ``metrics`` reached.
+
+:func:`save` adds ``arrays``, the type and shape of each, and ``sha256``, the digest of their contents.
+Nothing in a model file is ever executed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.errors import FileError, PluginError
+from agglo_core.io.atomic import staging
+
+__all__ = ["REQUIRED", "load", "read_header", "save"]
+
+REQUIRED = ("architecture", "features", "recipe", "seed", "version", "metrics")
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def save(path: str | Path, arrays: Arrays, header: Mapping[str, Any]) -> None:
+    """Write a model file, which appears whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        Its name ends in ``.safetensors``.
+    arrays : mapping of str to array
+        Of real numbers or integers.
+    header : mapping
+        Plain data with the keys of this module's description.
+
+    Raises
+    ------
+    FileError
+        If the name or the header is not as described, or the file cannot be written.
+    """
+    _check_safetensors()
+    from safetensors.numpy import save as in_bytes
+
+    target = Path(path)
+    _check_name(target)
+    missing = [key for key in REQUIRED if key not in header]
+    if missing:
+        raise FileError(f"{target}: the header of a model file lacks {', '.join(missing)}")
+    solid = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    full = {**header, "arrays": _described(solid), "sha256": _digest(solid)}
+    try:
+        text = json.dumps(full, sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise FileError(f"{target}: the header is not plain data: {error}") from error
+    try:
+        with staging(target) as stage:
+            (stage / target.name).write_bytes(in_bytes(solid, metadata={"agglo": text}))
+    except OSError as error:
+        raise FileError(f"{target}: cannot be written: {error.strerror or error}") from error
+
+
+def load(
+    path: str | Path, architecture: str | None = None, shapes: Mapping[str, tuple[int, ...]] | None = None
+) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Arrays and header of a model file, checked to the last byte.
+
+    Parameters
+    ----------
+    path : str or Path
+    architecture : str, optional
+        The one it must be of.
+    shapes : mapping of str to tuple, optional
+        The arrays it must hold, no more and no fewer, each of that shape and of real numbers.
+
+    Raises
+    ------
+    FileError
+        If it is missing, a pickle, truncated, corrupt, without a header, of another architecture, or
+        its arrays are not those that are wanted, or not finite.
+    """
+    _check_safetensors()
+    from safetensors import SafetensorError
+    from safetensors.numpy import load as parse
+
+    header = read_header(path)
+    if architecture is not None and header["architecture"] != architecture:
+        raise FileError(f"{path}: is a model of {header['architecture']!r}, expected {architecture!r}")
+    try:
+        arrays = parse(_content(Path(path)))
+    except (SafetensorError, KeyError, ValueError) as error:
+        raise FileError(f"{path}: is corrupt or truncated: {error}") from error
+    if _described(arrays) != header["arrays"]:
+        raise FileError(f"{path}: its arrays are not those its header lists")
+    if _digest(arrays) != header["sha256"]:
+        raise FileError(f"{path}: is corrupt: its contents do not have the digest its header gives")
+    for name, array in arrays.items():
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise FileError(f"{path}: array {name!r} has values that are not finite")
+    if shapes is not None:
+        _check_shapes(path, arrays, shapes)
+    return arrays, header
+
+
+def read_header(path: str | Path) -> dict[str, Any]:
+    """Header of a model file, without its arrays being looked at.
+
+    Raises
+    ------
+    FileError
+        If there is no such file, or no model file's header in it.
+    """
+    content = _content(Path(path))
+    if content[:1] == b"\x80" or content[:2] == b"PK":
+        raise FileError(
+            f"{path}: is a pickle or zip file, as torch.save writes; it is not read, because to load one "
+            "runs whatever code is in it: expected safetensors written by agglo train"
+        )
+    length = int.from_bytes(content[:8], "little")
+    if len(content) < 8 or length > len(content) - 8:
+        raise FileError(f"{path}: is truncated or no safetensors file ({len(content)} bytes)")
+    try:
+        metadata = json.loads(content[8 : 8 + length])["__metadata__"]
+        header = json.loads(metadata["agglo"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise FileError(f"{path}: has no header of an agglo model: expected one by agglo train") from error
+    if not isinstance(header, dict):
+        raise FileError(f"{path}: its header is no JSON object")
+    missing = [key for key in (*REQUIRED, "arrays", "sha256") if key not in header]
+    if missing:
+        raise FileError(f"{path}: its header lacks {', '.join(missing)}")
+    return header
+
+
+def _check_safetensors() -> None:
+    if find_spec("safetensors") is None:
+        raise PluginError("model files need safetensors, which is not installed: pip install 'agglo[gnn]'")
+
+
+def _check_name(target: Path) -> None:
+    if target.suffix != ".safetensors":
+        raise FileError(f"{target}: model files end in .safetensors, not {target.suffix!r}")
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _described(arrays: Arrays) -> dict[str, Any]:
+    return {name: [str(array.dtype), list(array.shape)] for name, array in sorted(arrays.items())}
+
+
+def _digest(arrays: Arrays) -> str:
+    digest = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        digest.update(name.encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _check_shapes(path: str | Path, arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    odd = sorted(arrays.keys() ^ shapes.keys())
+    if odd:
+        verb = "lacks" if odd[0] in shapes else "has an unknown"
+        raise FileError(f"{path}: {verb} array {odd[0]!r}; expected {', '.join(sorted(shapes))}")
+    for name, shape in shapes.items():
+        if arrays[name].shape != tuple(shape) or arrays[name].dtype.kind != "f":
+            raise FileError(
+                f"{path}: array {name!r} is {arrays[name].dtype} of shape {arrays[name].shape}, expected "
+                f"real numbers of shape {tuple(shape)}"
+            )

@@ -1,0 +1,101 @@
+"""Training data of the fast model: the pieces that recursion meets, of meshes made on the spot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from agglo_core import samples
+from agglo_core.arrays import Float, Mask, UInt64, frozen_int
+from agglo_core.defaults.geometric import InertialBisection
+from agglo_core.defaults.refiners import InterfaceRefiner
+from agglo_core.defaults.sweep import SweepBisection
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+from agglo_core.protocols import Target
+
+__all__ = ["RECIPE", "piece_levels"]
+
+RECIPE = (
+    "recursion pieces of 10..1200 cells of Voronoi, Delaunay and grid meshes, half stretched up to 2.5:1, "
+    "half cut to random stars with holes and slits; split by inertial, sweep1 or sweep8 bisection, "
+    "half of them refined"
+)
+_FEWEST, _MOST = 10, 1200
+
+
+def piece_levels(rng: np.random.Generator, count: int) -> Iterator[Graph]:
+    """Levels whose blocks are pieces, at least ``count`` blocks in all."""
+    found = 0
+    while found < count:
+        graph = _domain(rng)
+        bisector = (InertialBisection(), SweepBisection(1), SweepBisection(8))[rng.integers(3)]
+        refine = bool(rng.random() < 0.5)
+        while graph.n_blocks:
+            found += graph.n_blocks
+            yield graph
+            graph = _halved(graph, bisector, refine)
+
+
+def _halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
+    """The next level: connected pieces of both sides that are large enough."""
+    seeds: UInt64 = np.zeros(level.n_blocks, np.uint64)
+    sides = frozen_int(bisector.bisect_level(level, seeds))
+    if refine:
+        sides = InterfaceRefiner().refine(level, sides, seeds, Target())
+    pieces = level.split(level.components(2 * level.block_ids + sides))[0]
+    return pieces.take(np.flatnonzero(np.diff(pieces.offsets) >= _FEWEST))
+
+
+def _domain(rng: np.random.Generator) -> Graph:
+    """A mesh, perhaps stretched, perhaps cut to a blob: its largest connected component."""
+    n = int(np.exp(rng.uniform(np.log(80), np.log(_MOST))))
+    blob = rng.random() < 0.5
+    mesh = _mesh(rng, int(1.6 * n) if blob else n)
+    if rng.random() < 0.5:
+        stretch = np.sqrt(rng.uniform(1.0, 2.5))
+        loops = mesh.boundary_loops
+        points = (mesh.points @ _turn(rng.uniform(0, np.pi))) * (stretch, 1 / stretch)
+        mesh = Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices))
+    graph = mesh.graph
+    inside = _blob(rng, graph.centroids) if blob else np.ones(graph.n, bool)
+    if inside.sum() < 2 * _FEWEST:
+        return graph
+    labels = graph.components(frozen_int(inside)) + 1
+    largest = np.argmax(np.bincount(labels * inside)[1:]) + 1
+    return graph.subgraph(np.flatnonzero(labels == largest), [0, int((labels == largest).sum())])
+
+
+def _mesh(rng: np.random.Generator, n: int) -> Mesh:
+    seed = int(rng.integers(2**31))
+    kind = rng.integers(4)
+    if kind == 0:
+        return samples.voronoi(n, seed)
+    if kind == 1:
+        return samples.random_triangles(max(n // 2, 4), seed)
+    side = max(3, round(np.sqrt(n if kind == 2 else n / 2)))
+    mesh = samples.squares(side) if kind == 2 else samples.triangles(side)
+    points = mesh.points + rng.uniform(-0.2, 0.2, mesh.points.shape) * rng.random() / side
+    loops = mesh.boundary_loops
+    return Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices))
+
+
+def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
+    """Cells inside a star r(θ) = Fourier series, outside some discs and off some slits."""
+    x = centroids / np.abs(centroids).max(axis=0)
+    radius, angle = np.hypot(*x.T), np.arctan2(x[:, 1], x[:, 0])
+    orders = np.arange(1, 8)
+    amplitude = rng.normal(size=7) * rng.uniform(0.1, 0.6) / orders**0.7
+    phase = rng.uniform(0, 2 * np.pi, 7)
+    inside = radius < 0.75 * (1 + np.cos(angle[:, None] * orders + phase) @ amplitude)
+    for _ in range(rng.integers(3)):
+        inside &= np.hypot(*(x - rng.uniform(-0.7, 0.7, 2)).T) > rng.uniform(0.08, 0.3)
+    for _ in range(rng.integers(3)):
+        along, across = ((x - rng.uniform(-0.7, 0.7, 2)) @ _turn(rng.uniform(0, np.pi))).T
+        inside &= (np.abs(across) > 0.04) | (along < 0) | (along > rng.uniform(0.5, 1.5))
+    return np.asarray(inside)
+
+
+def _turn(angle: float) -> Float:
+    return np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])

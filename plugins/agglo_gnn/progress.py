@@ -1,0 +1,65 @@
+"""What a training says while it runs: a bar or lines on stderr, and a log file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import click
+
+__all__ = ["Say", "reporter"]
+
+Say = Callable[[str, float], None]
+"""Takes a line about the state of a training, and the share of it that is done."""
+
+
+@contextmanager
+def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool = False) -> Iterator[Say]:
+    """A function that shows a line as a progress bar (on a terminal) or as it is, and logs it.
+
+    Parameters
+    ----------
+    title : sequence of str
+        Lines at the head of the log, the last one the heads of the columns.
+    log : Path, optional
+    quiet : bool
+        Show nothing.
+    append : bool
+        Go on with the log there is.
+    """
+    with ExitStack() as stack:
+        outputs: list[Say] = []
+        if log is not None:
+            fresh = not (append and log.exists())
+            file = stack.enter_context(log.open("w" if fresh else "a", encoding="utf-8", buffering=1))
+            outputs.append(lambda line, _: click.echo(line, file=file))
+            for line in title if fresh else ():
+                outputs[0](line, 0.0)
+        if not quiet:
+            outputs.append(stack.enter_context(_bar(title[-1])) if sys.stderr.isatty() else _lines(title[-1]))
+
+        def say(line: str, share: float) -> None:
+            for output in outputs:
+                output(line, share)
+
+        yield say
+
+
+def _lines(heads: str) -> Say:
+    click.echo(heads, err=True)
+    return lambda line, _: click.echo(line, err=True)
+
+
+@contextmanager
+def _bar(heads: str) -> Iterator[Say]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    console.print(heads, highlight=False)
+    columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("starting", total=1.0)
+        yield lambda line, share: progress.update(task, description=line, completed=share)

@@ -1,0 +1,170 @@
+"""Kernels that show a piece to the fast model: its frame, its moments, and a raster of its cells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.kernels import kernel
+from agglo_core.kernels.sweep import centre_block, planar_frame
+
+__all__ = ["describe", "lay_raster", "raster_room", "to_frame"]
+
+_CELLS_PER_BIN = 20
+_FEWEST, _MOST = 9, 160  # occupied bins aimed at
+_ROOM = 1024  # bins at most, empty ones included
+_TIE = 1e-6  # of a bin: values that close to its end lie inside
+
+
+@kernel(reorder_sums=True)
+def _moments(n, u, v, shares, out):
+    """Moments of order 2, 3 and 4, u before v: (20 11 02), (30 21 12 03), (40 31 22 13 04)."""
+    a, b, c, d, e, f, g, h, k, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        uu, uv, vv, w = u[i] * u[i], u[i] * v[i], v[i] * v[i], shares[i]
+        a += w * uu
+        b += w * uv
+        c += w * vv
+        d += w * uu * u[i]
+        e += w * uu * v[i]
+        f += w * vv * u[i]
+        g += w * vv * v[i]
+        h += w * uu * uu
+        k += w * uu * uv
+        p += w * uu * vv
+        q += w * uv * vv
+        r += w * vv * vv
+    out[0], out[1], out[2], out[3], out[4], out[5] = a, b, c, d, e, f
+    out[6], out[7], out[8], out[9], out[10], out[11] = g, h, k, p, q, r
+
+
+@kernel
+def to_frame(n, local, shares, inertia, uv, features):
+    """Coordinates of a piece in its frame, and its features; returns the rows of the frame.
+
+    Principal axes, the longer first, each pointing to its heavier tail; scaled so that a square
+    becomes [−1, 1]².
+    """
+    cos, sin, _ = planar_frame(n, local[0], local[1], shares)
+    size = np.sqrt(2.0 / 3.0 / inertia)
+    cos, sin = cos * size, sin * size
+    for i in range(n):
+        uv[0, i] = cos * local[0, i] + sin * local[1, i]
+        uv[1, i] = cos * local[1, i] - sin * local[0, i]
+    _moments(n, uv[0], uv[1], shares, features)
+    swap = features[2] > features[0] * (1.0 + 1e-9)
+    ux, uy, vx, vy = cos, sin, -sin, cos
+    thirds = features[3], features[6]
+    if swap:
+        ux, uy, vx, vy = vx, vy, ux, uy
+        thirds = features[6], features[3]
+    if thirds[0] < 0.0:
+        ux, uy = -ux, -uy
+    if thirds[1] < 0.0:
+        vx, vy = -vx, -vy
+    for i in range(n):
+        uv[0, i] = ux * local[0, i] + uy * local[1, i]
+        uv[1, i] = vx * local[0, i] + vy * local[1, i]
+    _moments(n, uv[0], uv[1], shares, features)
+    features[12] = 3.0 / np.sqrt(n)
+    return ux, uy, vx, vy
+
+
+@kernel
+def _bin_of(value, rate, half):
+    steps = int(abs(value) * rate + 0.5 - _TIE)
+    return half + (steps if value > 0.0 else -steps)
+
+
+@kernel
+def lay_raster(n, uv, shares, grid, place, nodes, near, areas):
+    """Bin the cells of a piece, symmetrically about its centre; returns the number of occupied bins.
+
+    Fills for each ``nodes (:, 4)``: position u, v, area over the mean − 1 (at most 3), share of its four
+    sides without neighbour; ``near (:, 4)``: the neighbours, −1 for none; ``areas``: shares.
+    """
+    reach_u, reach_v = 0.0, 0.0
+    for i in range(n):
+        reach_u, reach_v = max(reach_u, abs(uv[0, i])), max(reach_v, abs(uv[1, i]))
+    rate = 0.5 * np.sqrt(min(max(n / _CELLS_PER_BIN, _FEWEST), _MOST))
+    while (2.0 * reach_u * rate + 2.0) * (2.0 * reach_v * rate + 2.0) > _ROOM:
+        rate *= 0.9
+    half_u, half_v = int(reach_u * rate + 0.5), int(reach_v * rate + 0.5)
+    wide, high = 2 * half_u + 1, 2 * half_v + 1
+    for g in range(wide * high):
+        grid[g, 0] = 0.0
+        grid[g, 1] = 0.0
+        grid[g, 2] = 0.0
+    for i in range(n):
+        g = _bin_of(uv[0, i], rate, half_u) * high + _bin_of(uv[1, i], rate, half_v)
+        grid[g, 0] += shares[i]
+        grid[g, 1] += shares[i] * uv[0, i]
+        grid[g, 2] += shares[i] * uv[1, i]
+    count = 0
+    for g in range(wide * high):
+        place[g] = -1
+        if grid[g, 0] > 0.0:
+            place[g] = count
+            areas[count] = grid[g, 0]
+            nodes[count, 0], nodes[count, 1] = grid[g, 1] / grid[g, 0], grid[g, 2] / grid[g, 0]
+            count += 1
+    for g in range(wide * high):
+        a = place[g]
+        if a < 0:
+            continue
+        row, column = g // high, g % high
+        near[a, 0] = place[g - high] if row > 0 else -1
+        near[a, 1] = place[g + high] if row < wide - 1 else -1
+        near[a, 2] = place[g - 1] if column > 0 else -1
+        near[a, 3] = place[g + 1] if column < high - 1 else -1
+        missing = 0
+        for k in range(4):
+            missing += near[a, k] < 0
+        nodes[a, 2] = min(areas[a] * count - 1.0, 3.0)
+        nodes[a, 3] = 0.25 * missing
+    return count
+
+
+@kernel
+def raster_room(largest):
+    """Room to work in, for one piece at a time."""
+    bins = min(_ROOM, largest)
+    return (
+        np.empty((_ROOM, 3)),
+        np.empty(_ROOM, np.int32),
+        np.empty((bins, 4)),
+        np.empty((bins, 4), np.int32),
+        np.empty(bins),
+        np.empty(13),
+    )
+
+
+@kernel
+def describe(offsets, centroids, weights, measures):
+    """What the network sees of each block of a planar level.
+
+    Returns the offsets of the raster bins ``(B + 1,)``, their features ``(N, 4)``, neighbours ``(N, 4)``
+    (numbered within the block, −1 for none) and shares ``(N,)``, the features of the blocks ``(B, 13)``,
+    and the cells in their frames ``(n, 2)`` with their shares ``(n,)``.
+    """
+    largest, total = np.diff(offsets).max(), len(weights)
+    local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
+    grid, place, nodes, near, areas, features = raster_room(largest)
+    node_offsets = np.zeros(len(offsets), np.int64)
+    all_nodes, all_near, all_areas = np.empty((total, 4)), np.empty((total, 4), np.int32), np.empty(total)
+    all_features = np.empty((len(offsets) - 1, 13))
+    cells, cell_shares = np.empty((total, 2)), np.empty(total)
+    for b in range(len(offsets) - 1):
+        start, n, at = offsets[b], offsets[b + 1] - offsets[b], node_offsets[b]
+        inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
+        to_frame(n, local, shares, inertia, uv, features)
+        count = lay_raster(n, uv, shares, grid, place, nodes, near, areas)
+        node_offsets[b + 1] = at + count
+        all_nodes[at : at + count] = nodes[:count]
+        all_near[at : at + count] = near[:count]
+        all_areas[at : at + count] = areas[:count]
+        all_features[b] = features
+        for i in range(n):
+            cells[start + i, 0], cells[start + i, 1] = uv[0, i], uv[1, i]
+            cell_shares[start + i] = shares[i]
+    used = node_offsets[-1]
+    return node_offsets, all_nodes[:used], all_near[:used], all_areas[:used], all_features, cells, cell_shares

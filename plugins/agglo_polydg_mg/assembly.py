@@ -1,0 +1,173 @@
+"""Symmetric interior penalty discretisation of −∇·(κ∇u) = f on polygons.
+
+a(u, v) = Σ_K ∫ κ∇u·∇v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with
+Dirichlet data included (Nitsche). Where κ jumps, averages are weighted with the κ of the other side and
+γ is the harmonic mean (A. Ern, A. Stephansen, P. Zunino, IMA J. Numer. Anal. 29, 2009), so that the
+constants do not depend on the ratio; for κ = 1 averages are arithmetic and γ = 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problem import Diffusion, Field
+from agglo_polydg_mg.basis import Basis, products
+from agglo_polydg_mg.boundary import boundary_faces, boundary_load
+from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
+
+__all__ = ["System", "discretise", "face_coefficients", "positive"]
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Matrix and right-hand side of a discretised problem.
+
+    Attributes
+    ----------
+    A : (n, n) sparse.bsr_array
+        Symmetric positive definite, one block per pair of neighbours.
+    b : (n,) float
+    basis : Basis
+        What the unknowns are coefficients of.
+    """
+
+    A: sparse.bsr_array
+    b: Float
+    basis: Basis
+
+    @property
+    def block_offsets(self) -> Int:
+        """The unknowns of cell c are ``block_offsets[c]:block_offsets[c + 1]``."""
+        return frozen_int(np.arange(self.basis.mesh.n_cells + 1) * self.basis.n_local)
+
+    def mass(self) -> sparse.bsr_array:
+        """Mass matrix, block diagonal."""
+        return self.basis.mass()
+
+
+def discretise(
+    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: float = 10.0, scaled_basis: bool = False
+) -> System:
+    """Matrix and right-hand side of a diffusion problem with polynomials of a degree on each cell.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        2-D; cells of any shape.
+    degree : int
+        p, 1..6.
+    problem : Diffusion
+        Dirichlet and Neumann data refer to ``mesh.face_tags["boundary"]`` (all 0 where there is none).
+        Without Dirichlet data u = 0 on all boundary faces that have no Neumann data; with them, faces
+        that have neither are insulated. A callable κ is sampled inside the cells and just inside their
+        faces, so it may jump between cells.
+    penalty : float
+        Constant C of :func:`~agglo_polydg_mg.penalty.face_penalty`.
+    scaled_basis : bool
+        See :class:`~agglo_polydg_mg.basis.Basis`.
+
+    Raises
+    ------
+    MeshError
+        For a mesh in 3-D or of degenerate cells.
+    OptionError
+        For a degree outside 1..6, κ that is not positive, data that are not finite or of another
+        shape, tags the boundary does not have, a component of the domain without Dirichlet faces
+        (the solution would be known up to a constant only).
+    """
+    basis = Basis(mesh, degree, scaled_basis)
+    boundary = boundary_faces(mesh, problem)
+    sigma = face_penalty(mesh, degree, penalty, boundary.natural)
+    kappa = positive(mesh, problem.kappa)
+    on_faces = face_coefficients(mesh, kappa, degree + 2)
+    A = _matrix(basis, kappa, on_faces, sigma)
+    load = weighted_moments(mesh, problem.source, basis.boxes, degree, "source") * basis.scale[:, None]
+    load += boundary_load(basis, problem, boundary, on_faces[:, 0], sigma)
+    return System(A, frozen_float(load.ravel()), basis)
+
+
+def _matrix(basis: Basis, kappa: Field, on_faces: Float, sigma: Float) -> sparse.bsr_array:
+    from agglo_polydg_mg.kernels import face_blocks
+
+    mesh, degree = basis.mesh, basis.degree
+    rule = degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
+    indptr, indices, diagonal, slots = _pattern(mesh)
+    blocks = face_blocks(
+        mesh.local_points,
+        mesh.face_pairs,
+        mesh.face_cells,
+        slots,
+        basis.boxes,
+        basis.scale,
+        sigma,
+        on_faces,
+        *gauss(rule),
+        degree,
+        len(indices),
+    )
+    integrals = weighted_moments(mesh, kappa, basis.boxes, 2 * degree - 2, "kappa")
+    integrals *= (basis.scale**2)[:, None]
+    along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
+    blocks[diagonal] += products(along, degree, [(1, 0), (0, 1)])
+    return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
+
+
+def _pattern(mesh: Mesh) -> tuple[Int, Int, Int, Int]:
+    """Block rows and columns (sorted), places of the diagonal ``(n,)`` and of the faces ``(F, 2, 2)``."""
+    n = mesh.n_cells
+    owner, other = mesh.face_cells.T
+    inner = other >= 0
+    itself = np.arange(n) * (n + 1)
+    there, back = owner[inner] * n + other[inner], other[inner] * n + owner[inner]
+    keys, place = np.unique(np.concatenate((itself, there, back)), return_inverse=True)
+    diagonal, there, back = np.split(place, (n, n + len(there)))
+    slots = np.zeros((mesh.n_faces, 2, 2), np.int64)
+    slots[:, 0, 0], slots[:, 1, 1] = diagonal[owner], diagonal[other]
+    slots[inner, 0, 1], slots[inner, 1, 0] = there, back
+    indptr = np.searchsorted(keys, np.arange(n + 1) * n)
+    return indptr, keys % n, frozen_int(diagonal), frozen_int(slots)
+
+
+def positive(mesh: Mesh, kappa: Field) -> Field:
+    """κ as ``(n_cells,)`` values or as a callable, which raises OptionError where it is not positive."""
+    if callable(kappa):
+
+        def checked(points: Float) -> Float:
+            values = sample(kappa, points, "kappa")
+            worst = int(np.argmin(values))
+            if not values[worst] > 0:
+                raise OptionError(
+                    f"kappa must be positive: it is {values[worst]} at {points[worst].tolist()}"
+                )
+            return values
+
+        return checked
+    values = per_cell(kappa, mesh.n_cells, "kappa")
+    worst = int(np.argmin(values))
+    if not values[worst] > 0:
+        raise OptionError(f"kappa must be positive: it is {values[worst]} in cell {worst}")
+    return values
+
+
+def face_coefficients(mesh: Mesh, kappa: Field, n: int) -> Float:
+    """κ on both sides of each face ``(n_faces, 2, 1 or n)``; outside the domain as inside.
+
+    Values per cell are taken as they are. A callable is sampled at the Gauss points of the faces, moved
+    into either cell by 1e-7 of the face's length.
+    """
+    owner, other = mesh.face_cells.T
+    sides = np.stack((owner, np.where(other < 0, owner, other)), axis=1)
+    if not callable(kappa):
+        return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[sides][:, :, None])
+    points = face_points(mesh, frozen_int(np.arange(mesh.n_faces)), n)[:, None]
+    away = 1e-7 * (mesh.face_normals * mesh.face_measures[:, None])[:, None, None]
+    outward = np.where(sides[:, :1] == sides, -1.0, 1.0)[:, :, None, None]
+    values = sample(kappa, (points + outward * away).reshape(-1, 2) + mesh.origin, "kappa")
+    return frozen_float(values.reshape(mesh.n_faces, 2, n))

@@ -1,0 +1,231 @@
+"""Polynomials of each cell, and the transfer between the spaces of a mesh and of its agglomerates.
+
+On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], (x̂, ŷ)
+running over [−1, 1]² in the bounding box of K. They need no mapping, so K may be any polygon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problem import Field
+from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
+
+__all__ = ["Basis", "block_diagonal", "legendre", "orders", "products", "project_between", "slopes"]
+
+
+def orders(degree: int) -> Int:
+    """Degrees ``(m, 2)`` in x and y of the polynomials of a cell, by total degree."""
+    return frozen_int([(total - j, j) for total in range(degree + 1) for j in range(total + 1)])
+
+
+def legendre(x: Float, degree: int) -> Float:
+    """Orthonormal Legendre polynomials 0..degree at ``x (q,)``, shape ``(degree + 1, q)``."""
+    values = np.empty((degree + 1, *np.shape(x)))
+    before, value = np.zeros_like(x), np.ones_like(x)
+    for k in range(degree + 1):
+        values[k] = value * np.sqrt(k + 0.5)
+        before, value = value, ((2 * k + 1) * x * value - k * before) / (k + 1)
+    return values
+
+
+def slopes(values: Float) -> Float:
+    """Derivatives of the polynomials ``values (degree + 1, q)``: P'_{k+1} = P'_{k−1} + (2k + 1) P_k."""
+    result = np.zeros_like(values)
+    for k in range(len(values) - 1):
+        below = result[k - 1] / np.sqrt(k - 0.5) if k else 0.0
+        result[k + 1] = (below + 2 * np.sqrt(k + 0.5) * values[k]) * np.sqrt(k + 1.5)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """Discontinuous polynomials of a degree on the cells of a 2-D mesh.
+
+    The unknowns of cell c are ``c * n_local … (c + 1) * n_local``.
+
+    Attributes
+    ----------
+    mesh : Mesh
+    degree : int
+        p, 1..6.
+    scaled : bool
+        Divide by the square root of the box's quarter area, so that the basis is orthonormal on the
+        box itself. The paper's is not.
+
+    Raises
+    ------
+    MeshError, OptionError
+        For a mesh in 3-D, a degree outside 1..6.
+    """
+
+    mesh: Mesh
+    degree: int
+    scaled: bool = False
+
+    def __post_init__(self) -> None:
+        if self.mesh.dim != 2:
+            raise MeshError(f"PolyDG takes 2-D meshes; given {self.mesh!r}")
+        if isinstance(self.degree, bool) or self.degree not in range(1, 7):
+            raise OptionError(f"degree must be an integer in 1..6; given {self.degree!r}")
+
+    @property
+    def n_local(self) -> int:
+        """Unknowns of a cell, (p + 1)(p + 2) / 2."""
+        return (self.degree + 1) * (self.degree + 2) // 2
+
+    @property
+    def n(self) -> int:
+        """All unknowns."""
+        return self.mesh.n_cells * self.n_local
+
+    @cached_property
+    def boxes(self) -> Float:
+        """Centre, relative to the mesh's origin, and half sides of the bounding boxes ``(n_cells, 4)``."""
+        offsets, vertices = self.mesh.cell_vertices
+        corners = self.mesh.local_points[vertices]
+        sides = [
+            (ends.reduceat(column, offsets[:-1])) for ends in (np.minimum, np.maximum) for column in corners.T
+        ]
+        low, high = np.stack(sides[:2], axis=1), np.stack(sides[2:], axis=1)
+        return frozen_float(np.hstack((0.5 * (low + high), 0.5 * (high - low))))
+
+    @cached_property
+    def scale(self) -> Float:
+        """Factor of the polynomials of each cell ``(n_cells,)``: 1 unless ``scaled``."""
+        quarter = self.boxes[:, 2] * self.boxes[:, 3]
+        return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
+
+    def values(self, cells: Int, points: Float) -> Float:
+        """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, 2)`` relative to the origin."""
+        box, (i, j) = self.boxes[cells], orders(self.degree).T
+        lx, ly = (legendre(x, self.degree) for x in ((points - box[:, :2]) / box[:, 2:]).T)
+        return np.asarray((lx[i] * ly[j] * self.scale[cells]).T)
+
+    def gradients(self, cells: Int, points: Float) -> Float:
+        """Their gradients ``(q, 2, n_local)``."""
+        box, (i, j) = self.boxes[cells], orders(self.degree).T
+        lx, ly = (legendre(x, self.degree) for x in ((points - box[:, :2]) / box[:, 2:]).T)
+        both = np.stack((slopes(lx)[i] * ly[j], lx[i] * slopes(ly)[j]))
+        return np.transpose(both * self.scale[cells] / box[:, 2:].T[:, None], (2, 0, 1))
+
+    def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
+        """Values ``(q,)`` of the function with coefficients ``x (n,)`` in a cell each.
+
+        ``cells (q,)`` and ``points (q, 2)`` belong together. Points are in the coordinates of the user,
+        and need not lie in the cells.
+        """
+        values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
+        return np.asarray(np.einsum("qk,qk->q", values, self.coefficients(x)[cells]))
+
+    def coefficients(self, x: Float) -> Float:
+        """The vector ``x (n,)`` as ``(n_cells, n_local)``, or OptionError if its length is another."""
+        if np.shape(x) != (self.n,):
+            raise OptionError(f"the vector has shape {np.shape(x)}, this space ({self.n},) unknowns")
+        return np.reshape(x, (-1, self.n_local))
+
+    def project(self, function: Field | Callable[[Float], Float]) -> Float:
+        """Coefficients ``(n,)`` of the L2 projection of a number, an array per cell or a callable."""
+        load = weighted_moments(self.mesh, function, self.boxes, self.degree, "the function")
+        load *= self.scale[:, None]
+        return np.asarray(np.linalg.solve(self.mass_blocks, load[:, :, None]).ravel(), dtype=np.float64)
+
+    @cached_property
+    def mass_blocks(self) -> Float:
+        """Mass matrix ∫ φ_i φ_j of each cell ``(n_cells, n_local, n_local)``."""
+        integrals = moments(self.mesh, self.boxes, 2 * self.degree)
+        return frozen_float(products([integrals * self.scale[:, None] ** 2], self.degree, [(0, 0)]))
+
+    def mass(self) -> sparse.bsr_array:
+        """Mass matrix, block diagonal."""
+        return block_diagonal(self.mass_blocks)
+
+
+def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, int]]) -> Float:
+    """Blocks ``(n, m, m)`` of the integrals of products of derivatives of polynomials, summed over a list.
+
+    A product of two Legendre polynomials is a sum of Legendre polynomials, so what is needed of a cell
+    are the integrals ``(n, k)`` of polynomials up to the degree of the product; each of the list is taken
+    with one pair of orders of derivation in x and y.
+    """
+    i, j = orders(degree).T
+    first, second = np.triu_indices(len(i))
+    tables = []
+    for weights, (dx, dy) in zip(integrals, derivatives, strict=True):
+        a, b = orders((int(np.sqrt(8 * weights.shape[1] + 1)) - 3) // 2).T
+        along_x, along_y = _triple(degree, dx), _triple(degree, dy)
+        tables.append(along_x[i[first], i[second], a[:, None]] * along_y[j[first], j[second], b[:, None]])
+    upper = np.hstack(integrals) @ np.vstack(tables)
+    place = np.empty((len(i), len(i)), np.int64)
+    place[first, second] = place[second, first] = np.arange(len(first))
+    return np.asarray(upper[:, place])
+
+
+def _triple(degree: int, derivative: int) -> Float:
+    """Integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
+    nodes, weights = gauss(2 * degree + 1)
+    values = legendre(nodes, 2 * degree)
+    low = slopes(values[: degree + 1]) if derivative else values[: degree + 1]
+    return np.asarray(np.einsum("iq,kq,aq,q->ika", low, low, values, weights))
+
+
+def block_diagonal(blocks: Float) -> sparse.bsr_array:
+    """Matrix with the blocks ``(n, m, m)`` on its diagonal."""
+    n, m, _ = blocks.shape
+    return _one_per_row(blocks, np.arange(n), (n * m, n * m))
+
+
+def _one_per_row(blocks: Float, columns: Any, shape: tuple[int, int]) -> sparse.bsr_array:
+    indptr = np.arange(len(blocks) + 1, dtype=np.int32)
+    return sparse.bsr_array((blocks, np.asarray(columns, np.int32), indptr), shape=shape)
+
+
+def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array:
+    """Prolongation ``(fine.n, coarse.n)`` from agglomerates to cells: injection, so the L2 projection.
+
+    A polynomial of an agglomerate is one of each of its cells; only the box changes, and boxes differ by
+    a shift and a stretch of each axis. The shape of the cells does not enter.
+
+    Parameters
+    ----------
+    fine, coarse : Basis
+        Of a mesh and of ``mesh.coarsen(labels)``; the coarse degree must not be higher.
+    labels : (fine.mesh.n_cells,) int
+        Agglomerate of each cell.
+
+    Raises
+    ------
+    OptionError
+        If the coarse degree is higher, or the labels do not fit the meshes.
+    """
+    if coarse.degree > fine.degree:
+        raise OptionError(f"degree {coarse.degree} does not inject into degree {fine.degree}")
+    labels = np.asarray(labels)
+    if labels.shape != (fine.mesh.n_cells,) or labels.max() + 1 != coarse.mesh.n_cells:
+        raise OptionError(f"labels of shape {labels.shape} do not lead from {fine.mesh!r} to {coarse.mesh!r}")
+    outer, inner = coarse.boxes[labels], fine.boxes
+    shift = inner[:, :2] - outer[:, :2] + (fine.mesh.origin - coarse.mesh.origin)
+    along_x, along_y = (
+        _restricted(shift[:, k] / outer[:, 2 + k], inner[:, 2 + k] / outer[:, 2 + k], fine.degree)
+        for k in range(2)
+    )
+    (i, j), (k, m) = orders(coarse.degree).T, orders(fine.degree).T
+    blocks = along_x[:, k[:, None], i] * along_y[:, m[:, None], j]
+    blocks *= (coarse.scale[labels] / fine.scale)[:, None, None]
+    return _one_per_row(blocks, labels, (fine.n, coarse.n))
+
+
+def _restricted(shift: Float, stretch: Float, degree: int) -> Float:
+    """Coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
+    nodes, weights = gauss(degree + 1)
+    wide = legendre(shift[:, None] + stretch[:, None] * nodes, degree)
+    return np.triu(np.einsum("inq,kq,q->nki", wide, legendre(nodes, degree), weights))

@@ -1,0 +1,111 @@
+"""Boundary data: which faces hold values or fluxes, and their part of the right-hand side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problem import Diffusion, Field
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample
+
+__all__ = ["Boundary", "boundary_faces", "boundary_load", "boundary_values"]
+
+
+class Boundary(NamedTuple):
+    """Boundary faces by what is known there: their tags ``(f,)``, and the faces with values or fluxes."""
+
+    tags: Int
+    held: Int
+    natural: Int
+
+
+def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
+    """Faces of the boundary with Dirichlet data (``held``) and without; ``tags`` are those of all faces.
+
+    Raises
+    ------
+    OptionError
+        For a tag in both kinds of data or on no face, a component without Dirichlet faces.
+    """
+    tags = mesh.face_tags.get("boundary", frozen_int(np.zeros(mesh.n_faces)))
+    outer = mesh.face_cells[:, 1] < 0
+    present = np.unique(tags[outer]).tolist()
+    both = sorted(set(problem.dirichlet) & set(problem.neumann))
+    if both:
+        raise OptionError(f"boundary tags {both} have Dirichlet and Neumann data: give one of them")
+    unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
+    if unknown:
+        raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
+    if problem.dirichlet:
+        held = outer & np.isin(tags, list(problem.dirichlet))
+    else:
+        held = outer & ~np.isin(tags, list(problem.neumann))
+    natural = outer & ~held
+    if natural.any():
+        _demand_held(mesh, held)
+    return Boundary(tags, frozen_int(np.flatnonzero(held)), frozen_int(np.flatnonzero(natural)))
+
+
+def _demand_held(mesh: Mesh, held: np.ndarray) -> None:
+    """Raise OptionError if some component of the domain has no Dirichlet face."""
+    component = mesh.graph.components()
+    fixed = np.zeros(int(component.max()) + 1, bool)
+    fixed[component[mesh.face_cells[held, 0]]] = True
+    if not fixed.all():
+        cell = int(np.flatnonzero(~fixed[component])[0])
+        raise OptionError(
+            f"the component of cell {cell} has no boundary face with Dirichlet data: the solution is known "
+            "only up to a constant there; give a value on some boundary tag"
+        )
+
+
+def boundary_values(
+    mesh: Mesh, boundary: Boundary, data: Mapping[int, Field], faces: Int, points: Float, name: str
+) -> Float:
+    """Data ``(f, q)`` on boundary ``faces (f,)`` at ``points (f, q, 2)``, 0 where the tag has none."""
+    values = np.zeros(points.shape[:2])
+    for tag, field in data.items():
+        on = boundary.tags[faces] == tag
+        if callable(field):
+            given = sample(field, points[on].reshape(-1, 2) + mesh.origin, f"{name} of tag {tag}")
+            values[on] = given.reshape(-1, points.shape[1])
+        else:
+            cells = per_cell(field, mesh.n_cells, f"{name} of tag {tag}")
+            values[on] = cells[mesh.face_cells[faces[on], 0], None]
+    return values
+
+
+def boundary_load(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float, sigma: Float) -> Float:
+    """Right-hand side ``(n_cells, n_local)`` of the boundary data: ∫ σκ g v − κ g ∂v/∂n, and ∫ flux v.
+
+    ``kappa (n_faces, 1 or q)`` is the coefficient in the owner, ``sigma (n_faces,)`` the penalty.
+    """
+    mesh, load = basis.mesh, np.zeros((basis.mesh.n_cells, basis.n_local))
+    for faces, points, weights in _rules(mesh, (boundary.held, boundary.natural), basis.degree + 2):
+        cells = mesh.face_cells[faces, 0]
+        repeated = np.repeat(cells, points.shape[1])
+        shape = (*points.shape[:2], basis.n_local)
+        tests = basis.values(repeated, points.reshape(-1, 2)).reshape(shape)
+        if faces is boundary.held:
+            g = boundary_values(mesh, boundary, problem.dirichlet, faces, points, "dirichlet")
+            slopes = basis.gradients(repeated, points.reshape(-1, 2))
+            normals = np.repeat(mesh.face_normals[faces], points.shape[1], axis=0)
+            fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(shape)
+            tests = kappa[faces][:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
+        else:
+            g = boundary_values(mesh, boundary, problem.neumann, faces, points, "neumann")
+        np.add.at(load, cells, np.einsum("fq,fq,fqk->fk", weights, g, tests))
+    return load
+
+
+def _rules(mesh: Mesh, groups: tuple[Int, Int], n: int) -> Iterator[tuple[Int, Float, Float]]:
+    """Of each group of faces that has any: the faces, their Gauss points and weights."""
+    for faces in groups:
+        if len(faces):
+            yield faces, face_points(mesh, faces, n), mesh.face_measures[faces][:, None] * gauss(n)[1] / 2

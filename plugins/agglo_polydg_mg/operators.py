@@ -1,0 +1,188 @@
+"""Matrices of all levels, discretised anew or inherited, and the cycle built of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.problem import Diffusion, Field, Linear
+from agglo_polydg_mg.assembly import System, discretise
+from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
+
+__all__ = ["Chain", "Discretisation", "linear_chain", "polydg_chain"]
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """How a diffusion problem becomes a matrix.
+
+    Attributes
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    penalty : float
+        Constant C of the penalty.
+    scaled_basis : bool
+        Whether the basis is scaled by the size of the bounding boxes; the paper's is not.
+    """
+
+    degree: int
+    penalty: float
+    scaled_basis: bool
+
+    def __call__(self, mesh: Mesh, problem: Diffusion) -> System:
+        """Matrix and right-hand side of the problem on a mesh."""
+        return discretise(mesh, self.degree, problem, penalty=self.penalty, scaled_basis=self.scaled_basis)
+
+    def basis(self, mesh: Mesh) -> Basis:
+        """Basis of the space on a mesh."""
+        return Basis(mesh, self.degree, self.scaled_basis)
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Right-hand side, and matrices and prolongations of the levels, finest first.
+
+    Attributes
+    ----------
+    b : (n,) float
+    finest : sparse
+        Matrix of the finest level.
+    P : list of sparse
+        To each level but the coarsest from the next one.
+    width : int
+        Unknowns of a cell.
+    anew : list of sparse, optional
+        Matrices of the coarse levels where they are discretised anew.
+    """
+
+    b: Float
+    finest: Any
+    P: list[Any]
+    width: int
+    anew: list[Any] | None = None
+
+    @cached_property
+    def inherited(self) -> list[Any]:
+        """Matrices B_1 = A_1, B_{k+1} = P_kᵀ B_k P_k of every level."""
+        chain = [self.finest]
+        for P in self.P:
+            chain.append(P.T @ chain[-1] @ P)
+        return chain
+
+    @property
+    def A(self) -> list[Any]:
+        """Matrices of every level."""
+        return self.inherited if self.anew is None else [self.finest, *self.anew]
+
+
+def polydg_chain(
+    problem: Diffusion, hierarchy: Hierarchy, labels: Sequence[Int], how: Discretisation, inherited: bool
+) -> Chain:
+    """Chain of a diffusion problem.
+
+    Parameters
+    ----------
+    labels : sequence of (n_cells,) int
+        Of the coarse levels, finest first.
+    inherited : bool
+        Whether coarse matrices are Pᵀ A P, or discretised anew on the agglomerates, each level with
+        its own sizes and penalty.
+
+    Raises
+    ------
+    OptionError
+        For a hierarchy of a bare graph.
+    """
+    mesh = hierarchy.fine
+    if mesh is None:
+        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+    system = how(mesh, problem)
+    meshes = [mesh.coarsen(each) for each in labels]
+    bases = [system.basis, *(how.basis(each) for each in meshes)]
+    P = _polydg_prolongations(bases, labels)
+    anew = None
+    if not inherited:
+        problems = [_coarse_problem(problem, mesh, each) for each in labels]
+        anew = [how(*each).A for each in zip(meshes, problems, strict=True)]
+    return Chain(system.b, system.A, P, system.basis.n_local, anew)
+
+
+def _polydg_prolongations(bases: Sequence[Basis], labels: Sequence[Int]) -> list[Any]:
+    P = []
+    for level, coarse in enumerate(labels):
+        nested = parents(labels[level - 1], coarse) if level else coarse
+        if nested is not None:
+            P.append(project_between(bases[level], bases[level + 1], nested))
+            continue
+        down = [project_between(bases[0], bases[at], labels[at - 1]) for at in (level, level + 1)]
+        P.append(l2_projection(down[0], down[1], bases[0].mass(), bases[0].n_local))
+    return P
+
+
+def _coarse_problem(problem: Diffusion, mesh: Mesh, labels: Int) -> Diffusion:
+    """The problem of the corrections on the agglomerates: the same conditions, with data 0."""
+    return Diffusion(
+        kappa=_averaged(problem.kappa, mesh, labels),
+        source=0.0,
+        dirichlet=dict.fromkeys(problem.dirichlet, 0.0),
+        neumann=dict.fromkeys(problem.neumann, 0.0),
+    )
+
+
+def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
+    """Coefficient of the agglomerates: the mean over their cells, a callable taken at centroids."""
+    if not callable(kappa) and np.ndim(kappa) == 0:
+        return kappa
+    cells = kappa(mesh.cell_centroids) if callable(kappa) else kappa
+    weighted = np.bincount(labels, mesh.cell_measures * np.asarray(cells, float))
+    return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))
+
+
+def linear_chain(problem: Linear, hierarchy: Hierarchy, labels: Sequence[Int]) -> Chain:
+    """Chain of a linear system: coarse unknowns are constant on agglomerates, matrices inherited.
+
+    Raises
+    ------
+    OptionError
+        If the system does not fit the hierarchy, or cells have unequal numbers of unknowns.
+    """
+    sizes, n = np.diff(problem.block_offsets), hierarchy.graph.n
+    if len(sizes) != n:
+        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {n} cells")
+    if sizes.min() != sizes.max() or sizes[0] == 0:
+        raise OptionError(
+            f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
+        )
+    unknowns, width = int(problem.block_offsets[-1]), int(sizes[0])
+    if np.shape(problem.A) != (unknowns, unknowns) or np.shape(problem.b) != (unknowns,):
+        raise OptionError(
+            f"A has the shape {np.shape(problem.A)} and b {np.shape(problem.b)}; "
+            f"block_offsets speak of {unknowns} unknowns"
+        )
+    P = _constant_prolongations(hierarchy, labels, width)
+    A = block_matrix(sparse.csr_array(problem.A), width)
+    return Chain(np.asarray(problem.b, float), A, P, width)
+
+
+def _constant_prolongations(hierarchy: Hierarchy, labels: Sequence[Int], width: int) -> list[Any]:
+    P = []
+    mass = sparse.diags_array(np.repeat(hierarchy.graph.measures, width)).tocsr()
+    for level, coarse in enumerate(labels):
+        nested = parents(labels[level - 1], coarse) if level else coarse
+        if nested is not None:
+            P.append(injection(nested, width))
+        else:
+            down = [injection(each, width) for each in labels[level - 1 : level + 1]]
+            P.append(l2_projection(down[0], down[1], mass, width))
+    return P

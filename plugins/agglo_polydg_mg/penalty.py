@@ -1,0 +1,47 @@
+"""The penalty of the jumps, from the largest triangle that fits on each face.
+
+A. Cangiani, E. Georgoulis, P. Houston, "hp-version discontinuous Galerkin methods on polygonal and
+polyhedral meshes", M3AS 24 (2014): the inverse inequality on a face of a polygon holds with the
+triangle's height in place of the polygon's diameter, however many small faces the polygon has.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.mesh import Mesh
+
+__all__ = ["face_penalty"]
+
+
+def face_penalty(mesh: Mesh, degree: int, constant: float = 10.0, natural: Int | None = None) -> Float:
+    """Penalty σ = C p² max |F| / |T_F| over the two sides of each face ``(n_faces,)``, in 1 / length.
+
+    T_F is the largest triangle with base F that lies in the cell and has its apex in one of the cell's
+    vertices. On squares of side h this is 20 p² / h with C = 10. Faces of no length have σ = 0, and so
+    have the ``natural`` ones (of Neumann data), which are not penalised.
+
+    Raises
+    ------
+    MeshError
+        Naming cells in which a face sees no vertex: they overlap themselves, or are flat to rounding.
+    OptionError
+        If ``constant`` is not positive.
+    """
+    from agglo_polydg_mg.kernels import triangle_heights
+
+    if not (math.isfinite(constant) and constant > 0):
+        raise OptionError(f"the penalty constant must be positive; given {constant!r}")
+    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    faces, sides = np.nonzero(heights == 0)
+    if len(faces):
+        cells = np.unique(mesh.face_cells[faces, sides])[:5].tolist()
+        raise MeshError(f"no triangle fits on face {faces[0]} in its cell: cells {cells} are degenerate")
+    sigma = constant * degree**2 * 2 / heights.min(axis=1)
+    if natural is not None:
+        sigma[natural] = 0.0
+    return frozen_float(sigma)

@@ -1,0 +1,149 @@
+"""Problems by name or from a TOML file: numbers by cell tag and boundary tag, no expressions.
+
+.. code-block:: toml
+
+    source = 1.0                              # a number for all cells,
+    [kappa.material]                          # or one for each value of a cell tag
+    1 = 1.0
+    2 = 1e6
+    [dirichlet]                               # by value of the face tag "boundary"
+    1 = 0.0
+    [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated,
+    2 = 1.0                                   # or held at u = 0 if there is no [dirichlet] at all
+"""
+
+from __future__ import annotations
+
+import logging
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.errors import FileError
+from agglo_core.mesh import Mesh
+from agglo_core.problem import Diffusion
+
+__all__ = ["NAMED", "named_problem", "read_problem"]
+
+NAMED = ("constant", "sine")
+_KEYS = ("kappa", "source", "dirichlet", "neumann")
+_log = logging.getLogger("agglo")
+
+
+def named_problem(name: str, mesh: Mesh) -> Diffusion:
+    """A problem of u = 0 on the boundary, by name, or of a TOML file.
+
+    ``constant`` has f = 8, the source of the paper's published counts; ``sine`` has
+    f = 2π² sin πx sin πy, that of its text, with the solution sin πx sin πy on the unit square.
+
+    Raises
+    ------
+    FileError
+        As :func:`read_problem`, if it is none of the names.
+    """
+    if name == "constant":
+        return Diffusion(source=8.0)
+    if name != "sine":
+        return read_problem(Path(name), mesh)
+    known = _vanishes_on_boundary(mesh)
+    if not known:
+        _log.info(
+            "sin πx sin πy is not 0 on this boundary, so the solution is not known: no errors are given"
+        )
+    return Diffusion(source=_sine_source, exact=_sine if known else None)
+
+
+def _sine(points: Float) -> Float:
+    return np.asarray(np.sin(np.pi * points[:, 0]) * np.sin(np.pi * points[:, 1]))
+
+
+def _sine_source(points: Float) -> Float:
+    return 2.0 * np.pi**2 * _sine(points)
+
+
+def _vanishes_on_boundary(mesh: Mesh) -> bool:
+    ends = mesh.points[mesh.face_pairs[mesh.face_cells[:, 1] < 0]]
+    at = np.array([0.0, 0.3, 0.5])[:, None, None]
+    along = (1.0 - at) * ends[:, 0] + at * ends[:, 1]
+    return bool(np.abs(_sine(along.reshape(-1, 2))).max() < 1e-9)
+
+
+def read_problem(path: Path, mesh: Mesh) -> Diffusion:
+    """Read a diffusion problem for ``mesh``.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read; names a key, tag or value that does not exist or is lacking; holds
+        anything but finite numbers, or a coefficient that is not positive.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = f"no such file, and no problem of that name ({', '.join(NAMED)})"
+        raise FileError(f"{path}: {reason if isinstance(error, FileNotFoundError) else error}") from None
+    unknown = sorted(set(table) - set(_KEYS))
+    if unknown:
+        raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(_KEYS)}")
+    dirichlet = _boundary_values(path, "dirichlet", table.get("dirichlet", {}), mesh)
+    neumann = _boundary_values(path, "neumann", table.get("neumann", {}), mesh)
+    both = sorted(set(dirichlet) & set(neumann))
+    if both:
+        raise FileError(f"{path}: boundary tag {both[0]} stands in dirichlet and in neumann")
+    kappa = _cell_values(path, "kappa", table.get("kappa", 1.0), mesh)
+    if np.min(kappa) <= 0.0:
+        raise FileError(f"{path}: kappa must be positive, given {np.min(kappa):g}")
+    source = _cell_values(path, "source", table.get("source", 1.0), mesh)
+    return Diffusion(kappa=kappa, source=source, dirichlet=dirichlet, neumann=neumann)
+
+
+def _cell_values(path: Path, key: str, given: Any, mesh: Mesh) -> float | Float:
+    """A number, or one for each cell ``(n_cells,)`` from a table by tag and value."""
+    if not isinstance(given, Mapping):
+        return _number(path, key, given)
+    if len(given) != 1:
+        raise FileError(f"{path}: {key} must name one cell tag, given {', '.join(given) or 'none'}")
+    ((tag, values),) = given.items()
+    if tag not in mesh.cell_tags or not isinstance(values, Mapping):
+        known = ", ".join(mesh.cell_tags) or "none"
+        raise FileError(f"{path}: {key}.{tag} must be a table by a cell tag of the mesh; it has: {known}")
+    cells = mesh.cell_tags[tag]
+    by_value = {_whole(path, f"{key}.{tag}", each): _number(path, key, v) for each, v in values.items()}
+    present, place = np.unique(cells, return_inverse=True)
+    lacking = [int(each) for each in present if int(each) not in by_value]
+    if lacking:
+        raise FileError(f"{path}: {key}.{tag} has no number for {', '.join(map(str, lacking))}")
+    return frozen_float(np.array([by_value[int(each)] for each in present])[place])
+
+
+def _boundary_values(path: Path, key: str, given: Any, mesh: Mesh) -> dict[int, float]:
+    if not isinstance(given, Mapping):
+        raise FileError(f"{path}: {key} must be a table by boundary tag, given {given!r}")
+    outside = mesh.face_cells[:, 1] < 0
+    tags = mesh.face_tags.get("boundary", np.zeros(mesh.n_faces, np.int64))
+    present = sorted({int(each) for each in np.unique(tags[outside])})
+    values = {}
+    for name, value in given.items():
+        tag = _whole(path, key, name)
+        if tag not in present:
+            known = ", ".join(map(str, present))
+            raise FileError(f"{path}: {key} speaks of boundary tag {tag}; the mesh has: {known}")
+        values[tag] = _number(path, f"{key}.{name}", value)
+    return values
+
+
+def _whole(path: Path, key: str, name: str) -> int:
+    try:
+        return int(name)
+    except ValueError:
+        raise FileError(f"{path}: {key}: {name!r} is not the value of a tag, a whole number") from None
+
+
+def _number(path: Path, key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise FileError(f"{path}: {key} must be a finite number, given {value!r}")
+    return float(value)

@@ -1,0 +1,160 @@
+"""Smoothers and coarse solvers: maps ``(b, x) → x`` and ``b → x`` made for one matrix, chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse.linalg import splu
+
+from agglo_core.arrays import Float
+from agglo_polydg_mg.transfer import diagonal_blocks
+
+__all__ = [
+    "COARSE_SOLVERS",
+    "SMOOTHERS",
+    "Smoother",
+    "Solve",
+    "block_jacobi",
+    "correction",
+    "dense",
+    "lu",
+    "pcg_steps",
+]
+
+Solve = Callable[[Float], Float]
+"""Right-hand side or residual ``(n,)`` to solution or correction ``(n,)``."""
+Smoother = Callable[[Float, Float], Float]
+"""``(b, x)`` to a better x."""
+
+
+def lu(A: Any) -> Solve:
+    """Sparse direct solve of a symmetric positive definite matrix.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is singular.
+    """
+    try:
+        factors = splu(
+            sparse.csc_array(A),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(f"a coarse matrix of {A.shape[0]} unknowns is singular") from error
+    return lambda b: np.asarray(factors.solve(b))
+
+
+def dense(A: Any) -> Solve:
+    """Dense Cholesky solve.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is not positive definite.
+    """
+    factors = cho_factor(A.toarray())
+    return lambda b: np.asarray(cho_solve(factors, b))
+
+
+def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Float:
+    """``x (n,)`` after some steps of preconditioned conjugate gradients, started afresh.
+
+    Raises
+    ------
+    LinAlgError
+        If matrix or preconditioner turn out not to be positive definite.
+    """
+    r = b - A @ x
+    if not r.any():
+        return x
+    z = precondition(r)
+    p, rho = z, float(r @ z)
+    for step in range(steps):
+        Ap = A @ p
+        curvature = float(p @ Ap)
+        if rho == 0.0:
+            break
+        if not (rho > 0.0 and curvature > 0.0):
+            raise np.linalg.LinAlgError("the matrix or its preconditioner is not positive definite")
+        alpha = rho / curvature
+        x, r = x + alpha * p, r - alpha * Ap
+        if step + 1 < steps:
+            z = precondition(r)
+            rho, before = float(r @ z), rho
+            p = z + (rho / before) * p
+    return x
+
+
+def block_jacobi(A: Any, width: int) -> Solve:
+    """Exact solve with the diagonal blocks of each cell.
+
+    Raises
+    ------
+    LinAlgError
+        If a block is singular.
+    """
+    inverses = np.linalg.inv(diagonal_blocks(A, width))
+    return lambda r: (inverses @ r.reshape(-1, width, 1)).ravel()
+
+
+def correction(P: Any, solve: Solve) -> Solve:
+    """The map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
+    return lambda residual: P @ solve(P.T @ residual)
+
+
+def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
+    """The paper's smoother: ``steps`` of conjugate gradients, preconditioned by additive Schwarz.
+
+    Parameters
+    ----------
+    A : sparse
+    local : callable
+        Solves in the subdomains, here the cells; see :func:`block_jacobi`.
+    coarse : callable, optional
+        Adds the correction of the next level.
+    steps : int
+
+    Notes
+    -----
+    What the steps do depends on ``b`` and ``x``: the smoother is nonlinear.
+    """
+
+    def precondition(r: Float) -> Float:
+        return local(r) if coarse is None else local(r) + coarse(r)
+
+    return lambda b, x: pcg_steps(A, b, x, precondition, steps)
+
+
+def damped_jacobi(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
+    """Block Jacobi steps damped by 4/(3 λ_max), ``coarse`` unused: a linear, symmetric smoother."""
+    damping = 4.0 / (3.0 * largest_eigenvalue(A, local))
+
+    def smooth(b: Float, x: Float) -> Float:
+        for _ in range(steps):
+            x = x + damping * local(b - A @ x)
+        return x
+
+    return smooth
+
+
+def largest_eigenvalue(A: Any, precondition: Solve, steps: int = 20) -> float:
+    """Largest eigenvalue of the preconditioned matrix, a little low: power method in A's inner product."""
+    x = np.cos(np.arange(A.shape[0]) ** 2 + 1.0)  # rough, and the same in every run
+    for _ in range(steps):
+        x = x / np.sqrt(float(x @ (A @ x)))
+        x, before = precondition(A @ x), x
+    return float(x @ (A @ before))
+
+
+SMOOTHERS: Final[dict[str, Callable[[Any, Solve, Solve | None, int], Smoother]]] = {
+    "schwarz": schwarz,
+    "block_jacobi": damped_jacobi,
+}
+COARSE_SOLVERS: Final[dict[str, Callable[[Any], Solve]]] = {"lu": lu, "dense": dense}

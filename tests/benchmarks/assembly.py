@@ -1,0 +1,91 @@
+"""Assembly of PolyDG in unknowns per CPU second, beside vectorised numpy.
+
+    python tests/benchmarks/assembly.py [--cells N] [--degrees P ...] [--repeats N] [--twin-cells N]
+
+Squares and random Voronoi cells of the unit square, one thread, CPU seconds of this process after a
+warm-up, best of the repeats; the mesh with its faces, areas and boxes is at hand. ``kernels`` is
+``discretise``: penalty, matrix and right-hand side. ``numpy`` is the matrix alone, by the twin of the tests
+(quadrature points, einsum, one sparse sum), on fewer cells as it needs far more memory.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
+    os.environ[f"{_variable}_NUM_THREADS"] = "1"  # before numpy is imported
+
+# ruff: noqa: E402
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core import Mesh, samples
+from agglo_core.problem import Diffusion
+from agglo_polydg_mg.assembly import discretise
+from agglo_polydg_mg.penalty import face_penalty
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "plugins"))
+from test_polydg_twin import twin_matrix
+
+MESHES: dict[str, Callable[[int], Mesh]] = {
+    "squares": lambda n: samples.squares(round(np.sqrt(n))),
+    "voronoi": lambda n: samples.voronoi(n, seed=0),
+}
+
+
+def cpu(call: Callable[[], Any], repeats: int) -> float:
+    """Least CPU seconds of a call."""
+    found = []
+    for _ in range(repeats):
+        start = time.process_time()
+        call()
+        found.append(time.process_time() - start)
+    return min(found)
+
+
+def ready(mesh: Mesh) -> Mesh:
+    """The mesh, with what it computes once and keeps."""
+    _ = mesh.cell_faces, mesh.cell_vertices, mesh.cell_measures, mesh.face_normals, mesh.boundary_loops
+    return mesh
+
+
+def numpy_rate(mesh: Mesh, degree: int) -> float:
+    """Unknowns per second of the twin."""
+    sigma, kappa = face_penalty(mesh, degree), np.ones(mesh.n_cells)
+    seconds = cpu(lambda: twin_matrix(mesh, degree, kappa, sigma), 1)
+    return mesh.n_cells * (degree + 1) * (degree + 2) / 2 / seconds
+
+
+def main() -> None:
+    """Read the arguments, warm up, print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cells", type=int, default=65_536)
+    parser.add_argument("--twin-cells", type=int, default=16_384)
+    parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    problem = Diffusion(source=8.0)
+    discretise(samples.voronoi(50), 2, problem)
+    print(f"{'mesh':<10}{'cells':>8}{'p':>3}{'unknowns':>10}{'CPU s':>8}{'kernels M/s':>13}{'numpy M/s':>11}")
+    for name, build in MESHES.items():
+        mesh, small = ready(build(options.cells)), ready(build(options.twin_cells))
+        for p in options.degrees:
+            unknowns = mesh.n_cells * (p + 1) * (p + 2) // 2
+            seconds = cpu(lambda mesh=mesh, p=p: discretise(mesh, p, problem), options.repeats)
+            print(
+                f"{name:<10}{mesh.n_cells:>8}{p:>3}{unknowns:>10}{seconds:>8.3f}"
+                f"{unknowns / seconds / 1e6:>13.2f}{numpy_rate(small, p) / 1e6:>11.3f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

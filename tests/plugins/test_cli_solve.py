@@ -1,0 +1,159 @@
+"""``agglo solve`` and ``agglo paper-counts``."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from agglo_core import read
+from agglo_core.cli import main
+
+
+class Done(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+Agglo = Callable[..., Done]
+
+
+@pytest.fixture
+def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
+    """Run the command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> Done:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as done:
+            main(arguments)
+        assert isinstance(done.value.code, int)
+        return Done(done.value.code, *capsys.readouterr())
+
+    return call
+
+
+H_STAR = "0.17677669529663687,0.35355339059327373,0.7071067811865476"
+
+
+def test_json_of_the_papers_case(agglo: Agglo) -> None:
+    done = agglo("solve", "paper:triangles", "--h-star", H_STAR, "--levels", "3", "--degree", "2", "--json")
+    assert done.code == 0
+    data = json.loads(done.out)
+    assert list(data) == [
+        "dofs",
+        "levels",
+        "iterations",
+        "converged",
+        "reason",
+        "relative_residual",
+        "residuals",
+        "error_l2",
+        "error_dg",
+        "energy",
+        "operator_complexity",
+        "cg_iterations",
+        "seconds",
+    ]
+    assert (data["dofs"], data["iterations"], data["converged"]) == (768, 10, True)
+    assert data["levels"] == [{"cells": n, "dofs": 6 * n} for n in (128, 64, 16)]
+    assert data["cg_iterations"] == pytest.approx(355, rel=0.02)
+    assert len(data["residuals"]) == 11
+    assert data["relative_residual"] == data["residuals"][-1] / data["residuals"][0] <= 1e-6
+    assert data["error_l2"] is data["error_dg"] is None
+    assert 64 * 0.0350 < data["energy"] < 64 * 0.0352  # ∫ f u = 64 · 0.03514 on the unit square
+    assert 1 < data["operator_complexity"] < 2
+    assert set(data["seconds"]) == {"assemble", "setup", "solve"}
+
+
+def test_errors_of_the_sine_fall_with_the_degree(agglo: Agglo) -> None:
+    asked = ("squares:n=8", "--problem", "sine", "--tol", "1e-9", "--no-cg", "--json")
+    found = [json.loads(agglo("solve", *asked, "--degree", degree).out) for degree in "123"]
+    for error in ("error_l2", "error_dg"):
+        first, second, third = (data[error] for data in found)
+        assert first > 4 * second > 16 * third > 0
+    assert [data["cg_iterations"] for data in found] == [None, None, None]
+    assert found[2]["energy"] == pytest.approx(math.pi**2 / 2, rel=1e-3)
+
+
+def test_text_files_and_pictures(agglo: Agglo) -> None:
+    pytest.importorskip("matplotlib")
+    done = agglo("solve", "voronoi:n=60", "--problem", "sine", "-o", "u.vtu", "--plot", "u.png")
+    assert done.code == 0
+    for part in ("unknowns, cells 60 →", "converged after", "error: L2", "wrote u.vtu", "wrote u.png"):
+        assert part in done.out
+    assert Path("u.png").read_bytes().startswith(b"\x89PNG")
+    assert read("u.vtu").n_cells > 60
+
+
+def test_components_targets_and_levels_that_do_not_nest(agglo: Agglo) -> None:
+    pytest.importorskip("pymetis")
+    done = agglo(
+        "solve",
+        "paper:squares",
+        *("--bisector", "metis:edge_weights=false,vertex_weights=false", "--method", "kway"),
+        *("--not-nested", "--refiner", "none", "--parts", "64,16", "--seed", "3"),
+        *("--solver", "polydg_mg_paper:penalty=12,coarse_solver=dense", "--smoothing-steps", "5", "--json"),
+    )
+    assert done.code == 0
+    data = json.loads(done.out)
+    assert [level["cells"] for level in data["levels"]] == [256, 64, 16]
+
+
+def test_a_problem_of_a_file(agglo: Agglo) -> None:
+    Path("problem.toml").write_text("kappa = 2.0\nsource = 16.0\n")
+    ours = json.loads(agglo("solve", "squares:n=4", "--problem", "problem.toml", "--json").out)
+    constant = json.loads(agglo("solve", "squares:n=4", "--json").out)
+    assert ours["energy"] == pytest.approx(2 * constant["energy"], rel=1e-5)
+
+
+def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
+    done = agglo("solve", "squares:n=8", "--solver", "polydg_mg_paper:max_iterations=1")
+    assert done.code == 3
+    assert "NOT CONVERGED after 1 iterations" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["squares:n=4", "--degree", "9"], "degree must be a whole number, 1..6; given 9"),
+        (["squares:n=4", "--degree", "2", "--solver", "polydg_mg_paper:degree=3"], "degree is given twice"),
+        (["squares:n=4", "--solver", "nosuch"], "nosuch"),
+        (["squares:n=4", "--solver", "polydg_mg_paper:degre=3"], "did you mean 'degree'"),
+        (["squares:n=4", "--solver", "polydg_mg_paper:degree"], "not of the form option=value"),
+        (["squares:n=4", "--levels", "7"], "levels must lie in 2..4"),
+        (["squares:n=4", "--parts", "16"], "no level of the hierarchy is coarser than its 16 cells"),
+        (["squares:n=4", "--parts", "4", "--h-star", "0.5"], "--h-star and --parts cannot be given together"),
+        (["squares:n=4", "--parts", "4.5"], "not a comma list of whole numbers"),
+        (["squares:n=4", "--problem", "none.toml"], "no such file"),
+        (["squares:n=4", "-o", "u.vtk"], "u.vtk: a solution is written as .vtu"),
+        (["squares:n=4", "-o", "no/u.vtu"], "no/u.vtu"),
+        (["squares:n=4", "--plot", "u.gif"], "pictures end in .png"),
+        (["nosuch.vtu"], "nosuch.vtu"),
+        (["boxes:n=2"], "2-D"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(agglo: Agglo, arguments: list[str], message: str) -> None:
+    done = agglo("solve", *arguments)
+    assert done.code == 2
+    assert done.out == ""
+    assert message in done.err
+    assert done.err.startswith("error: ") or "\nerror: " in done.err
+    assert list(Path().iterdir()) == []
+
+
+def test_the_table_of_counts(agglo: Agglo) -> None:
+    done = agglo("paper-counts", "--grid", "triangles", "--bisector", "kmeans")
+    assert done.code == 0
+    lines = [line.split() for line in done.out.splitlines()]
+    assert lines[0] == ["grid", "strategy", "l", "m", "p", "tol", "ours", "paper"]
+    assert [line[-2] for line in lines[1:9]] == ["9", "9", "9", "67", "66", "5", "10", "17"]
+    assert all(line[-2] == line[-1] for line in lines[1:9])
+    assert [line[-1] for line in lines[9:]] == ["114", "355", "1101"]
+    data = json.loads(agglo("paper-counts", "--grid", "triangles", "--bisector", "kmeans", "--json").out)
+    assert data[0]["setting"] == {"levels": 2, "steps": 3, "degree": 1, "tolerance": 1e-6}

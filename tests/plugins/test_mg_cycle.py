@@ -1,0 +1,157 @@
+"""Smoothers, the V-cycle, and the iterations around it, on matrices made by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.linalg import block_diag
+from scipy.sparse.linalg import cg
+
+from agglo_polydg_mg.cycle import Level, conjugate_gradients, stationary, v_cycle
+from agglo_polydg_mg.schwarz import (
+    COARSE_SOLVERS,
+    block_jacobi,
+    correction,
+    damped_jacobi,
+    largest_eigenvalue,
+    pcg_steps,
+    schwarz,
+)
+from agglo_polydg_mg.transfer import injection
+
+WIDTH = 2
+
+
+def spd(n: int, seed: int = 0) -> sparse.bsr_array:
+    """A tridiagonal block matrix, positive definite."""
+    random = np.random.default_rng(seed)
+    strip = sparse.random_array((n, n), density=0.3, rng=random)
+    path = sparse.diags_array([-np.ones(n - 1), 2.2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    return sparse.bsr_array(path + 0.05 * (strip @ strip.T), blocksize=(WIDTH, WIDTH))
+
+
+A = spd(16)
+b = np.random.default_rng(1).random(16)
+P = injection(np.arange(8) // 2, WIDTH)
+COARSE = P.T @ A @ P
+
+
+def test_pcg_steps_minimise_over_the_krylov_space() -> None:
+    x0, weight = np.linspace(0, 1, 16), 1.0 / A.diagonal()
+    r = b - A @ x0
+    for steps in (1, 3, 5):
+        basis = [weight * r]
+        for _ in range(steps - 1):
+            basis.append(weight * (A @ basis[-1]))
+        V = np.linalg.qr(np.array(basis).T)[0]
+        wanted = x0 + V @ np.linalg.solve(V.T @ (A @ V), V.T @ r)
+        found = pcg_steps(A, b, x0, lambda r: weight * r, steps)
+        assert found == pytest.approx(wanted, abs=1e-10)
+
+
+def test_pcg_steps_leave_a_solution_alone() -> None:
+    x = np.arange(16.0)
+    assert np.array_equal(pcg_steps(A, A @ x, x, lambda r: r, 3), x)
+
+
+def test_pcg_steps_refuse_an_indefinite_matrix() -> None:
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        pcg_steps(-A, b, np.zeros(16), lambda r: r, 3)
+
+
+def test_one_schwarz_step_is_steepest_descent_with_blocks_and_coarse_space() -> None:
+    dense, prolong = A.toarray(), P.toarray()
+    blocks = block_diag(*(np.linalg.inv(dense[i : i + 2, i : i + 2]) for i in range(0, 16, 2)))
+    B = blocks + prolong @ np.linalg.inv(COARSE.toarray()) @ prolong.T
+    smooth = schwarz(A, block_jacobi(A, WIDTH), correction(P, COARSE_SOLVERS["lu"](COARSE)), 1)
+    z = B @ b
+    assert smooth(b, np.zeros(16)) == pytest.approx(z * (b @ z) / (z @ dense @ z))
+
+
+def test_damped_jacobi_reduces_every_error_in_the_energy_norm() -> None:
+    dense, smooth = A.toarray(), damped_jacobi(A, block_jacobi(A, WIDTH), None, 1)
+    S = np.array([smooth(np.zeros(16), e) for e in np.eye(16)]).T
+    energy = np.linalg.cholesky(dense).T
+    assert np.linalg.norm(energy @ S @ np.linalg.inv(energy), 2) < 1
+    largest = largest_eigenvalue(A, lambda r: r, 200)
+    assert largest == pytest.approx(np.linalg.eigvalsh(dense)[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize("name", sorted(COARSE_SOLVERS))
+def test_coarse_solvers_solve(name: str) -> None:
+    assert COARSE_SOLVERS[name](A)(b) == pytest.approx(np.linalg.solve(A.toarray(), b))
+
+
+@pytest.mark.parametrize("name", sorted(COARSE_SOLVERS))
+def test_coarse_solvers_refuse_singular_matrices(name: str) -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        COARSE_SOLVERS[name](sparse.bsr_array(np.zeros((4, 4)), blocksize=(2, 2)))
+
+
+def test_a_cycle_of_one_level_is_the_coarse_solver() -> None:
+    assert v_cycle([], lambda b: 3 * b, b, np.zeros(16)) == pytest.approx(3 * b)
+
+
+def test_the_cycle_on_three_levels_is_the_formula() -> None:
+    """Its error propagation with a linear smoother is S (I − P C Pᵀ A) S, with C the cycle below."""
+    Q = injection(np.array([0, 0, 1, 1]), WIDTH)
+    matrices = [A, COARSE, Q.T @ COARSE @ Q]
+    levels = [
+        Level(each, prolong, damped_jacobi(each, block_jacobi(each, WIDTH), None, 2))
+        for each, prolong in zip(matrices[:2], (P, Q), strict=True)
+    ]
+    below = np.linalg.inv(matrices[2].toarray())
+    for level in reversed(levels):
+        n = level.A.shape[0]
+        dense, prolong, eye = level.A.toarray(), level.P.toarray(), np.eye(n)
+        S = np.array([level.smooth(np.zeros(n), e) for e in eye]).T
+        E = S @ (eye - prolong @ below @ prolong.T @ dense) @ S
+        below = (eye - E) @ np.linalg.inv(dense)
+    coarsest = COARSE_SOLVERS["dense"](matrices[2])
+    assert v_cycle(levels, coarsest, b, np.zeros(16)) == pytest.approx(below @ b)
+    x = np.linspace(-1, 1, 16)
+    assert v_cycle(levels, coarsest, b, x) == pytest.approx(x + below @ (b - A @ x))
+
+
+def test_the_stationary_iteration_stops_at_the_tolerance() -> None:
+    history = stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-3, 500)
+    assert history.converged
+    assert history.reason == "tolerance met"
+    least = 1e-3 * np.linalg.norm(b)
+    assert history.residuals[-1] <= least < history.residuals[-2]
+    assert history.residuals[-1] == pytest.approx(np.linalg.norm(b - A @ history.x))
+    assert history.iterations == len(history.residuals) - 1
+
+
+def test_what_does_not_converge_is_flagged() -> None:
+    slow = stationary(A, b, lambda b, x: x + (b - A @ x) / 50.0, 1e-10, 3)
+    assert (slow.converged, slow.iterations) == (False, 3)
+    assert "after 3 iterations, wanted" in slow.reason
+    wild = stationary(A, b, lambda b, x: x + 10.0 * (b - A @ x), 1e-10, 100)
+    assert not wild.converged
+    assert wild.reason.startswith("diverged: residual")
+    lost = stationary(A, b, lambda b, x: x * np.nan, 1e-10, 100)
+    assert (lost.converged, lost.iterations) == (False, 1)
+
+
+def test_no_right_hand_side_needs_no_iteration() -> None:
+    for history in (stationary(A, 0 * b, lambda b, x: x, 1e-6, 9), conjugate_gradients(A, 0 * b)):
+        assert (history.converged, history.iterations, history.x.any()) == (True, 0, False)
+
+
+def test_plain_conjugate_gradients_count_as_scipys() -> None:
+    steps: list[int] = []
+    x, info = cg(A, b, rtol=1e-8, callback=lambda _: steps.append(1))
+    history = conjugate_gradients(A, b, 1e-8)
+    assert info == 0
+    assert history.converged
+    assert history.iterations == len(steps)
+    assert history.x == pytest.approx(x)
+
+
+def test_conjugate_gradients_that_end_early_return_the_smallest_residual() -> None:
+    full = conjugate_gradients(A, b, 1e-14, most=8)
+    assert not full.converged
+    assert full.residuals[-1] == full.residuals.min()
+    assert np.linalg.norm(b - A @ full.x) == pytest.approx(full.residuals[-1])

@@ -1,0 +1,225 @@
+"""The paper's solver: its counts, its switches, and what it refuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from typing import Literal
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from agglo_core import AggloError, Hierarchy, OptionError, agglomerate, samples
+from agglo_core.problem import Diffusion, Linear
+from agglo_polydg_mg.paper import PaperMultigrid
+from agglo_polydg_mg.tables import SETTINGS, Count, Setting, counts, levels_of
+
+EXACT = {
+    "triangles": {"kmeans": [9, 9, 9, 67, 66, 5, 10, 17], "cg": [114, 355, 1101]},
+    "squares": {"kmeans": [17, 17, 17, 162, 162, 8, 34, 52], "cg": [109, 365, 703]},
+}
+
+
+@pytest.fixture(scope="module")
+def voronoi() -> Hierarchy:
+    """Three coarse levels of the paper's Voronoi grid."""
+    return levels_of(samples.paper("voronoi"), "kmeans")
+
+
+@pytest.mark.parametrize("grid", sorted(EXACT))
+def test_counts_are_the_papers_exactly_where_the_partition_is_unique(grid: str) -> None:
+    found = list(counts(grid, ["kmeans"]))
+    assert [each.iterations for each in found if each.strategy == "kmeans"] == EXACT[grid]["kmeans"]
+    plain = [each.iterations for each in found if each.strategy == "cg"]
+    assert plain == pytest.approx(EXACT[grid]["cg"], rel=0.01)  # rounding moves the last iterations
+    assert all(each.converged for each in found)
+
+
+@pytest.mark.parametrize("bisector", ["kmeans", "metis"])
+@pytest.mark.parametrize("grid", ["random", "voronoi"])
+def test_other_counts_lie_near_the_papers(grid: str, bisector: str) -> None:
+    if bisector == "metis":
+        pytest.importorskip("pymetis")
+    found = list(islice(counts(grid, [bisector]), len(SETTINGS)))
+    assert all(each.converged for each in found)
+    iterations = [each.iterations for each in found]
+    assert iterations == pytest.approx([each.paper for each in found], rel=0.35)
+    assert max(iterations[:3]) - min(iterations[:3]) <= 1  # no matter how many levels
+
+
+def test_a_count_knows_what_was_published() -> None:
+    first = next(counts("squares", ["coordinate"]))
+    assert isinstance(first, Count)
+    assert (first.grid, first.strategy, first.setting, first.paper) == (
+        "squares",
+        "coordinate",
+        Setting(2, 3, 1),
+        None,
+    )
+    assert next(counts("random", ["kmeans"])).paper == 41
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [
+        PaperMultigrid(tolerance=1e-9),
+        PaperMultigrid(degree=2, tolerance=1e-9, levels=3),
+        PaperMultigrid(tolerance=1e-9, operators="inherited"),
+        PaperMultigrid(tolerance=1e-9, smoother="block_jacobi", max_iterations=5000),
+        PaperMultigrid(tolerance=1e-9, schwarz_coarse=False),
+        PaperMultigrid(tolerance=1e-9, scaled_basis=True, coarse_solver="dense"),
+        PaperMultigrid(tolerance=1e-9, penalty=4.0, smoothing_steps=5),
+    ],
+    ids=["paper", "degree 2", "inherited", "jacobi", "one level", "scaled, dense", "penalty"],
+)
+def test_every_switch_solves_the_same_system(solver: PaperMultigrid, voronoi: Hierarchy) -> None:
+    solution = solver.solve(Diffusion(), voronoi)
+    assert solution.converged
+    assert solution.reason == "tolerance met"
+    direct = spsolve(sparse.csc_array(solution.A), solution.b)
+    assert np.linalg.norm(solution.x - direct) < 1e-6 * np.linalg.norm(direct)
+    assert len(solution.operators) == (solver.levels or 4)
+    assert set(solution.seconds) == {"assemble", "setup", "solve"}
+
+
+def test_inherited_matrices_are_galerkin_and_anew_ones_are_not(voronoi: Hierarchy) -> None:
+    for kind, inherits in (("inherited", True), ("rediscretised", False)):
+        (A, P), (coarse, _) = PaperMultigrid(operators=kind).solve(Diffusion(), voronoi).operators[:2]
+        gap = abs(P.T @ A @ P - coarse).max() / abs(coarse).max()
+        assert bool(gap < 1e-12) is inherits
+
+
+def test_scaling_the_basis_changes_neither_solution_nor_energy(voronoi: Hierarchy) -> None:
+    plain, scaled = (
+        PaperMultigrid(tolerance=1e-10, scaled_basis=each).solve(Diffusion(), voronoi)
+        for each in (False, True)
+    )
+    assert plain.b @ plain.x == pytest.approx(scaled.b @ scaled.x, rel=1e-9)
+    assert np.linalg.norm(plain.b) != pytest.approx(np.linalg.norm(scaled.b))
+
+
+def test_levels_that_do_not_nest_are_served(voronoi: Hierarchy) -> None:
+    x, y = voronoi.graph.centroids.T
+    levels = [voronoi.levels[0], (x > 0).astype(int) + 2 * (y > 0), (x + y > 0.1).astype(int)]
+    crossed = replace(voronoi, levels=levels, nested=False)
+    solution = PaperMultigrid().solve(Diffusion(), crossed)
+    assert solution.converged
+    linear = Linear(solution.A, solution.b, np.arange(voronoi.graph.n + 1) * 3)
+    assert PaperMultigrid(tolerance=1e-8).solve(linear, crossed).converged
+
+
+@pytest.mark.parametrize("ratio", [1e3, 1e6])
+def test_jumps_of_the_coefficient_are_solved(ratio: float) -> None:
+    mesh = samples.squares(16)
+    kappa = np.where(mesh.cell_centroids[:, 0] < 0.5, 1.0, ratio)
+    hierarchy = agglomerate(mesh, n_parts=(64, 16))
+    for field in (kappa, lambda x: np.where(x[:, 0] < 0.5, 1.0, ratio)):
+        solution = PaperMultigrid(tolerance=1e-9).solve(Diffusion(kappa=field), hierarchy)
+        assert solution.converged
+        direct = spsolve(sparse.csc_array(solution.A), solution.b)
+        assert np.linalg.norm(solution.x - direct) < 1e-5 * np.linalg.norm(direct)
+
+
+@pytest.mark.parametrize("operators", ["rediscretised", "inherited"])
+def test_boundary_data_by_tag(operators: Literal["rediscretised", "inherited"]) -> None:
+    """u = 1 + x between held sides; the flux of κ = 2 leaves on the right; top and bottom are insulated."""
+    mesh = samples.voronoi(80, seed=2)
+    ends = mesh.points[mesh.face_pairs][:, :, 0]
+    sides = (np.abs(ends) < 1e-12).all(axis=1) + 2 * (np.abs(ends - 1) < 1e-12).all(axis=1)
+    tagged = replace(mesh, face_tags={"boundary": sides.astype(int)})
+    hierarchy = agglomerate(tagged, n_parts=(20, 5))
+    problem = Diffusion(kappa=2.0, source=0.0, dirichlet={1: 1.0}, neumann={2: 2.0})
+    solver = PaperMultigrid(tolerance=1e-10, operators=operators)
+    solution = solver.solve(problem, hierarchy)
+    assert solution.converged
+    exact = solver.discretisation.basis(tagged).project(lambda x: 1.0 + x[:, 0])
+    assert solution.x == pytest.approx(exact, abs=1e-7)
+
+
+def test_a_coarse_mesh_of_one_cell_and_a_mesh_of_one_cell() -> None:
+    mesh = samples.squares(4)
+    whole = agglomerate(mesh, n_parts=(4, 1))
+    assert PaperMultigrid(degree=2).solve(Diffusion(), whole).converged
+    single = samples.squares(1)
+    alone = agglomerate(single, n_parts=1)
+    solution = PaperMultigrid().solve(Diffusion(), alone)
+    assert (solution.converged, solution.iterations, len(solution.operators)) == (True, 1, 1)
+
+
+def test_what_is_not_reached_is_flagged(voronoi: Hierarchy) -> None:
+    solution = PaperMultigrid(max_iterations=2).solve(Diffusion(), voronoi)
+    assert not solution.converged
+    assert solution.iterations == 2
+    assert "after 2 iterations" in solution.reason
+
+
+@pytest.mark.parametrize("smoother", ["schwarz", "block_jacobi"])
+def test_an_indefinite_matrix_is_flagged(smoother: str, voronoi: Hierarchy) -> None:
+    n = voronoi.graph.n
+    A = sparse.diags_array(np.where(np.arange(n) % 2, 1.0, -1.0)).tocsr()
+    problem = Linear(A, np.ones(n), np.arange(n + 1))
+    solution = PaperMultigrid(smoother=smoother, max_iterations=50).solve(problem, voronoi)
+    assert not solution.converged
+    assert solution.reason
+
+
+BAD_PROBLEMS: dict[str, tuple[Callable[[int], object], str]] = {
+    "cells": (lambda n: Linear(sparse.eye_array(3), np.ones(3), np.arange(4)), "unknowns in 3 cells"),
+    "unequal": (
+        lambda n: Linear(sparse.eye_array(n + 1), np.ones(n + 1), np.r_[0, np.arange(n) + 2]),
+        "same number of unknowns; given 1 to 2",
+    ),
+    "shape": (lambda n: Linear(sparse.eye_array(n), np.ones(n - 1), np.arange(n + 1)), "A has the shape"),
+    "nan": (lambda n: Linear(sparse.eye_array(n), np.full(n, np.nan), np.arange(n + 1)), "not finite"),
+    "kappa of another mesh": (lambda n: Diffusion(kappa=np.ones(n + 1)), "kappa"),
+    "negative kappa": (lambda n: Diffusion(kappa=-1.0), "kappa must be positive"),
+    "nan kappa": (lambda n: Diffusion(kappa=np.full(n, np.nan)), "kappa"),
+    "neither": (lambda n: "sine", "a Diffusion or a Linear, given str"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_PROBLEMS)
+def test_problems_that_do_not_fit_are_refused(name: str, voronoi: Hierarchy) -> None:
+    make, message = BAD_PROBLEMS[name]
+    with pytest.raises(AggloError, match=message):
+        PaperMultigrid().solve(make(voronoi.graph.n), voronoi)  # type: ignore[arg-type]
+
+
+def test_pure_neumann_is_refused() -> None:
+    hierarchy = agglomerate(samples.squares(4), n_parts=4)
+    with pytest.raises(AggloError, match="Dirichlet"):
+        PaperMultigrid().solve(Diffusion(neumann={0: 0.0}), hierarchy)
+
+
+def test_a_bare_graph_has_no_diffusion_problem() -> None:
+    hierarchy = agglomerate(samples.squares(4).graph, n_parts=4)
+    with pytest.raises(OptionError, match="belongs to a bare graph"):
+        PaperMultigrid().solve(Diffusion(), hierarchy)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"degree": 0}, r"degree must be a whole number, 1\.\.6; given 0"),
+        ({"degree": 9}, r"1\.\.6; given 9"),
+        ({"smoothing_steps": 0}, "at least 1; given 0"),
+        ({"smoothing_steps": True}, "given True"),
+        ({"levels": 1}, "at least 2; given 1"),
+        ({"tolerance": 0.0}, "between 0 and 1, given 0.0"),
+        ({"penalty": float("nan")}, "penalty must be positive"),
+        ({"operators": "galerkin"}, "one of rediscretised, inherited; given 'galerkin'"),
+        ({"smoother": "jacobi"}, "one of schwarz, block_jacobi; given 'jacobi'"),
+        ({"coarse_solver": "cg"}, "one of lu, dense"),
+    ],
+)
+def test_bad_options_are_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        PaperMultigrid(**options)  # type: ignore[arg-type]
+
+
+def test_more_levels_than_there_are_is_an_error(voronoi: Hierarchy) -> None:
+    with pytest.raises(OptionError, match=r"levels must lie in 2\.\.4"):
+        PaperMultigrid(levels=5).solve(Diffusion(), voronoi)

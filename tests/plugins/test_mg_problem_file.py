@@ -1,0 +1,92 @@
+"""Problems by name and from TOML files."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agglo_core import FileError, Mesh, samples
+from agglo_polydg_mg.problem_file import named_problem, read_problem
+
+
+@pytest.fixture
+def mesh() -> Mesh:
+    """Squares with a material on the left and on the right, and the boundary tagged by side."""
+    plain = samples.squares(4)
+    material = (plain.cell_centroids[:, 0] > 0.5).astype(int) + 1
+    ends = plain.points[plain.face_pairs]
+    sides = np.zeros(plain.n_faces, int)
+    for tag, (axis, value) in enumerate([(0, 0.0), (0, 1.0), (1, 0.0), (1, 1.0)], 1):
+        sides[(ends[:, :, axis] == value).all(axis=1)] = tag
+    return replace(plain, cell_tags={"material": material}, face_tags={"boundary": sides})
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "problem.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_named_problems(mesh: Mesh) -> None:
+    assert named_problem("constant", mesh).source == 8.0
+    sine = named_problem("sine", mesh)
+    assert sine.exact is not None
+    assert callable(sine.source)
+    centre = np.array([[0.5, 0.5]])
+    assert sine.exact(centre) == pytest.approx(1.0)
+    assert sine.source(centre) == pytest.approx(2 * np.pi**2)
+
+
+def test_the_solution_is_unknown_on_another_domain(mesh: Mesh, caplog: pytest.LogCaptureFixture) -> None:
+    moved = replace(mesh, points=mesh.points + 0.25)
+    with caplog.at_level(logging.INFO, "agglo"):
+        assert named_problem("sine", moved).exact is None
+    assert "the solution is not known" in caplog.text
+
+
+def test_numbers_by_cell_tag_and_boundary_tag(tmp_path: Path, mesh: Mesh) -> None:
+    text = "source = 2\n[kappa.material]\n1 = 1.0\n2 = 1e6\n[dirichlet]\n1 = 0\n[neumann]\n4 = -1.5\n"
+    problem = named_problem(str(written(tmp_path, text)), mesh)
+    assert problem.source == 2.0
+    assert np.array_equal(problem.kappa, np.where(mesh.cell_tags["material"] == 1, 1.0, 1e6))
+    assert problem.dirichlet == {1: 0.0}
+    assert problem.neumann == {4: -1.5}
+
+
+def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> None:
+    problem = read_problem(written(tmp_path, ""), mesh)
+    assert (problem.kappa, problem.source, problem.dirichlet, problem.neumann) == (1.0, 1.0, {}, {})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("f = 1", "unknown key 'f'; accepted: kappa, source, dirichlet, neumann"),
+        ("kappa = [", "problem.toml: "),
+        ("source = 'sin(x)'", "source must be a finite number, given 'sin"),
+        ("source = true", "source must be a finite number, given True"),
+        ("kappa = nan", "kappa must be a finite number"),
+        ("kappa = 0", "kappa must be positive, given 0"),
+        ("[kappa.material]\n1 = 1.0\n2 = -3", "kappa must be positive, given -3"),
+        ("[kappa.zone]\n1 = 1.0", "by a cell tag of the mesh; it has: material"),
+        ("[kappa]\nmaterial = 1.0", "must be a table by a cell tag"),
+        ("[kappa]", "kappa must name one cell tag, given none"),
+        ("[source.material]\n1 = 1.0", "source.material has no number for 2"),
+        ("[source.material]\nleft = 1.0", "'left' is not the value of a tag"),
+        ("dirichlet = 0", "dirichlet must be a table by boundary tag, given 0"),
+        ("[dirichlet]\n7 = 0", "dirichlet speaks of boundary tag 7; the mesh has: 1, 2, 3, 4"),
+        ("[dirichlet]\n1 = 0\n[neumann]\n1 = 0", "boundary tag 1 stands in dirichlet and in neumann"),
+    ],
+)
+def test_bad_files_are_refused(tmp_path: Path, mesh: Mesh, text: str, message: str) -> None:
+    with pytest.raises(FileError, match=message.replace("(", r"\(")):
+        read_problem(written(tmp_path, text), mesh)
+
+
+def test_a_file_that_is_not_there_might_be_a_misspelt_name(mesh: Mesh) -> None:
+    with pytest.raises(FileError, match=r"sinus: no such file, and no problem of that name \(constant, sine"):
+        named_problem("sinus", mesh)

@@ -1,0 +1,148 @@
+"""Spaces, transfer, evaluation and files of PolyDG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from agglo_core import FileError, Mesh, OptionError, read, samples
+from agglo_core.io.vtu_arrays import parse
+from agglo_core.problem import Diffusion
+from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.evaluate import evaluate, locate
+from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.output import sampled, write_solution
+from agglo_polydg_mg.quadrature import triangulate
+
+Array = NDArray[np.float64]
+
+
+def cubic(x: Array) -> Array:
+    """x³ − 2xy² + 1."""
+    return np.asarray(x[:, 0] ** 3 - 2 * x[:, 0] * x[:, 1] ** 2 + 1)
+
+
+def nested(seed: int = 0) -> tuple[Mesh, Mesh, NDArray[np.int64]]:
+    """A mesh, agglomerates in pieces with holes, and their labels."""
+    mesh = samples.voronoi(60, seed=1)
+    labels = np.random.default_rng(seed).permutation(np.arange(mesh.n_cells) % 7)
+    return mesh, mesh.coarsen(labels), labels
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_projection_keeps_polynomials_and_gradients_are_derivatives(scaled: bool) -> None:
+    for mesh in nested()[:2]:
+        basis = Basis(mesh, 3, scaled)
+        x = basis.project(cubic)
+        points = mesh.cell_centroids
+        cells = np.arange(mesh.n_cells)
+        np.testing.assert_allclose(basis.evaluate(x, cells, points), cubic(points), atol=1e-11)
+        gradient = np.einsum(
+            "qdk,qk->qd", basis.gradients(cells, mesh.local_centroids), basis.coefficients(x)
+        )
+        wanted = [3 * points[:, 0] ** 2 - 2 * points[:, 1] ** 2, -4 * points[:, 0] * points[:, 1]]
+        np.testing.assert_allclose(gradient, np.transpose(wanted), atol=1e-9)
+
+
+def test_the_scaled_basis_is_orthonormal_on_rectangles() -> None:
+    np.testing.assert_allclose(Basis(samples.squares(3), 2, True).mass().toarray(), np.eye(54), atol=1e-13)
+    np.testing.assert_allclose(Basis(samples.squares(3), 2).mass().toarray(), np.eye(54) / 36, atol=1e-13)
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+@pytest.mark.parametrize("coarse_degree", [1, 3])
+def test_injection_leaves_the_function_as_it_is(scaled: bool, coarse_degree: int) -> None:
+    mesh, coarse, labels = nested()
+    fine, wide = Basis(mesh, 3, scaled), Basis(coarse, coarse_degree, scaled)
+    y = np.random.default_rng(1).standard_normal(wide.n)
+    x = project_between(fine, wide, labels) @ y
+    cells, points, _ = sampled(fine)
+    np.testing.assert_allclose(
+        fine.evaluate(x, cells, points), wide.evaluate(y, labels[cells], points), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_the_mass_of_agglomerates_is_that_of_their_cells() -> None:
+    mesh, coarse, labels = nested()
+    fine, wide = Basis(mesh, 2), Basis(coarse, 2)
+    P = project_between(fine, wide, labels)
+    np.testing.assert_allclose((P.T @ fine.mass() @ P).toarray(), wide.mass().toarray(), atol=1e-14)
+
+
+def test_injection_refuses_what_does_not_fit() -> None:
+    mesh, coarse, labels = nested()
+    with pytest.raises(OptionError, match="degree 2 does not inject into degree 1"):
+        project_between(Basis(mesh, 1), Basis(coarse, 2), labels)
+    with pytest.raises(OptionError, match="labels of shape"):
+        project_between(Basis(mesh, 1), Basis(coarse, 1), labels[:-1])
+
+
+def test_triangles_cover_each_cell() -> None:
+    for mesh in nested()[:2]:
+        offsets, corners = triangulate(mesh)
+        u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        areas = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        assert (areas > -1e-15).all()
+        np.testing.assert_allclose(np.add.reduceat(areas, offsets[:-1]), mesh.cell_measures, rtol=1e-12)
+
+
+def test_points_are_found_in_their_cells() -> None:
+    mesh, coarse, labels = nested()
+    points = np.random.default_rng(2).random((200, 2))
+    cells = locate(mesh, points)
+    assert (labels[cells] == locate(coarse, points)).all()
+    assert locate(mesh, [[0.0, 0.0], [2.0, 0.0], [np.nan, 0.0]]).tolist()[1:] == [-1, -1]
+    assert (locate(mesh, mesh.points) >= 0).all()  # corners of cells, where rounding could lose them
+
+
+def test_values_at_points() -> None:
+    basis = Basis(samples.voronoi(20, seed=3), 3)
+    points = np.array([[0.3, 0.4], [0.9, 0.1], [1.5, 0.5]])
+    values = evaluate(basis, basis.project(cubic), points)
+    np.testing.assert_allclose(values[:2], cubic(points[:2]), atol=1e-12)
+    assert np.isnan(values[2])
+    with pytest.raises(OptionError, match="points must have shape"):
+        evaluate(basis, np.zeros(basis.n), [0.1, 0.2])
+
+
+def test_norms_of_a_known_error() -> None:
+    """u_h = 0, u = x on the unit square: L2 1/√3, H1 1, and jumps of the boundary values in the DG norm."""
+    basis = Basis(samples.squares(2), 1)
+    problem = Diffusion(dirichlet={0: lambda x: x[:, 0]}, exact=lambda x: x[:, 0])
+    found = errors(basis, np.zeros(basis.n), problem)
+    assert found.l2 == pytest.approx(1 / np.sqrt(3))
+    assert found.h1 == pytest.approx(1)
+    assert found.dg == pytest.approx(np.sqrt(1 + 40 * (1 + 2 / 3)))  # σ = 20 p² / h
+    given = errors(basis, np.zeros(basis.n), problem, gradient=lambda x: np.tile([1.0, 0.0], (len(x), 1)))
+    assert given == pytest.approx(found)
+    with pytest.raises(OptionError, match="no exact solution"):
+        errors(basis, np.zeros(basis.n), Diffusion())
+
+
+def test_a_file_holds_the_function(tmp_path: Path) -> None:
+    _, mesh, _ = nested()
+    basis = Basis(mesh, 3)
+    write_solution(tmp_path / "u.vtu", basis, basis.project(cubic))
+    document = parse((tmp_path / "u.vtu").read_bytes())
+    arrays = {each.get("Name"): document.array(each) for each in document.root.iter("DataArray")}
+    points = arrays["Points"].reshape(-1, 3)[:, :2]
+    np.testing.assert_allclose(arrays["u"], cubic(points), atol=1e-10)
+    assert set(arrays["cell"]) == set(range(mesh.n_cells))
+    pieces = read(tmp_path / "u.vtu")  # merged at their points, the triangles are a mesh of the same square
+    assert pieces.cell_measures.sum() == pytest.approx(mesh.cell_measures.sum())
+    shares = np.bincount(pieces.cell_tags["cell"], pieces.cell_measures)
+    np.testing.assert_allclose(shares, mesh.cell_measures, rtol=1e-10)
+
+
+def test_files_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
+    basis = Basis(samples.squares(2), 1)
+    with pytest.raises(FileError, match=r"written as \.vtu"):
+        write_solution(tmp_path / "u.vtk", basis, np.zeros(basis.n))
+    with pytest.raises(FileError, match="missing"):
+        write_solution(tmp_path / "missing" / "u.vtu", basis, np.zeros(basis.n))
+    with pytest.raises(OptionError, match="12"):
+        write_solution(tmp_path / "u.vtu", basis, np.zeros(5))
+    assert not list(tmp_path.iterdir())
