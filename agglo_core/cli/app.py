@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -26,6 +27,8 @@ from agglo_core.plugins import CORE_COMMANDS, Record, default, describe
 from agglo_core.plugins.construct import resolve
 
 __all__ = ["app", "main"]
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what writing to stdout may end in
 
 
 class Commands(click.Group):
@@ -125,29 +128,24 @@ def _run(args: Sequence[str] | None) -> int:
     except MemoryError as error:
         return _fail(f"out of memory: {error}" if str(error) else "out of memory")
     except BrokenPipeError:  # the reader of our output left: say nothing
-        _give_up_output()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
         if error.filename is not None:
             return _fail(f"{error.filename}: {error.strerror}")
-        if not _output_is_lost():
+        if error.errno not in _FULL:
             raise
         _give_up_output()
-        return _fail(f"standard output cannot be written: {error.strerror}")
+        return _fail(f"the output cannot be written: {error.strerror}")
     return result if isinstance(result, int) else 0
 
 
-def _output_is_lost() -> bool:
-    try:
-        sys.stdout.flush()  # what could not be written is still waiting
-    except OSError:
-        return True
-    return False
-
-
 def _give_up_output() -> None:
-    """Let what waits to be written go nowhere: at exit it would fail once more."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """Let what stdout cannot write go nowhere: at exit it would fail once more."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(message: str) -> int:

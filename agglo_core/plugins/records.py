@@ -103,13 +103,31 @@ def _importable(name: str) -> bool:
 
 
 def _remedy(record: Record, missing: Sequence[str]) -> str:
-    try:
-        extras = metadata.metadata(record.distribution).get_all("Provides-Extra") or []
-    except (metadata.PackageNotFoundError, ValueError):
-        extras = []
-    if record.plugin in extras:
+    """The install line: the plugin's own extra, another one that brings what is missing, or the packages."""
+    wanted = {_PROJECTS.get(name, name) for name in missing}
+    extras = _extras(record.distribution)
+    own = extras.get(record.plugin)
+    bringing = [extra for extra, names in extras.items() if wanted <= names]
+    if own is not None and (not own or record.plugin in bringing):
         return f"pip install '{record.distribution}[{record.plugin}]'"
-    return f"pip install {' '.join(_PROJECTS.get(name, name) for name in missing)}"
+    if bringing:
+        smallest = min(bringing, key=lambda extra: len(extras[extra]))
+        return f"pip install '{record.distribution}[{smallest}]'"
+    return f"pip install {' '.join(sorted(wanted))}"
+
+
+def _extras(distribution: str) -> dict[str, set[str]]:
+    """Projects each extra of a distribution brings, in the order of its metadata; none if unknown."""
+    try:
+        lines = metadata.metadata(distribution)
+    except (metadata.PackageNotFoundError, ValueError):
+        return {}
+    extras: dict[str, set[str]] = {name: set() for name in lines.get_all("Provides-Extra") or []}
+    for line in lines.get_all("Requires-Dist") or []:
+        found = re.match(r"([\w.-]+).*;.*extra == ['\"]([\w.-]+)['\"]", line)
+        if found and found[2] in extras:
+            extras[found[2]].add(re.sub(r"[-_.]+", "-", found[1]).lower())
+    return extras
 
 
 def with_conflicts(records: Sequence[Record]) -> list[Record]:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import click
+import numpy as np
 import pytest
 
+from agglo_core import Hierarchy, Mesh, pipeline, samples, write
 from agglo_core.cli import main
 from agglo_core.cli.specs import parse_spec
 from agglo_core.errors import MeshError, OptionError
-from agglo_core.plugins import CORE_COMMANDS, Command, hookimpl
+from agglo_core.plugins import CORE_COMMANDS, Command, Component, hookimpl
 from agglo_core.plugins import default as default_registry
 
 
@@ -201,6 +204,43 @@ def test_cells_of_a_plain_mesh_are_measured(agglo: Agglo) -> None:
     assert "cells" in agglo("quality", "in.vtu").out
 
 
+def test_a_component_that_lacks_a_package_says_so_once(agglo: Agglo) -> None:
+    needy = Component("bisector", "needy", "nowhere:Needy", requires=("no_such_thing",))
+    default_registry().register(SimpleNamespace(agglo_components=hookimpl(lambda: [needy])), "mine")
+    try:
+        for command in (["run", "squares:n=2", "--bisector", "needy"], ["check", "needy"]):
+            code, _, err = agglo(*command)
+            assert code == 2
+            assert "cannot be used: needs no_such_thing, not installed here" in err
+    finally:
+        default_registry().unregister("mine")
+
+
+def test_levels_that_are_none_are_noted(agglo: Agglo) -> None:
+    mesh = samples.squares(2)
+    write("in.vtu", replace(mesh, cell_tags={"level_1": np.zeros(4, int)}))
+    code, out, err = agglo("quality", "in.vtu", "--json")
+    assert (code, json.loads(out)["levels"][0]["level"]) == (0, "cells")
+    assert "note: level_1 taken for no level: there is no level_0" in err
+    text = Path("in.vtu").read_text()
+    real = '<CellData><DataArray type="Float64" Name="level_0" format="ascii">0 0 1 1</DataArray>'
+    Path("in.vtu").write_text(text.replace("<CellData>", real))
+    assert "note: cell data that are not integers left out: level_0" in agglo("quality", "in.vtu").err
+
+
+def test_runs_are_warmed_up_before_the_clock(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes, real = [], pipeline.agglomerate
+
+    def recorded(mesh: Mesh, **arguments: Any) -> Hierarchy:
+        sizes.append((mesh.n_cells, "kmeans" in str(arguments["bisector"])))
+        return real(mesh, **arguments)
+
+    monkeypatch.setattr(pipeline, "agglomerate", recorded)
+    two = ["--bisector", "kmeans", "--bisector", "inertial"]
+    assert agglo("run", "squares:n=3", *two, "--parts", "2", "--quiet").code == 0
+    assert sizes == [(16, True), (9, True), (16, False), (9, False)]
+
+
 def test_components_can_be_chosen_and_switched_off(agglo: Agglo) -> None:
     off = agglo(
         "run", "squares:n=4", "--parts", "4", "--refiner", "none", "--fixer", "connectivity", "--json"
@@ -223,7 +263,17 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "letters for numbers": (["run", "squares:n=4", "--parts", "2,x"], "comma list of whole numbers"),
     "a fraction of a part": (["run", "squares:n=4", "--parts", "2.5"], "comma list of whole numbers"),
     "more parts than cells": (["run", "squares:n=2", "--parts", "5"], "5"),
-    "no parts": (["run", "squares:n=2", "--parts", "0"], "0"),
+    "no parts": (["run", "squares:n=2", "--parts", "4,0"], "'--parts': each number must be positive"),
+    "less than a cell": (["run", "squares:n=2", "--cells-per-part", "0.5"], "'--cells-per-part'"),
+    "no name": (["run", ""], "the name of the mesh is empty"),
+    "none and a refiner": (
+        ["run", "squares:n=4", *["--refiner", "none", "--refiner", "interface"]],
+        "--refiner",
+    ),
+    "letters for a floor": (
+        ["run", "squares:n=4", "--refiner", "interface:floor=abc"],
+        "interface: floor must",
+    ),
     "a negative size": (["run", "squares:n=2", "--h-star", "-1"], "-1"),
     "a size that is no number": (["run", "squares:n=2", "--h-star", "nan"], "nan"),
     "an unknown bisector": (["run", "squares:n=4", "--bisector", "kmean"], "did you mean 'kmeans'?"),
@@ -235,7 +285,9 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "an unknown method": (["run", "squares:n=4", "--method", "direct"], "recursive"),
     "no such config": (["run", "squares:n=4", "--config", "absent.toml"], "absent.toml"),
     "an unknown suffix": (["run", "squares:n=4", "-o", "out.xyzzy"], "xyzzy"),
-    "a folder as output": (["run", "squares:n=4", "-o", "folder"], "folder"),
+    "a folder as output": (["run", "squares:n=4", "-o", "folder"], "folder: is a folder"),
+    "a folder as mesh to write": (["mesh", "squares:n=4", "-o", "folder"], "folder: is a folder"),
+    "a folder as picture": (["run", "squares:n=4", "--plot", "folder"], "folder is a folder"),
     "no folder for output": (["run", "squares:n=4", "-o", "absent/out.vtu"], "absent"),
     "not a picture": (["run", "squares:n=4", "--plot", "out.doc"], ".png"),
     "no folder for the picture": (["run", "squares:n=4", "--plot", "absent/out.png"], "absent"),

@@ -113,5 +113,13 @@ def test_wrong_shapes_are_refused(graph: Graph) -> None:
         functionals.cut(graph, np.full(graph.n, -1))
     with pytest.raises(OptionError, match="Y must have shape"):
         functionals.expected_cuts(graph, np.ones(graph.n))
+    for wrong in (-0.1, 1.1, np.nan):
+        for expectation in (
+            functionals.expected_cuts,
+            functionals.expected_volumes,
+            functionals.expected_normalised_cut,
+        ):
+            with pytest.raises(OptionError, match=r"probabilities in \[0, 1\]"):
+                expectation(graph, np.full((graph.n, 2), wrong))
     with pytest.raises(OptionError, match="edge_weights must be"):
         functionals.cut(graph, np.zeros(graph.n, int), edge_weights=np.ones(3))

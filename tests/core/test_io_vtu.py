@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import agglo_core
 from agglo_core.elements import polyhedra_from_elements
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
@@ -350,7 +351,7 @@ def test_an_earlier_hierarchy_is_replaced_whole(tmp_path: Path, caplog: pytest.L
     assert before - set(os.listdir(tmp_path)) == {"o_level1.vtu", "o_level2.vtu"}
     assert read(tmp_path / "o.vtu").cell_tags.keys() == {"level_0"}
     assert read(tmp_path / "o_level0.vtu").cell_tags == {}
-    found = read_hierarchy(tmp_path / "o.vtu")[1]
+    found = agglo_core.read_hierarchy(tmp_path / "o.vtu")[1]
     assert found is not None
     assert [labels.tolist() for labels in found.levels] == [half.tolist()]
 
