@@ -30,11 +30,11 @@ _SHIPPED = Path(__file__).parent / "weights" / "fast.safetensors"
 class FastGNN:
     """Bisection by a learned direction and an exact sweep across it.
 
-    A block of at least 96 cells is laid on a raster in its principal frame. Two SAGE layers on the
+    A block of at least 48 cells is laid on a raster in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
     the one that costs least by :func:`agglo_core.sweep.sweep` is taken. Blocks of fewer than 400 cells,
-    or of equal cells, try their axes and diagonals as well. Smaller blocks are swept along eight
-    axes, exactly as the bisector ``sweep`` does. Both sides are never empty, and no random numbers.
+    or of equal cells, try their axes and diagonals as well. Smaller blocks are swept along four
+    axes, as the bisector ``sweep`` does along eight. Both sides are never empty, and no random numbers.
 
     Parameters
     ----------

@@ -14,7 +14,8 @@ _TIE = 1e-6  # of a bin: values that close to its end lie inside
 _BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
 _BINS = 32
 _NONE = 1e300
-_SMALL = 48  # cells below which the axes are swept instead
+_SMALL = 48  # cells below which some axes are swept instead
+_AXES = 4
 _LONG = 0.5  # ratio of principal moments below which a piece is long
 _FEW = 400  # cells below which the axes are tried beside the network's direction
 
@@ -155,7 +156,7 @@ def _cut_large(
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a planar level: the network's cut, or for small blocks the best of eight axes."""
+    """Side of each node of a planar level: the network's cut, or the best of four axes if it is small."""
     largest = np.diff(offsets).max()
     local, uv, shares, score = (
         np.empty((3, largest)),
@@ -182,8 +183,8 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
         if best[0] == _NONE:
             frame = planar_frame(n, local[0], local[1], shares)
             best = axes_block(
-                start, n, indptr, indices, interface, local, shares, inertia, scale, frame, 6, score, bins,
-                tally,
+                start, n, indptr, indices, interface, local, shares, inertia, scale, frame, _AXES, score,
+                bins, tally,
             )  # fmt: skip
             settle_block(start, n, best, score, bins, sides)
     return sides

@@ -82,7 +82,7 @@ def test_the_kernel_is_the_network(level):
 
 def test_the_kernel_agrees_with_torch(level):
     torch = pytest.importorskip("torch")
-    from agglo_gnn.fast_train import network
+    from agglo_gnn.fast_network import network
 
     sight = see(level)
     values = arrays(2)
@@ -232,7 +232,8 @@ FastGNN().bisect_level(samples.squares(12).graph, np.zeros(1, np.uint64))
 
 def test_training_repeats_itself_and_starts_from_inertial_bisection():
     pytest.importorskip("torch")
-    from agglo_gnn.fast_train import initial_parameters, train_fast
+    from agglo_gnn.fast_network import initial_parameters
+    from agglo_gnn.fast_train import train_fast
 
     seen = []
     one, metrics = train_fast(5, steps=4, pieces=60, validation=40, progress=lambda *now: seen.append(now))
