@@ -22,6 +22,10 @@ Mask = NDArray[np.bool_]
 
 def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     """Read-only C-contiguous view of ``values`` in ``dtype`` (a copy only if one is needed)."""
+    if type(values) is np.ndarray and values.dtype == dtype:  # most are frozen already
+        flags = values.flags
+        if flags.c_contiguous and not flags.writeable:
+            return values
     array = np.ascontiguousarray(values, dtype=dtype)
     if np.ndim(values) == 0:
         array = array.reshape(())

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,12 +16,29 @@ from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.plugins.discovery import PLUGIN_FAILURES
-from agglo_core.protocols import Bisector, ConnectivityFixer, LevelBisector, Partitioner, Refiner, Target
+from agglo_core.protocols import (
+    Aiming,
+    Bisector,
+    ConnectivityFixer,
+    LevelBisector,
+    Partitioner,
+    Refiner,
+    Target,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-__all__ = ["Crew", "Member", "Statistics", "attributed", "bisect_by_block", "piece_seeds", "splitmix"]
+__all__ = [
+    "Crew",
+    "Member",
+    "Statistics",
+    "Timed",
+    "attributed",
+    "bisect_by_block",
+    "piece_seeds",
+    "splitmix",
+]
 
 _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
@@ -41,6 +59,22 @@ def piece_seeds(seed: int, stage: int, count: int) -> UInt64:
     return splitmix(splitmix(root) + place)
 
 
+@dataclass(slots=True)
+class Timed:
+    """Context that adds its CPU time to ``seconds[phase]``; a class, as generators cost more to enter."""
+
+    seconds: dict[str, float]
+    phase: str
+    start: float = 0.0
+
+    def __enter__(self) -> None:
+        self.start = time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        spent = time.process_time() - self.start
+        self.seconds[self.phase] = self.seconds.get(self.phase, 0.0) + spent
+
+
 @dataclass
 class Statistics:
     """What happened during a run: counts, and CPU seconds by phase."""
@@ -52,14 +86,9 @@ class Statistics:
     oversized_cells: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
 
-    @contextmanager
-    def timed(self, phase: str) -> Iterator[None]:
-        """Add the CPU time of the block to ``seconds[phase]``."""
-        start = time.process_time()
-        try:
-            yield
-        finally:
-            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.process_time() - start
+    def timed(self, phase: str) -> Timed:
+        """Context that adds its CPU time to ``seconds[phase]``."""
+        return Timed(self.seconds, phase)
 
 
 @dataclass(frozen=True)
@@ -86,11 +115,22 @@ class Crew:
     fallback: Member | None = None
     watch: Callable[[dict[str, Any]], None] | None = None
 
+    @cached_property
+    def splitter(self) -> Member:
+        """Who bisects: the bisector if it can, else the finisher."""
+        return self.bisector if isinstance(self.bisector.tool, LevelBisector | Bisector) else self.finisher
+
+    def aimed(self, target: Target) -> Crew:
+        """The same crew, its bisector told the target if it wants to know."""
+        if not isinstance(self.splitter.tool, Aiming):
+            return self
+        with attributed(self.splitter):
+            tool = self.splitter.tool.aim(target)
+        return replace(self, bisector=replace(self.splitter, tool=tool))
+
     def bisect(self, level: Graph, seeds: UInt64, statistics: Statistics) -> Int:
         """Sides ``(n,)`` in {0, 1}, both present in every block."""
-        can_bisect = isinstance(self.bisector.tool, LevelBisector | Bisector)
-        member = self.bisector if can_bisect else self.finisher
-        sides = _sides(member, level, seeds)
+        sides = _sides(self.splitter, level, seeds)
         lopsided = _one_sided(level, sides)
         if len(lopsided) and self.fallback is not None:
             statistics.fallbacks += len(lopsided)
@@ -101,7 +141,7 @@ class Crew:
         if len(lopsided):
             size = int(np.diff(level.offsets)[lopsided[0]])
             rescue = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
-            raise PluginError(f"{member.title} put all {size} cells of a piece on one side{rescue}")
+            raise PluginError(f"{self.splitter.title} put all {size} cells of a piece on one side{rescue}")
         return sides
 
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:
@@ -163,11 +203,10 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
 
 def broken_blocks(graph: Graph, labels: Int) -> Int:
     """Blocks with a part that is not connected."""
-    from agglo_core.kernels.graphs import count_components
+    from agglo_core.kernels import graphs
 
-    parts = _present(graph, labels, int(labels.max()) + 1).sum(axis=1)
-    found = count_components(graph.offsets, graph.indptr, graph.indices, frozen_int(labels))
-    return frozen_int(np.flatnonzero(found != parts))
+    found = graphs.broken_blocks(graph.offsets, graph.indptr, graph.indices, frozen_int(labels))
+    return frozen_int(np.flatnonzero(found))
 
 
 @contextmanager
@@ -186,7 +225,7 @@ def attributed(member: Member, *, spare: type[Exception] | tuple[()] = ()) -> It
 def _sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     """Sides as integers {0, 1}; probabilities are rounded (1 iff p >= 0.5)."""
     with attributed(member):
-        if isinstance(member.tool, LevelBisector):
+        if callable(getattr(member.tool, "bisect_level", None)):
             given = np.asarray(member.tool.bisect_level(level, seeds))
         else:
             given = bisect_by_block(member.tool, level, seeds)
@@ -225,6 +264,8 @@ def _same_parts(member: Member, graph: Graph, before: Int, after: Int) -> None:
         raise PluginError(
             f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{stride - 1}"
         )
+    if stride == 2 and not len(_one_sided(graph, before)) and not len(_one_sided(graph, after)):
+        return
     had, has = _present(graph, before, stride), _present(graph, after, stride)
     if (had != has).any():
         block, part = np.argwhere(had != has)[0]
@@ -234,8 +275,5 @@ def _same_parts(member: Member, graph: Graph, before: Int, after: Int) -> None:
 
 def _present(graph: Graph, labels: Int, stride: int) -> NDArray[np.bool_]:
     """Which labels 0..stride−1 occur in each block ``(B, stride)``."""
-    if stride == 2:
-        ones = np.add.reduceat(labels, graph.offsets[:-1])
-        return np.stack((ones < np.diff(graph.offsets), ones > 0), axis=1)
     room = graph.n_blocks * stride
     return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)

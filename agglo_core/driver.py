@@ -83,6 +83,7 @@ def grow(
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.
     """
     growth = _Growth(graph.n, rule)
+    crew = crew.aimed(rule.target)
     with statistics.timed("split"):
         source, cells = graph.split(labels)
         order, offsets = frozen_int(np.arange(graph.n)), source.offsets
@@ -97,11 +98,12 @@ def grow(
         if finished.all():
             return growth.tree(), frozen_int(np.concatenate(leaves))
         going = np.flatnonzero(~finished)
-        with statistics.timed("split"):
-            rows, sizes = _rows(offsets, going)
-            take = order if len(rows) == len(order) else order[rows]
-            starts = np.concatenate(([0], np.cumsum(sizes)))
-            source, cells = source.subgraph(take, starts), cells[take]
+        if nodes[0] > 0 or len(going) < len(nodes):  # else the blocks are the roots, as they stand
+            with statistics.timed("split"):
+                rows, sizes = _rows(offsets, going)
+                take = order if len(rows) == len(order) else order[rows]
+                starts = np.concatenate(([0], np.cumsum(sizes)))
+                source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
         sides = _split(source, crew, seeds, rule.target, statistics)
         with statistics.timed("test"):
@@ -154,7 +156,8 @@ def recursive_levels(
     """
     if levels.sizes and not post.active:
         h_stars = levels.sizes
-        tree, leaves = grow(graph, graph.components(), ByDiameter(h_stars[0]), crew, seed, 0, statistics)
+        rule: Rule = ByDiameter(h_stars[0], coarser=tuple(h_stars[1:]))
+        tree, leaves = grow(graph, graph.components(), rule, crew, seed, 0, statistics)
         note_oversized(tree, leaves, h_stars[0], statistics)
         return [tree.labels(tree.cut(h * (1 + ROUNDING))) for h in h_stars]
     labels = graph.components()

@@ -43,7 +43,8 @@ class Tree:
     start, stop : (N,) int
         Node i owns ``cells[start[i]:stop[i]]``.
     diameter : (N,) float
-        Exact diameter; NaN where no target asked for it.
+        Diameter, exact where a target is near, elsewhere a number on the same side of every target;
+        NaN where no target asked for it.
     """
 
     cells: Int

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from agglo_core.problem import Problem, Solution
 
 __all__ = [
+    "Aiming",
     "Bisector",
     "ConnectivityFixer",
     "LevelBisector",
@@ -68,6 +69,15 @@ class LevelBisector(Protocol):
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
         """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
+        ...
+
+
+@runtime_checkable
+class Aiming(Protocol):
+    """Optional: a bisector that wants to know what the pieces are to become."""
+
+    def aim(self, target: Target) -> LevelBisector | Bisector:
+        """Return the bisector for pieces that are to meet ``target``; called before the first split."""
         ...
 
 

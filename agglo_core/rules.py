@@ -35,17 +35,16 @@ class Rule(Protocol):
         ...
 
 
-def _diameters(graph: Graph, order: Int, offsets: Int) -> Float:
-    from agglo_core.kernels.geometry import block_diameters
-
-    return frozen_float(block_diameters(offsets, order, graph.vertex_offsets, graph.vertices, graph.points))
-
-
 @dataclass(frozen=True)
 class ByDiameter:
-    """Pieces are finished at ``diam <= h_star``; a single cell is, too. State: the diameter."""
+    """Pieces are finished at ``diam <= h_star``; a single cell is, too.
+
+    State: the diameter, exact where ``h_star`` or one of the ``coarser`` targets is near, elsewhere a
+    number on the same side of all of them.
+    """
 
     h_star: float
+    coarser: tuple[float, ...] = ()
 
     @property
     def target(self) -> Target:
@@ -54,7 +53,12 @@ class ByDiameter:
 
     def roots(self, graph: Graph, order: Int, offsets: Int) -> tuple[Float, Mask]:
         """Diameters, and whether each is small enough."""
-        diameter = _diameters(graph, order, offsets)
+        from agglo_core.kernels.geometry import compare_diameters
+
+        limits = frozen_float(np.sort((self.h_star, *self.coarser)) * (1 + ROUNDING))
+        diameter = frozen_float(
+            compare_diameters(offsets, order, graph.vertex_offsets, graph.vertices, graph.points, limits)
+        )
         return diameter, (diameter <= self.h_star * (1 + ROUNDING)) | (np.diff(offsets) == 1)
 
     def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels import kernel
 
-__all__ = ["block_diameters", "polygon_moments"]
+__all__ = ["block_diameters", "compare_diameters", "polygon_moments"]
 
 
 @kernel
@@ -39,78 +39,134 @@ def polygon_moments(points, offsets, faces, face_vertices, face_cells):
 
 
 @kernel
-def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
-    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``.
+def _distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
+    """Write the vertices of ``cells``, each once, to ``unique`` and the centre of their box; their number."""
+    m = 0
+    d = len(centre)
+    low, high = np.full(d, np.inf), np.full(d, -np.inf)
+    for i in range(len(cells)):
+        for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
+            v = vertices[h]
+            if stamp[v] != b:
+                stamp[v] = b
+                unique[m] = v
+                m += 1
+                for k in range(d):
+                    low[k] = min(low[k], points[v, k])
+                    high[k] = max(high[k], points[v, k])
+    for k in range(d):
+        centre[k] = 0.5 * (low[k] + high[k])
+    return m
+
+
+@kernel
+def _farthest(m, unique, x, points):
+    """The farthest of the vertices ``unique[:m]`` from ``x``, and the square of its distance."""
+    best, q = -1.0, unique[0]
+    for i in range(m):
+        s = 0.0
+        for k in range(len(x)):
+            s += (points[unique[i], k] - x[k]) ** 2
+        if s > best:
+            best, q = s, unique[i]
+    return best, q
+
+
+@kernel
+def _widest(m, unique, centre, points):
+    """Largest distance between any two of ``unique[:m]``, which get another order.
 
     A farthest pair must lie outside the ball where distance to the centre is below
     (lower bound) − (largest distance to the centre); only those few vertices are compared.
     """
-    n_blocks = len(block_offsets) - 1
-    d = points.shape[1]
-    result = np.zeros(n_blocks)
+    far, widest = m, 0.0
+    if m > 12:
+        reach, p = _farthest(m, unique, centre, points)
+        for _ in range(3):
+            best, q = _farthest(m, unique, points[p], points)
+            if best <= widest:
+                break
+            widest, p = best, q
+        inner = np.sqrt(widest) - np.sqrt(reach)
+        inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 else 0.0
+        far = 0
+        for i in range(m):
+            s = 0.0
+            for k in range(len(centre)):
+                s += (points[unique[i], k] - centre[k]) ** 2
+            if s >= inner:
+                unique[far], unique[i] = unique[i], unique[far]
+                far += 1
+    for i in range(1, far):
+        widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
+    return np.sqrt(widest)
+
+
+@kernel
+def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
+    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
+    result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
-    low, high, centre = np.empty(d), np.empty(d), np.empty(d)
-    unique = np.empty(64, np.int64)
-    for b in range(n_blocks):
-        # distinct vertices of the block, and their bounding box
-        m = 0
+    unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
+    for b in range(len(result)):
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+        result[b] = _widest(m, unique, centre, points)
+    return result
+
+
+@kernel
+def _width_bounds(cells, vertex_offsets, vertices, points, box, enough):
+    """Two bounds of the largest vertex distance, from extents along the axes and, in a plane, diagonals.
+
+    Both are infinite as soon as the lower one is known to exceed ``enough``.
+    """
+    d = points.shape[1]
+    low, high = box
+    for k in range(len(low)):
+        low[k], high[k] = np.inf, -np.inf
+    lower = 0.0
+    for i in range(len(cells)):
+        for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
+            v = vertices[h]
+            for k in range(d):
+                low[k], high[k] = min(low[k], points[v, k]), max(high[k], points[v, k])
+            if d == 2:
+                rise, fall = points[v, 0] + points[v, 1], points[v, 0] - points[v, 1]
+                low[2], high[2] = min(low[2], rise), max(high[2], rise)
+                low[3], high[3] = min(low[3], fall), max(high[3], fall)
         for k in range(d):
-            low[k], high[k] = np.inf, -np.inf
-        for i in range(block_offsets[b], block_offsets[b + 1]):
-            for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
-                v = vertices[h]
-                if stamp[v] != b:
-                    stamp[v] = b
-                    if m == len(unique):
-                        grown = np.empty(2 * m, np.int64)
-                        for k in range(m):  # numba takes seconds longer to compile slice copies
-                            grown[k] = unique[k]
-                        unique = grown
-                    unique[m] = v
-                    m += 1
-                    for k in range(d):
-                        low[k] = min(low[k], points[v, k])
-                        high[k] = max(high[k], points[v, k])
-        for k in range(d):
-            centre[k] = 0.5 * (low[k] + high[k])
-        far = m
-        if m > 12:
-            # lower bound: from the vertex farthest from the centre to the one farthest from it
-            reach, p = -1.0, unique[0]
-            for i in range(m):
-                s = 0.0
-                for k in range(d):
-                    s += (points[unique[i], k] - centre[k]) ** 2
-                if s > reach:
-                    reach, p = s, unique[i]
-            bound = 0.0
-            for _ in range(3):
-                best, q = -1.0, p
-                for i in range(m):
-                    s = 0.0
-                    for k in range(d):
-                        s += (points[unique[i], k] - points[p, k]) ** 2
-                    if s > best:
-                        best, q = s, unique[i]
-                if best <= bound:
-                    break
-                bound, p = best, q
-            inner = np.sqrt(bound) - np.sqrt(reach)
-            inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 else 0.0
-            far = 0
-            for i in range(m):
-                s = 0.0
-                for k in range(d):
-                    s += (points[unique[i], k] - centre[k]) ** 2
-                if s >= inner:
-                    unique[far], unique[i] = unique[i], unique[far]
-                    far += 1
-            result[b] = bound
-        for i in range(far):
-            for j in range(i):
-                s = 0.0
-                for k in range(d):
-                    s += (points[unique[i], k] - points[unique[j], k]) ** 2
-                result[b] = max(result[b], s)
-        result[b] = np.sqrt(result[b])
+            lower = max(lower, high[k] - low[k])
+        if lower > enough:
+            return np.inf, np.inf
+    if d == 2:  # some of the four directions is within 22.5 degrees of that of the farthest pair
+        lower = max(lower, np.sqrt(0.5) * max(high[2] - low[2], high[3] - low[3]))
+        return lower, lower / np.cos(np.pi / 8.0)
+    upper = 0.0
+    for k in range(d):
+        upper += (high[k] - low[k]) ** 2
+    return lower, np.sqrt(upper)
+
+
+@kernel
+def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
+    """Like ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
+
+    Exact where a limit is near, a lower bound elsewhere, infinite beyond the last one: many times
+    faster, as most blocks of a recursion are far larger than its targets.
+    """
+    result = np.zeros(len(block_offsets) - 1)
+    stamp = np.full(len(points), -1, np.int64)
+    unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
+    box = (np.empty(max(4, points.shape[1])), np.empty(max(4, points.shape[1])))
+    enough = limits[-1] * (1.0 + 1e-12)
+    for b in range(len(result)):
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        lower, upper = _width_bounds(own, vertex_offsets, vertices, points, box, enough)
+        result[b] = lower
+        for k in range(len(limits)):
+            if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
+                m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+                result[b] = _widest(m, unique, centre, points)
+                break
     return result

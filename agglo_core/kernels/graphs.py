@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels import kernel
 
-__all__ = ["child_order", "components", "count_components", "dual_graph", "permute_graph", "take_rows"]
+__all__ = ["broken_blocks", "child_order", "components", "dual_graph", "permute_graph", "take_rows"]
 
 
 @kernel
@@ -131,24 +131,30 @@ def components(indptr, indices, labels):
 
 
 @kernel
-def count_components(offsets, indptr, indices, labels):
-    """Number of connected components of equal labels in each block, by union-find: faster than a search."""
+def broken_blocks(offsets, indptr, indices, labels):
+    """Which blocks have a part that is not connected, by union-find: faster than a search."""
     parent = np.empty(len(labels), np.int32)
-    counts = np.empty(len(offsets) - 1, np.int64)
-    for b in range(len(counts)):
-        counts[b] = offsets[b + 1] - offsets[b]
+    seen = np.full(labels.max() + 1, -1, np.int64)
+    broken = np.empty(len(offsets) - 1, np.bool_)
+    for b in range(len(broken)):
+        spare = 0  # components beyond one for each part
         for i in range(offsets[b], offsets[b + 1]):
-            root = i
-            parent[i] = i
+            own, root = labels[i], np.int32(i)
+            spare += seen[own] == b
+            seen[own] = b
+            parent[i] = root
             for h in range(indptr[i], indptr[i + 1]):
                 j = indices[h]
-                if j >= i or labels[j] != labels[i]:
+                joined = (j < i) & (labels[j] == own)
+                other = parent[j] if joined else root  # a branch would be mispredicted half the time
+                if other == root:
                     continue
-                while parent[j] != j:
-                    parent[j] = parent[parent[j]]
-                    j = parent[j]
-                if j != root:
-                    root, child = min(root, j), max(root, j)
+                while parent[other] != other:
+                    other = parent[other]
+                if other != root:
+                    root, child = min(root, other), max(root, other)
                     parent[child] = root
-                    counts[b] -= 1
-    return counts
+                    spare -= 1
+            parent[i] = root
+        broken[b] = spare > 0
+    return broken

@@ -14,33 +14,20 @@ _TIE = 1e-9
 
 
 @kernel
-def _gain(graph, parts, i, target):
-    """How much shorter the interface gets when cell i moves to ``target``."""
-    indptr, indices, interface = graph
-    gain = 0.0
-    for h in range(indptr[i], indptr[i + 1]):
-        p = parts[indices[h]]
-        if p == target:
-            gain += interface[h]
-        elif p == parts[i]:
-            gain -= interface[h]
-    return gain
-
-
-@kernel
 def _best_move(graph, parts, i, pairs):
     """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
 
     Target −1 if nothing is saved. A pair pays where neither cell does alone.
     """
     indptr, indices, interface = graph
-    own, total = 0.0, 0.0
+    home, own, total = parts[i], 0.0, 0.0
     target, length = -1, 0.0
     for h in range(indptr[i], indptr[i + 1]):
         p = parts[indices[h]]
         total += interface[h]
-        if p == parts[i]:
+        if p == home:
             own += interface[h]
+        if p in (home, target):
             continue
         shared = 0.0
         for g in range(indptr[i], indptr[i + 1]):
@@ -56,8 +43,11 @@ def _best_move(graph, parts, i, pairs):
     partner, best = -1, least
     for h in range(indptr[i], indptr[i + 1]):
         j = indices[h]
-        if parts[j] == parts[i]:
-            both = length - own + 2.0 * interface[h] + _gain(graph, parts, j, target)
+        if parts[j] == home:
+            both = length - own + 2.0 * interface[h]
+            for g in range(indptr[j], indptr[j + 1]):  # no branch: it would be mispredicted
+                p = parts[indices[g]]
+                both += interface[g] * ((p == target) - np.int64(p == home))
             if both > best:
                 partner, best = j, both
     if partner < 0:

@@ -8,7 +8,7 @@ import os
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
@@ -120,7 +120,7 @@ class Registry:
         if kind not in (*KINDS, "command"):
             raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
         qualifier, _, plain = name.rpartition("/")
-        records = [r for r in self._records(settled=not qualifier) if r.kind == kind and r.name == plain]
+        records = self._records(lambda r: r.kind == kind and r.name == plain, settled=not qualifier)
         if qualifier:
             records = [r for r in records if qualifier in (r.plugin, r.distribution)]
             records = [r for r in records if r.in_tree] or records
@@ -200,8 +200,9 @@ class Registry:
             records.append(replace(origin, state="broken", reason=problem))
         self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
 
-    def _records(self, *, settled: bool = True) -> Records:
-        records = [with_requirements(self._unblocked(r)) for p in self._plugins for r in p.records]
+    def _records(self, wanted: Callable[[Record], bool] = lambda _: True, *, settled: bool = True) -> Records:
+        found = (record for plugin in self._plugins for record in plugin.records if wanted(record))
+        records = [with_requirements(self._unblocked(record)) for record in found]
         return with_conflicts(records) if settled else records
 
     def _unblocked(self, record: Record) -> Record:

@@ -329,3 +329,42 @@ def test_splitmix_is_the_published_generator():
 
 def test_checked_output_is_read_only():
     assert not agglo.agglomerate(GRID, n_parts=4).levels[0].flags.writeable
+
+
+class Aimed:
+    """Splits at the median of x, and remembers what it was aimed at."""
+
+    def __init__(self, targets, target=None):
+        self.targets = targets
+        self.target = target
+
+    def aim(self, target):
+        self.targets.append(target)
+        return Aimed(self.targets, target)
+
+    def bisect(self, graph, rng):
+        assert self.target is self.targets[-1]
+        return halves(graph)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ({"h_star": (0.3, 0.6)}, [{"h_star": 0.3}]),
+        ({"h_star": (0.3, 0.6), "nested": False}, [{"h_star": 0.3}, {"h_star": 0.6}]),
+        ({"n_parts": (4, 2)}, [{"parts": 2}, {"parts": 4}]),
+    ],
+)
+def test_a_bisector_with_aim_is_told_each_target_once(given, wanted):
+    targets = []
+    agglo.agglomerate(GRID, bisector=Aimed(targets), **given)
+    assert targets == [agglo.Target(**each) for each in wanted]
+
+
+def test_an_aim_that_fails_is_named():
+    class Blind(Aimed):
+        def aim(self, target):
+            raise ValueError("no idea")
+
+    with pytest.raises(PluginError, match="bisector Blind raised ValueError: no idea"):
+        agglo.agglomerate(GRID, bisector=Blind([]), n_parts=2)

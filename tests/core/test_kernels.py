@@ -21,9 +21,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agglo_core import Graph, samples
-from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.kernels.faces import cell_faces, check_polygons, match_half_edges
-from agglo_core.kernels.graphs import child_order, components, count_components, permute_graph, take_rows
+from agglo_core.kernels.geometry import block_diameters, compare_diameters
+from agglo_core.kernels.graphs import broken_blocks, child_order, components, permute_graph, take_rows
 from agglo_core.kernels.interface import relax_interface
 from agglo_core.kernels.repair import absorb
 from agglo_kmeans.kernel import two_means
@@ -175,11 +176,42 @@ def test_nodes_by_component(seed: int) -> None:
     wanted = sorted(map(sorted, nx.connected_components(net)))
     assert [sorted(nodes[i:j]) for i, j in pairwise(offsets)] == wanted
     blocks = graph.subgraph(np.arange(30), [0, 10, 30])
-    counts = count_components(blocks.offsets, blocks.indptr, blocks.indices, frozen_int(labels))
-    first = np.unique(blocks.components(labels), return_index=True)[1]
-    assert counts.tolist() == [np.sum(first < 10), np.sum(first >= 10)]
+    found = broken_blocks(blocks.offsets, blocks.indptr, blocks.indices, frozen_int(labels))
+    component = blocks.components(labels)
+    pieces = [len(set(component[i:j])) - len(set(labels[i:j])) for i, j in pairwise(blocks.offsets)]
+    assert found.tolist() == [spare > 0 for spare in pieces]
     component = graph.components(labels)
     assert [np.flatnonzero(component == c).tolist() for c in range(len(wanted))] == wanted
+
+
+# --- diameters --------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, st.booleans(), st.lists(st.floats(1e-3, 3.0), min_size=1, max_size=4))
+def test_compared_diameters(seed: int, solid: bool, limits: list[float]) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.random((60, 3 if solid else 2)) * rng.choice([1.0, 0.2], 3 if solid else 2)
+    corners, cells = rng.integers(0, 60, 120), frozen_int(np.arange(40))
+    offsets = frozen_int(np.unique(np.concatenate(([0, 40], rng.integers(1, 40, 12)))))
+    mesh = frozen_int(np.arange(0, 121, 3)), frozen_index(corners), frozen_float(points)
+    exact = block_diameters(offsets, cells, *mesh)
+    wanted = [
+        max(
+            np.linalg.norm(points[p] - points[q])
+            for p in corners[3 * i : 3 * j]
+            for q in corners[3 * i : 3 * j]
+        )
+        for i, j in pairwise(offsets)
+    ]
+    assert exact == pytest.approx(wanted)
+    sharp = [*limits, float(exact[0])]  # one block lies on a limit
+    found = compare_diameters(offsets, cells, *mesh, frozen_float(np.sort(sharp)))
+    for limit in sharp:
+        assert ((found <= limit) == (exact <= limit)).all()
+    finite = np.isfinite(found)
+    assert (found[finite] <= exact[finite] * (1 + 1e-12)).all()
+    assert found[finite] == pytest.approx(exact[finite], rel=0.5 if solid else 0.08)
 
 
 # --- connectivity repair ----------------------------------------------------------------------------------
