@@ -11,7 +11,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.graph import Graph
 
 __all__ = [
@@ -49,11 +49,7 @@ def split_at_median(level: Graph, projection: Float, tie: Float) -> Int:
     (n,) int64
         0 below the median, 1 above; both occur in every block of at least two nodes.
     """
-    extents = [block_extents(level, projection[:, None])[:, 0]]
-    extents += [block_extents(level, tie).max(axis=1)] * tie.shape[1] if tie.shape[1] else []
-    columns = [projection, *tie.T]
-    ranks = [block_ranks(level, values, extent) for values, extent in zip(columns, extents, strict=True)]
-    order = np.lexsort((*ranks[::-1], level.block_ids))
+    order = _order(level, projection, tie)
     shares = integer_shares(level.weights, level.block_ids)[order]
     before = np.cumsum(shares) - shares
     starts = level.offsets[:-1]
@@ -104,13 +100,35 @@ def block_extents(level: Graph, values: Float) -> Float:
     return high - np.minimum.reduceat(values, starts, axis=0)
 
 
-def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
-    """Rank of each value in its block, the same for values that a chain of tiny steps connects."""
-    order = np.lexsort((values, level.block_ids))
-    steps = np.diff(values[order]) > TIE * extents[level.block_ids[1:]]
-    ranks = np.zeros(level.n, dtype=np.int64)
+def _order(level: Graph, projection: Float, tie: Float) -> Int:
+    """Nodes of each block by ``projection``; those that count as equal by the columns of ``tie``."""
+    order = np.lexsort((projection, level.block_ids))
+    blocks = level.block_ids
+    apart = np.ones(level.n + 1, bool)  # whether what stands at a place is apart from what stands before
+    extents = block_extents(level, projection[:, None])[:, 0]
+    apart[1:-1] = (np.diff(projection[order]) > TIE * extents[blocks[1:]]) | (blocks[1:] != blocks[:-1])
+    tied = np.flatnonzero(~(apart[:-1] & apart[1:]))
+    if not len(tied) or not tie.shape[1]:
+        return frozen_int(order)
+    nodes, groups = order[tied], np.cumsum(apart[tied])
+    widest = block_extents(level, tie).max(axis=1)[blocks[nodes]]
+    ranks = [_ranks(values[nodes], groups, widest) for values in tie.T]
+    order[tied] = nodes[np.lexsort((*ranks[::-1], groups))]
+    return frozen_int(order)
+
+
+def _ranks(values: Float, groups: Int, extents: Float) -> Int:
+    """Rank of each value in its group, the same for values that a chain of tiny steps connects."""
+    order = np.lexsort((values, groups))
+    steps = np.diff(values[order]) > TIE * extents[1:]
+    ranks = np.zeros(len(values), np.int64)
     ranks[order[1:]] = np.cumsum(steps)
     return ranks
+
+
+def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
+    """Rank of each value in its block, the same for values that a chain of tiny steps connects."""
+    return _ranks(values, level.block_ids, extents[level.block_ids])
 
 
 def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
