@@ -14,6 +14,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Index, Int, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh, check_labels
+from agglo_core.soundness import check_graph, copied
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -125,17 +126,17 @@ class Graph:
             If shapes disagree, an index is out of range, a value is not finite or negative, or the
             CSR is not symmetric or has a self-loop.
         """
-        centre = _copied("centroids", centroids, np.float64)
+        centre = copied("centroids", centroids, np.float64)
         if centre.ndim != 2 or centre.shape[1] not in (2, 3):
             raise MeshError(f"centroids must have shape (n, 2) or (n, 3), not {centre.shape}")
         n = len(centre)
         origin = 0.5 * (centre.min(axis=0) + centre.max(axis=0)) if n else np.zeros(centre.shape[1])
-        columns = _copied("indices", indices, np.int32)
-        size = np.ones(n) if measures is None else _copied("measures", measures, np.float64)
+        columns = copied("indices", indices, np.int32)
+        size = np.ones(n) if measures is None else copied("measures", measures, np.float64)
         given = {"interface": interface, "boundary": boundary, "weights": weights}
-        floats = {key: _copied(key, each, np.float64) for key, each in given.items() if each is not None}
+        floats = {key: copied(key, each, np.float64) for key, each in given.items() if each is not None}
         graph = cls(
-            indptr=_copied("indptr", indptr, np.int64),
+            indptr=copied("indptr", indptr, np.int64),
             indices=columns,
             interface=floats.get("interface", np.ones(columns.size)),
             centroids=centre - origin,
@@ -160,61 +161,7 @@ class Graph:
 
     def check(self) -> None:
         """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
-        n, m, d = self.n, len(self.indices), self.points.shape[-1]
-        if n == 0:
-            raise MeshError("the graph is empty: it has no nodes")
-        for key, shape in (
-            ("interface", (m,)),
-            ("measures", (n,)),
-            ("boundary", (n,)),
-            ("weights", (n,)),
-            ("centroids", (n, d)),
-        ):
-            values = getattr(self, key)
-            if values.shape != shape:
-                raise MeshError(f"{key} must have shape {shape}, not {values.shape}")
-            good = np.isfinite(values) & ((values >= 0) | (key == "centroids"))
-            bad = np.argwhere(~good)
-            if len(bad):
-                where = tuple(bad[0].tolist())
-                raise MeshError(f"{key}{list(where)} is {values[where]}: it must be finite and not negative")
-        for key, values in self.data.items():
-            if values.ndim == 0:
-                raise MeshError(f"data {key!r} is a single value, expected {n} rows")
-            if len(values) != n:
-                raise MeshError(f"data {key!r} has {len(values)} rows, expected {n}")
-        self._check_edges()
-        self._check_vertices()
-
-    def _check_vertices(self) -> None:
-        total = len(self.vertices)
-        for key, count, end in (
-            ("vertex_offsets", self.n + 1, total),
-            ("offsets", self.n_blocks + 1, self.n),
-        ):
-            values = getattr(self, key)
-            if len(values) != count or values[0] != 0 or values[-1] != end or (np.diff(values) < 0).any():
-                raise MeshError(f"{key} must have {count} entries rising from 0 to {end}")
-        if total and (self.vertices.min() < 0 or self.vertices.max() >= len(self.points)):
-            raise MeshError(f"vertices must lie in 0..{len(self.points) - 1}")
-        if not np.isfinite(self.points).all():
-            raise MeshError("points must be finite")
-
-    def _check_edges(self) -> None:
-        n, m = self.n, len(self.indices)
-        rising = len(self.indptr) == n + 1 and self.indptr[0] == 0 and (np.diff(self.indptr) >= 0).all()
-        if not rising or self.indptr[-1] != m:
-            raise MeshError(f"indptr must have {n + 1} entries rising from 0 to {m}")
-        if m and (self.indices.min() < 0 or self.indices.max() >= n):
-            raise MeshError(f"indices must lie in 0..{n - 1}")
-        loops = np.flatnonzero(np.repeat(np.arange(n), np.diff(self.indptr)) == self.indices)
-        if len(loops):
-            raise MeshError(f"node {self.indices[loops[0]]} has an edge to itself")
-        matrix = self.to_scipy()
-        pattern = sparse.csr_array((np.ones(m), matrix.indices, matrix.indptr), shape=matrix.shape)
-        gap = abs(matrix - matrix.T)
-        if (pattern != pattern.T).nnz or (gap.nnz and gap.max() > 1e-9 * abs(matrix).max()):
-            raise MeshError("the graph must be symmetric: each edge in both directions, the same interface")
+        check_graph(self)
 
     @property
     def n(self) -> int:
@@ -410,16 +357,3 @@ class Graph:
             offsets=frozen_int([0, k]),
             data={},
         )
-
-
-def _copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """A copy of ``values`` as numbers of ``dtype``; whole numbers must be given as integers."""
-    try:
-        array = np.array(values)
-    except ValueError as error:
-        raise MeshError(f"{name} must be an array of numbers: {error}") from None
-    kinds = "iu" if np.issubdtype(dtype, np.integer) else "iufb"
-    if array.size and array.dtype.kind not in kinds:
-        what = "integers" if kinds == "iu" else "numbers"
-        raise MeshError(f"{name} must be an array of {what}, not of {array.dtype}")
-    return frozen(array, dtype)

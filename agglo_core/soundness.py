@@ -1,0 +1,92 @@
+"""Whether a graph that somebody made by hand holds together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from agglo_core.arrays import frozen
+from agglo_core.errors import MeshError
+
+if TYPE_CHECKING:
+    from agglo_core.graph import Graph
+
+__all__ = ["check_graph", "copied"]
+
+
+def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
+    """A read-only copy of ``values`` as numbers of ``dtype``; whole numbers must be given as integers.
+
+    Raises
+    ------
+    MeshError
+        If they are no numbers of that kind.
+    """
+    try:
+        array = np.array(values)
+    except ValueError as error:
+        raise MeshError(f"{name} must be an array of numbers: {error}") from None
+    kinds = "iu" if np.issubdtype(dtype, np.integer) else "iufb"
+    if array.size and array.dtype.kind not in kinds:
+        what = "integers" if kinds == "iu" else "numbers"
+        raise MeshError(f"{name} must be an array of {what}, not of {array.dtype}")
+    return frozen(array, dtype)
+
+
+def check_graph(graph: Graph) -> None:
+    """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
+    n, m, d = graph.n, len(graph.indices), graph.points.shape[-1]
+    if n == 0:
+        raise MeshError("the graph is empty: it has no nodes")
+    shapes = {"interface": (m,), "measures": (n,), "boundary": (n,), "weights": (n,), "centroids": (n, d)}
+    for key, shape in shapes.items():
+        values = getattr(graph, key)
+        if values.shape != shape:
+            raise MeshError(f"{key} must have shape {shape}, not {values.shape}")
+        good = np.isfinite(values) & ((values >= 0) | (key == "centroids"))
+        bad = np.argwhere(~good)
+        if len(bad):
+            where = tuple(bad[0].tolist())
+            raise MeshError(f"{key}{list(where)} is {values[where]}: it must be finite and not negative")
+    for key, values in graph.data.items():
+        if values.ndim == 0:
+            raise MeshError(f"data {key!r} is a single value, expected {n} rows")
+        if len(values) != n:
+            raise MeshError(f"data {key!r} has {len(values)} rows, expected {n}")
+    _check_edges(graph)
+    _check_vertices(graph)
+
+
+def _check_vertices(graph: Graph) -> None:
+    total = len(graph.vertices)
+    for key, count, end in (
+        ("vertex_offsets", graph.n + 1, total),
+        ("offsets", graph.n_blocks + 1, graph.n),
+    ):
+        values = getattr(graph, key)
+        if len(values) != count or values[0] != 0 or values[-1] != end or (np.diff(values) < 0).any():
+            raise MeshError(f"{key} must have {count} entries rising from 0 to {end}")
+    if total and (graph.vertices.min() < 0 or graph.vertices.max() >= len(graph.points)):
+        raise MeshError(f"vertices must lie in 0..{len(graph.points) - 1}")
+    if not np.isfinite(graph.points).all():
+        raise MeshError("points must be finite")
+
+
+def _check_edges(graph: Graph) -> None:
+    n, m = graph.n, len(graph.indices)
+    rising = len(graph.indptr) == n + 1 and graph.indptr[0] == 0 and (np.diff(graph.indptr) >= 0).all()
+    if not rising or graph.indptr[-1] != m:
+        raise MeshError(f"indptr must have {n + 1} entries rising from 0 to {m}")
+    if m and (graph.indices.min() < 0 or graph.indices.max() >= n):
+        raise MeshError(f"indices must lie in 0..{n - 1}")
+    loops = np.flatnonzero(np.repeat(np.arange(n), np.diff(graph.indptr)) == graph.indices)
+    if len(loops):
+        raise MeshError(f"node {graph.indices[loops[0]]} has an edge to itself")
+    matrix = graph.to_scipy()
+    pattern = sparse.csr_array((np.ones(m), matrix.indices, matrix.indptr), shape=matrix.shape)
+    gap = abs(matrix - matrix.T)
+    if (pattern != pattern.T).nnz or (gap.nnz and gap.max() > 1e-9 * abs(matrix).max()):
+        raise MeshError("the graph must be symmetric: each edge in both directions, the same interface")
