@@ -36,7 +36,6 @@ __all__ = [
     "Timed",
     "attributed",
     "bisect_by_block",
-    "piece_seeds",
     "splitmix",
 ]
 
@@ -49,14 +48,6 @@ def splitmix(seeds: UInt64) -> UInt64:
     z = (z ^ (z >> np.uint64(30))) * _MIX[1]
     z = (z ^ (z >> np.uint64(27))) * _MIX[2]
     return np.asarray(z ^ (z >> np.uint64(31)))
-
-
-def piece_seeds(seed: int, stage: int, count: int) -> UInt64:
-    """Seeds ``(count,)`` of the pieces that stage (level, pass) number ``stage`` of a run starts from."""
-    root: UInt64 = np.full(count, stage, np.uint64) * _MIX[1]
-    root += np.uint64(seed)
-    place: UInt64 = np.arange(count, dtype=np.uint64)
-    return splitmix(splitmix(root) + place)
 
 
 @dataclass(slots=True)
@@ -101,7 +92,7 @@ class Member:
 
 @dataclass(frozen=True)
 class Crew:
-    """Chosen components. Every output is checked here, at the border.
+    """The components of one run, its seed and its record. Every output is checked here, at the border.
 
     ``fallback`` splits pieces that ``bisector`` left one-sided, if it declared one; ``finisher`` splits
     pieces when the bisector only knows direct k-way partitions.
@@ -114,6 +105,8 @@ class Crew:
     finisher: Member
     fallback: Member | None = None
     watch: Callable[[dict[str, Any]], None] | None = None
+    seed: int = 0
+    statistics: Statistics = field(default_factory=Statistics)
 
     @cached_property
     def splitter(self) -> Member:
@@ -128,12 +121,19 @@ class Crew:
             tool = self.splitter.tool.aim(target)
         return replace(self, bisector=replace(self.splitter, tool=tool))
 
-    def bisect(self, level: Graph, seeds: UInt64, statistics: Statistics) -> Int:
+    def seeds(self, stage: int, count: int) -> UInt64:
+        """Seeds ``(count,)`` of the pieces that stage (level, pass) number ``stage`` starts from."""
+        root: UInt64 = np.full(count, stage, np.uint64) * _MIX[1]
+        root += np.uint64(self.seed)
+        place: UInt64 = np.arange(count, dtype=np.uint64)
+        return splitmix(splitmix(root) + place)
+
+    def bisect(self, level: Graph, seeds: UInt64) -> Int:
         """Sides ``(n,)`` in {0, 1}, both present in every block."""
         sides = _sides(self.splitter, level, seeds)
         lopsided = _one_sided(level, sides)
         if len(lopsided) and self.fallback is not None:
-            statistics.fallbacks += len(lopsided)
+            self.statistics.fallbacks += len(lopsided)
             sides = sides.copy()
             nodes = np.flatnonzero(np.isin(level.block_ids, lopsided))
             sides[nodes] = _sides(self.fallback, level.take(lopsided), seeds[lopsided])
@@ -167,12 +167,12 @@ class Crew:
             labels = frozen_int(refined)
         return labels
 
-    def fix(self, graph: Graph, labels: Int, statistics: Statistics) -> Int:
+    def fix(self, graph: Graph, labels: Int) -> Int:
         """Labels whose parts are all connected; only blocks in need of it are given to the fixer."""
         broken = broken_blocks(graph, labels)
         if len(broken) == 0:
             return labels
-        statistics.repairs += len(broken)
+        self.statistics.repairs += len(broken)
         whole = len(broken) == graph.n_blocks
         piece = graph if whole else graph.take(broken)
         nodes = slice(None) if whole else np.flatnonzero(np.isin(graph.block_ids, broken))

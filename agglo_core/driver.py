@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_float, frozen_int
-from agglo_core.crew import Crew, Statistics, piece_seeds, splitmix
+from agglo_core.crew import Crew, splitmix
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
 from agglo_core.post import PostPass
@@ -74,23 +74,21 @@ class _Growth:
         )
 
 
-def grow(
-    graph: Graph, labels: Int, rule: Rule, crew: Crew, seed: int, stage: int, statistics: Statistics
-) -> tuple[Tree, Int]:
+def grow(graph: Graph, labels: Int, rule: Rule, crew: Crew, stage: int = 0) -> tuple[Tree, Int]:
     """Split the connected pieces ``labels (n,)`` of ``graph`` until ``rule`` finishes all.
 
-    Seeds follow from ``seed``, the number of the ``stage`` and the place in the tree.
+    Seeds follow from that of the crew, the number of the ``stage`` and the place in the tree.
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.
     """
     growth = _Growth(graph.n, rule)
-    crew = crew.aimed(rule.target)
+    crew, statistics = crew.aimed(rule.target), crew.statistics
     with statistics.timed("split"):
         source, cells = graph.split(labels)
         order, offsets = frozen_int(np.arange(graph.n)), source.offsets
         state, finished = rule.roots(source, order, offsets)
     start = np.asarray(offsets[:-1])
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
-    seeds = piece_seeds(seed, stage, len(start))
+    seeds = crew.seeds(stage, len(start))
     leaves: list[Int] = []
     while True:
         leaves.append(nodes[finished])
@@ -105,7 +103,7 @@ def grow(
                 starts = np.concatenate(([0], np.cumsum(sizes)))
                 source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
-        sides = _split(source, crew, seeds, rule.target, statistics)
+        sides = _split(source, crew, seeds, rule.target)
         with statistics.timed("test"):
             order, offsets = _children(source, sides)
             state, finished = rule.children(source, order, offsets, frozen_float(state))
@@ -131,14 +129,15 @@ def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
     return frozen_int(order), frozen_int(offsets)
 
 
-def _split(level: Graph, crew: Crew, seeds: UInt64, target: Target, statistics: Statistics) -> Int:
+def _split(level: Graph, crew: Crew, seeds: UInt64, target: Target) -> Int:
     """Sides of every node: bisected, refined, connected."""
+    statistics = crew.statistics
     with statistics.timed("bisect"):
-        sides = crew.bisect(level, seeds, statistics)
+        sides = crew.bisect(level, seeds)
     with statistics.timed("refine"):
         sides = crew.refine(level, sides, seeds, target)
     with statistics.timed("fix"):
-        sides = crew.fix(level, sides, statistics)
+        sides = crew.fix(level, sides)
     statistics.depth += 1
     statistics.bisections += level.n_blocks
     if crew.watch is not None:
@@ -146,9 +145,7 @@ def _split(level: Graph, crew: Crew, seeds: UInt64, target: Target, statistics: 
     return sides
 
 
-def recursive_levels(
-    graph: Graph, levels: Levels, crew: Crew, post: PostPass, seed: int, statistics: Statistics
-) -> list[Int]:
+def recursive_levels(graph: Graph, levels: Levels, crew: Crew, post: PostPass) -> list[Int]:
     """Labels of each level, finest first.
 
     One tree serves all size targets: level l is its cut at h*_l. Counts, and sizes with post-passes,
@@ -157,18 +154,18 @@ def recursive_levels(
     if levels.sizes and not post.active:
         h_stars = levels.sizes
         rule: Rule = ByDiameter(h_stars[0], coarser=tuple(h_stars[1:]))
-        tree, leaves = grow(graph, graph.components(), rule, crew, seed, 0, statistics)
-        note_oversized(tree, leaves, h_stars[0], statistics)
+        tree, leaves = grow(graph, graph.components(), rule, crew)
+        note_oversized(tree, leaves, h_stars[0], crew)
         return [tree.labels(tree.cut(h * (1 + ROUNDING))) for h in h_stars]
     labels = graph.components()
     result: list[Int] = []
     for stage, target in enumerate(reversed(levels.sizes or levels.counts)):
         h_star = target if levels.sizes else None
         rule = ByQuota(_shares(graph, labels, int(target))) if h_star is None else ByDiameter(h_star)
-        tree, leaves = grow(graph, labels, rule, crew, seed, stage, statistics)
+        tree, leaves = grow(graph, labels, rule, crew, stage)
         if h_star is not None and stage == len(levels.sizes) - 1:
-            note_oversized(tree, leaves, h_star, statistics)
-        labels = post.apply(graph, labels, tree.labels(leaves), h_star, crew, seed, stage, statistics)
+            note_oversized(tree, leaves, h_star, crew)
+        labels = post.apply(graph, labels, tree.labels(leaves), h_star, crew, stage)
         result.append(labels)
     return result[::-1]
 
@@ -177,10 +174,10 @@ def _shares(graph: Graph, labels: Int, parts: int) -> Int:
     return apportion(parts, part_measures(graph, labels), frozen_int(np.bincount(labels)))
 
 
-def note_oversized(tree: Tree, leaves: Int, h_star: float, statistics: Statistics) -> None:
+def note_oversized(tree: Tree, leaves: Int, h_star: float, crew: Crew) -> None:
     """Count single cells larger than the smallest target (it has the most), and warn about them."""
     count = int((tree.diameter[leaves] > h_star * (1 + ROUNDING)).sum())
-    if count > statistics.oversized_cells:
-        statistics.oversized_cells = count
+    if count > crew.statistics.oversized_cells:
+        crew.statistics.oversized_cells = count
         cells = "1 cell is" if count == 1 else f"{count} cells are"
         _log.warning("%s larger than h* = %g; what is larger stays alone", cells, h_star)

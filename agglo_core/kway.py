@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Int, UInt64, frozen_int
-from agglo_core.crew import Crew, Statistics, piece_seeds
+from agglo_core.crew import Crew
 from agglo_core.driver import grow, note_oversized
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
@@ -17,15 +17,7 @@ from agglo_core.targets import Levels
 __all__ = ["kway_levels"]
 
 
-def kway_levels(
-    graph: Graph,
-    levels: Levels,
-    nested: bool,
-    crew: Crew,
-    post: PostPass,
-    seed: int,
-    statistics: Statistics,
-) -> list[Int]:
+def kway_levels(graph: Graph, levels: Levels, nested: bool, crew: Crew, post: PostPass) -> list[Int]:
     """Labels of each level, finest first.
 
     Nested hierarchies are built bottom-up: each level partitions the dual graph of the one below.
@@ -36,8 +28,8 @@ def kway_levels(
     for stage, target in enumerate(levels.sizes or levels.counts):
         size = target if levels.sizes else None
         parts = _estimate(graph, target) if levels.sizes else int(target)
-        labels = _one_level(current, parts, size, crew, seed, stage, statistics)
-        labels = post.apply(current, current.components(), labels, size, crew, seed, stage, statistics)
+        labels = _one_level(current, parts, size, crew, stage)
+        labels = post.apply(current, current.components(), labels, size, crew, stage)
         result.append(by_first_cell(labels[fine_to_current]))
         if nested:
             fine_to_current = result[-1]
@@ -52,15 +44,7 @@ def _estimate(graph: Graph, h_star: float) -> int:
     return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))
 
 
-def _one_level(
-    graph: Graph,
-    parts: int,
-    h_star: float | None,
-    crew: Crew,
-    seed: int,
-    stage: int,
-    statistics: Statistics,
-) -> Int:
+def _one_level(graph: Graph, parts: int, h_star: float | None, crew: Crew, stage: int) -> Int:
     """One level on ``graph``: partition each component, refine, repair, then split what remains to split."""
     labels = graph.components()
     sizes = np.bincount(labels)
@@ -68,19 +52,19 @@ def _one_level(
         parts = int(np.clip(parts, len(sizes), graph.n))
     quotas = apportion(parts, part_measures(graph, labels), frozen_int(sizes))
     pieces, cells = graph.split(labels)
-    seeds = piece_seeds(seed, stage, pieces.n_blocks)
+    seeds, statistics = crew.seeds(stage, pieces.n_blocks), crew.statistics
     with statistics.timed("partition"):
         local = _partition_components(pieces, quotas, crew, seeds)
     target = Target(parts=parts, h_star=h_star)
     with statistics.timed("refine"):
         local = crew.refine(pieces, local, seeds, target)
     with statistics.timed("fix"):
-        local = crew.fix(pieces, local, statistics)
+        local = crew.fix(pieces, local)
     found = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
     first = np.cumsum(found) - found
     labels = np.empty(graph.n, np.int64)
     labels[cells] = local + np.repeat(first, np.diff(pieces.offsets))
-    return _finish(graph, frozen_int(labels), quotas, found, h_star, crew, seed, stage, statistics)
+    return _finish(graph, frozen_int(labels), quotas, found, h_star, crew, stage)
 
 
 def _partition_components(pieces: Graph, quotas: Int, crew: Crew, seeds: UInt64) -> Int:
@@ -93,15 +77,7 @@ def _partition_components(pieces: Graph, quotas: Int, crew: Crew, seeds: UInt64)
 
 
 def _finish(
-    graph: Graph,
-    labels: Int,
-    quotas: Int,
-    found: Int,
-    h_star: float | None,
-    crew: Crew,
-    seed: int,
-    stage: int,
-    statistics: Statistics,
+    graph: Graph, labels: Int, quotas: Int, found: Int, h_star: float | None, crew: Crew, stage: int
 ) -> Int:
     """Bisect parts that are too large, or as many as are missing to the exact count."""
     rule: Rule
@@ -120,7 +96,7 @@ def _finish(
         if shares:
             extra[np.repeat(found < quotas, found)] = np.concatenate(shares)
         rule = ByQuota(frozen_int(extra))
-    tree, leaves = grow(graph, labels, rule, crew, seed, stage, statistics)
+    tree, leaves = grow(graph, labels, rule, crew, stage)
     if h_star is not None:
-        note_oversized(tree, leaves, h_star, statistics)
+        note_oversized(tree, leaves, h_star, crew)
     return tree.labels(leaves)

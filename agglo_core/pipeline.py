@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.crew import Crew, Member, Statistics
+from agglo_core.crew import Crew, Member
 from agglo_core.driver import recursive_levels
 from agglo_core.errors import AggloError, FileError, OptionError, PluginError
 from agglo_core.graph import Graph
@@ -129,11 +129,10 @@ class Pipeline:
             cells_per_part=self.cells_per_part,
         )
         crew = self._crew()
-        statistics = Statistics()
-        with statistics.timed("order"):
+        with crew.statistics.timed("order"):
             order = curve_order(graph.centroids)
             ordered = graph.subgraph(order, frozen_int([0, graph.n]))
-        result = self._levels(ordered, levels, crew, statistics)
+        result = self._levels(ordered, levels, crew)
         labels = []
         for each in result:
             given = each.copy()
@@ -145,21 +144,21 @@ class Pipeline:
             labels,
             levels.asked,
             self.nested or len(labels) == 1,
-            asdict(statistics) | {"bisector": _short(self.bisector), "method": self.method},
+            asdict(crew.statistics) | {"bisector": _short(self.bisector), "method": self.method},
         )
 
     def _needs_mesh_size(self) -> bool:
         others = (self.h_star, self.n_parts, self.cells_per_part)
         return all(value is None for value in others)
 
-    def _levels(self, graph: Graph, levels: Levels, crew: Crew, statistics: Statistics) -> list[Int]:
+    def _levels(self, graph: Graph, levels: Levels, crew: Crew) -> list[Int]:
         post = PostPass(self.merge, bool(self.post_refiners))
         if self.method == "kway":
-            return kway_levels(graph, levels, self.nested, crew, post, self.seed, statistics)
+            return kway_levels(graph, levels, self.nested, crew, post)
         if self.nested:
-            return recursive_levels(graph, levels, crew, post, self.seed, statistics)
+            return recursive_levels(graph, levels, crew, post)
         alone = levels.one_by_one()
-        return [recursive_levels(graph, each, crew, post, self.seed, statistics)[0] for each in alone]
+        return [recursive_levels(graph, each, crew, post)[0] for each in alone]
 
     def _crew(self) -> Crew:
         bisector, fallback = _member("bisector", self.bisector)
@@ -177,6 +176,7 @@ class Pipeline:
             finisher=bisector if bisects else _member("bisector", "inertial")[0],
             fallback=_fallback(bisector, fallback),
             watch=default().level_done,
+            seed=self.seed,
         )
 
 

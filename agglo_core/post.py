@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_int
-from agglo_core.crew import Crew, Statistics, piece_seeds
+from agglo_core.crew import Crew
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.protocols import Target
@@ -33,23 +33,15 @@ class PostPass:
         return self.merge or self.polish
 
     def apply(
-        self,
-        graph: Graph,
-        blocks: Int,
-        labels: Int,
-        h_star: float | None,
-        crew: Crew,
-        seed: int,
-        stage: int,
-        statistics: Statistics,
+        self, graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, stage: int
     ) -> Int:
         """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
         if self.merge and h_star is not None:
-            with statistics.timed("merge"):
+            with crew.statistics.timed("merge"):
                 labels = merge_parts(graph, blocks, labels, h_star)
         if self.polish:
-            with statistics.timed("polish"):
-                labels = _polish(graph, blocks, labels, h_star, crew, seed, stage)
+            with crew.statistics.timed("polish"):
+                labels = _polish(graph, blocks, labels, h_star, crew, stage)
         return labels
 
 
@@ -98,9 +90,7 @@ def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
     return mutual
 
 
-def _polish(
-    graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, seed: int, stage: int
-) -> Int:
+def _polish(graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, stage: int) -> Int:
     """One k-way pass of the post-refiners in each block; moves that break a promise are taken back."""
     level, cells = graph.split(blocks)
     before = labels[cells]
@@ -110,7 +100,7 @@ def _polish(
     first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
     local = np.empty(len(owner), np.int64)
     local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
-    seeds = piece_seeds(seed, stage, level.n_blocks)
+    seeds = crew.seeds(stage, level.n_blocks)
     target = Target(parts=len(owner), h_star=h_star)
     moved = crew.refine(level, frozen_int(local[before]), seeds, target, post=True)
     after = by_block[first[level.block_ids] + moved]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agglo_core.arrays import Float, Int, UInt64, frozen_int
-from agglo_core.crew import Crew, Member, Statistics
+from agglo_core.crew import Crew, Member
 from agglo_core.defaults.fixers import ConnectivityFixer
 from agglo_core.defaults.refiners import InterfaceRefiner
 from agglo_core.driver import grow
@@ -70,7 +70,7 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
         finisher=Member(_Quick(quick), "gnn"),
     )
     seeds: UInt64 = np.zeros(trials.n_blocks, np.uint64)
-    cuts = crew.fix(trials, crew.refine(trials, frozen_int(cuts), seeds, Target(h_star=h_star)), Statistics())
+    cuts = crew.fix(trials, crew.refine(trials, frozen_int(cuts), seeds, Target(h_star=h_star)))
     parts, length = _roll_out(trials, cuts, crew, h_star)
     best = _first_least(parts.reshape(count, -1), length.reshape(count, -1))
     sides[np.isin(level.block_ids, wanted)] = cuts.reshape(count, -1)[
@@ -114,7 +114,7 @@ def _copies(graph: Graph, count: int) -> Graph:
 def _roll_out(trials: Graph, cuts: Int, crew: Crew, h_star: float) -> tuple[Int, Float]:
     """Number of parts that each cut leads to, and the length of their interfaces, more if they are small."""
     pieces = frozen_int(2 * trials.block_ids + cuts)
-    tree, leaves = grow(trials, pieces, ByDiameter(h_star), crew, seed=0, stage=0, statistics=Statistics())
+    tree, leaves = grow(trials, pieces, ByDiameter(h_star), crew)
     owner = trials.block_ids[tree.cells[tree.start[leaves]]]
     count = np.bincount(owner, minlength=trials.n_blocks)
     short = np.bincount(owner, (1 - tree.diameter[leaves] / h_star) ** 2, minlength=trials.n_blocks)

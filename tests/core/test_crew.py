@@ -9,7 +9,7 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import Component, OptionError, PluginError, hookimpl, samples
-from agglo_core.crew import Crew, Member, Statistics, bisect_by_block, splitmix
+from agglo_core.crew import Crew, Member, bisect_by_block, splitmix
 
 GRID = samples.squares(4)
 
@@ -236,7 +236,7 @@ def test_a_fallback_that_fails_too_is_named():
         fallback=Member(Worse(lambda g: np.zeros(g.n)), "its fallback"),
     )
     with pytest.raises(PluginError, match="its fallback"):
-        crew.bisect(GRID.graph, np.zeros(1, np.uint64), Statistics())
+        crew.bisect(GRID.graph, np.zeros(1, np.uint64))
 
 
 def test_an_unknown_fallback_is_refused_before_the_run():
