@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from agglo_core.arguments import parse_spec
 from agglo_core.cli.console import print_json, print_table
-from agglo_core.cli.specs import parse_spec
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.plugins import KINDS
 

@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.arguments import (
+    COMPONENT,
+    FILE,
+    agglomeration_options,
+    choice,
+    load_mesh,
+    refuse_twins,
+    split_specs,
+)
 from agglo_core.cli.console import explain_compilation, hush, number, print_json
-from agglo_core.cli.options import COMPONENT, FILE, arguments, choice, pipeline_options, refuse_twins
 from agglo_core.cli.outputs import check_report, refuse_solids
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
-from agglo_core.cli.sources import load_mesh
-from agglo_core.cli.specs import split_specs
 from agglo_core.plugins import default
 
 if TYPE_CHECKING:
@@ -41,7 +47,7 @@ class _Plan:
 @click.argument("source", metavar="MESH|SAMPLE")
 @click.option("--bisectors", metavar="LIST", help=f"{COMPONENT}, … (default: all that can be used).")
 @click.option("--methods", default="recursive", show_default=True, metavar="LIST", help="recursive, kway.")
-@pipeline_options
+@agglomeration_options
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
@@ -49,13 +55,7 @@ def compare(
     source: str,
     bisectors: str | None,
     methods: str,
-    refiners: tuple[str, ...],
-    fixer: str | None,
-    h_star: tuple[float, ...] | None,
-    h_factor: tuple[float, ...] | None,
-    n_parts: tuple[int, ...] | None,
-    cells_per_part: tuple[float, ...] | None,
-    seed: int | None,
+    agglomeration: Mapping[str, Any],
     report: Path | None,
     as_json: bool,
     quiet: bool,
@@ -67,7 +67,6 @@ def compare(
     """
     if quiet:
         hush()
-    given = arguments(refiners, fixer, h_star, h_factor, n_parts, cells_per_part, seed)
     plans = _plans(_bisectors(bisectors), _methods(methods))
     if report is not None:
         check_report(report)
@@ -75,7 +74,7 @@ def compare(
     refuse_solids(mesh, source, {"--report": report})
     if not quiet:
         explain_compilation()
-    runs = [_carry_out(mesh, plan, given, quiet) for plan in plans]
+    runs = [_carry_out(mesh, plan, agglomeration, quiet) for plan in plans]
     refuse_all_failed(runs)
     if report is not None:
         from agglo_core.webpage import write_page

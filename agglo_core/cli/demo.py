@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from agglo_core.arguments import FILE
 from agglo_core.cli.console import explain_compilation, hush, number, print_json
-from agglo_core.cli.options import FILE
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
 from agglo_core.errors import FileError, PluginError
 from agglo_core.plugins import default

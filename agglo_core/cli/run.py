@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, refuse_twins
 from agglo_core.cli.console import explain_compilation, hush, number, print_json
-from agglo_core.cli.options import COMPONENT, FILE, arguments, choice, pipeline_options, refuse_twins
 from agglo_core.cli.outputs import check_outputs, refuse_solids, write_outputs
 from agglo_core.cli.runs import LEVEL_KEYS, data, execute, level_data, show
-from agglo_core.cli.sources import load_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,7 +32,7 @@ __all__ = ["run"]
     help="How a piece is split (default kmeans); several are compared.",
 )
 @click.option("--method", type=click.Choice(["recursive", "kway"]), help="Default recursive.")
-@pipeline_options
+@agglomeration_options
 @click.option("--config", type=FILE, help="TOML file; options given here win.")
 @click.option("-o", "--output", type=FILE, help="Mesh and levels (.vtu, .npz, …); one file per bisector.")
 @click.option("--plot", type=FILE, help="Picture of mesh and levels (.png, .pdf, .svg).")
@@ -44,13 +43,7 @@ def run(
     source: str,
     bisectors: tuple[str, ...],
     method: str | None,
-    refiners: tuple[str, ...],
-    fixer: str | None,
-    h_star: tuple[float, ...] | None,
-    h_factor: tuple[float, ...] | None,
-    n_parts: tuple[int, ...] | None,
-    cells_per_part: tuple[float, ...] | None,
-    seed: int | None,
+    agglomeration: Mapping[str, Any],
     config: Path | None,
     output: Path | None,
     plot: Path | None,
@@ -64,8 +57,8 @@ def run(
     """
     if quiet:
         hush()
-    given = arguments(refiners, fixer, h_star, h_factor, n_parts, cells_per_part, seed)
-    given |= {name: value for name, value in {"method": method, "config": config}.items() if value}
+    own = {"method": method, "config": config}
+    given = {**agglomeration, **{name: value for name, value in own.items() if value}}
     refuse_twins("--bisector", bisectors)
     files = check_outputs(output, plot, report, bisectors)
     chosen = {spec: choice("bisector", spec) for spec in bisectors}

@@ -49,6 +49,14 @@ class Case:
             return int(self.given[1].max()) + 1
         return self.given[0].n if isinstance(self.given[0], Graph) else None
 
+    @property
+    def sort(self) -> str:
+        """What a solver may refuse as a whole: diffusion, systems of one unknown per cell, or of several."""
+        problem = self.given[0]
+        if not isinstance(problem, Linear):
+            return "diffusion"
+        return "linear" if len(problem.b) < len(problem.block_offsets) else "linear, in blocks"
+
 
 def cases(kind: str, seed: int = 0) -> list[Case]:
     """Ordinary questions to a component of this kind, on meshes of the plane."""
@@ -74,7 +82,8 @@ def solids(kind: str) -> list[Case]:
     if kind == "metric":
         return [Case("3-D boxes", (mesh, stripes(mesh.graph, 3)))]
     if kind == "solver":
-        return [Case("3-D boxes", (Diffusion(), _hierarchy(mesh, stripes(mesh.graph, 4))))]
+        hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
+        return [Case("3-D boxes", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
     graph = mesh.graph
     return [_labelled(kind, graph, "3-D boxes", labels, 0) for labels in (_halves(graph), _scattered(graph))]
 
@@ -82,7 +91,8 @@ def solids(kind: str) -> list[Case]:
 def tiny(kind: str) -> list[Case]:
     """Questions at the edge of what has an answer: one cell, coincident centroids, touching in a point."""
     if kind == "solver":
-        return [Case("one cell", (Diffusion(), _hierarchy(bench.grid(1, 1), frozen_int([0]))))]
+        hierarchy = _hierarchy(bench.grid(1, 1), frozen_int([0]))
+        return [Case("one cell", (each, hierarchy)) for each in (Diffusion(), laplacian(hierarchy.graph, 1))]
     if kind == "metric":
         return [
             Case("one cell", (bench.grid(1, 1), frozen_int([0]))),

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.conformance.cases import Case
+from agglo_core.conformance.cases import Case, cases
 from agglo_core.conformance.law import Broken
 from agglo_core.conformance.subject import METHODS, Subject
+from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.plugins.discovery import PLUGIN_FAILURES
 from agglo_core.problem import Solution
@@ -29,8 +30,10 @@ __all__ = [
     "global_random",
     "in_words",
     "plain",
+    "questions",
     "same",
     "settled",
+    "taken",
 ]
 
 
@@ -42,6 +45,35 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
         raise
     except PLUGIN_FAILURES as error:
         raise Broken(f"on {case.name}: {_blame(subject, tool, error)}") from error
+
+
+def questions(subject: Subject, seed: int = 0) -> list[Case]:
+    """The ordinary questions to a component, less what a solver does not take."""
+    return taken(subject, cases(subject.kind, seed))
+
+
+def taken(subject: Subject, asked: list[Case]) -> list[Case]:
+    """Of some questions, those that the component takes: all, unless it is a solver.
+
+    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`): whether it does is seen by the
+    first question of that sort, which it answers by an AggloError. What it takes in one case it must take in
+    all.
+    """
+    if subject.kind != "solver":
+        return asked
+    first: dict[str, Case] = {}
+    for case in cases("solver"):
+        first.setdefault(case.sort, case)
+    refused = {sort for sort, case in first.items() if _refuses(subject, case)}
+    return [case for case in asked if case.sort not in refused]
+
+
+def _refuses(subject: Subject, case: Case) -> bool:
+    try:
+        answer(subject, subject.build(), case)
+    except Broken as error:
+        return isinstance(error.__cause__, AggloError)
+    return False
 
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:

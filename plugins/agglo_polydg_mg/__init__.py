@@ -5,7 +5,7 @@ from agglo_core import Command, Component, hookimpl
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The paper's solver."""
+    """The paper's solver, and the one it is compared with."""
     return [
         Component(
             kind="solver",
@@ -13,18 +13,22 @@ def agglo_components() -> list[Component]:
             target="agglo_polydg_mg.paper:PaperMultigrid",
             promises={"deterministic": True, "pickles": True},
             summary="The paper's V-cycle: PolyDG with additive Schwarz smoothing.",
-        )
+        ),
+        Component(
+            kind="solver",
+            name="polydg_cg",
+            target="agglo_polydg_mg.plain_cg:PlainCG",
+            promises={"deterministic": True, "pickles": True},
+            summary="PolyDG with plain conjugate gradients, for comparison.",
+        ),
     ]
 
 
 @hookimpl
 def agglo_commands() -> list[Command]:
-    """Solve a problem; print the paper's table of counts."""
+    """``agglo solve``."""
     return [
         Command(
             "solve", "agglo_polydg_mg.solve:solve", "Solve a diffusion problem with PolyDG and multigrid."
-        ),
-        Command(
-            "paper-counts", "agglo_polydg_mg.tables:paper_counts", "The paper's multigrid counts, and ours."
         ),
     ]

@@ -18,6 +18,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problem import Field
+from agglo_polydg_mg.checks import demand_count
 from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
 
 __all__ = ["Basis", "block_diagonal", "legendre", "orders", "products", "project_between", "slopes"]
@@ -75,8 +76,7 @@ class Basis:
     def __post_init__(self) -> None:
         if self.mesh.dim != 2:
             raise MeshError(f"PolyDG takes 2-D meshes; given {self.mesh!r}")
-        if isinstance(self.degree, bool) or self.degree not in range(1, 7):
-            raise OptionError(f"degree must be an integer in 1..6; given {self.degree!r}")
+        demand_count("degree", self.degree, 1, 6)
 
     @property
     def n_local(self) -> int:

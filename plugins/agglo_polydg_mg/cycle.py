@@ -98,12 +98,13 @@ def conjugate_gradients(A: Any, b: Float, tolerance: float = 1e-6, most: int = 1
     """
     x, r = np.zeros(len(b)), b.copy()
     p, rho = r, float(r @ r)
-    residuals, best = [float(np.sqrt(rho))], x
+    residuals, best, reason = [float(np.sqrt(rho))], x, ""
     least, smallest = tolerance * residuals[0], 0
     while residuals[-1] > least and len(residuals) <= most:
         Ap = A @ p
         curvature = float(p @ Ap)
         if not curvature > 0.0:
+            reason = "the matrix is not positive definite"
             break
         alpha = rho / curvature
         x, r = x + alpha * p, r - alpha * Ap
@@ -112,7 +113,10 @@ def conjugate_gradients(A: Any, b: Float, tolerance: float = 1e-6, most: int = 1
         residuals.append(float(np.sqrt(rho)))
         if residuals[-1] < residuals[smallest]:
             best, smallest = x, len(residuals) - 1
-    return _history(best, residuals[: smallest + 1], least, "")
+    if residuals[-1] > least and not reason:
+        size = residuals[smallest]
+        reason = f"smallest residual {size:.1e} in iteration {smallest} of {most}, wanted {least:.1e}"
+    return _history(best, residuals[: smallest + 1], least, reason)
 
 
 def _history(x: Float, residuals: list[float], least: float, reason: str) -> History:

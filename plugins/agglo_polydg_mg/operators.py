@@ -11,15 +11,16 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_float
-from agglo_core.errors import OptionError
+from agglo_core.errors import MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion, Field, Linear
+from agglo_core.problem import Diffusion, Field, Linear, Problem
 from agglo_polydg_mg.assembly import System, discretise
 from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.checks import demand_count, demand_positive, demand_truth
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
-__all__ = ["Chain", "Discretisation", "linear_chain", "polydg_chain"]
+__all__ = ["Chain", "Discretisation", "fine_system", "make_chain"]
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,21 @@ class Discretisation:
         Constant C of the penalty.
     scaled_basis : bool
         Whether the basis is scaled by the size of the bounding boxes; the paper's is not.
+
+    Raises
+    ------
+    OptionError
+        For a value outside of these.
     """
 
     degree: int
     penalty: float
     scaled_basis: bool
+
+    def __post_init__(self) -> None:
+        demand_count("degree", self.degree, 1, 6)
+        demand_positive("penalty", self.penalty)
+        demand_truth("scaled_basis", self.scaled_basis)
 
     def __call__(self, mesh: Mesh, problem: Diffusion) -> System:
         """Matrix and right-hand side of the problem on a mesh."""
@@ -86,36 +97,108 @@ class Chain:
         return self.inherited if self.anew is None else [self.finest, *self.anew]
 
 
-def polydg_chain(
-    problem: Diffusion, hierarchy: Hierarchy, labels: Sequence[Int], how: Discretisation, inherited: bool
+def fine_system(problem: Problem, hierarchy: Hierarchy, how: Discretisation) -> tuple[Any, Float, int]:
+    """Matrix, right-hand side ``(n,)`` and unknowns of a cell, on the mesh.
+
+    A diffusion problem is discretised on the mesh of the hierarchy; a linear system is taken as it is.
+
+    Raises
+    ------
+    OptionError
+        If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
+        values are not finite; as :func:`~agglo_polydg_mg.assembly.discretise`.
+    """
+    if isinstance(problem, Diffusion):
+        system = how(_own_mesh(hierarchy), problem)
+        A, b, width = system.A, system.b, system.basis.n_local
+    elif isinstance(problem, Linear):
+        width = _width(problem, hierarchy.graph.n)
+        A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
+    else:
+        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+    if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
+        raise OptionError("matrix or right-hand side hold values that are not finite")
+    return A, b, width
+
+
+def _own_mesh(hierarchy: Hierarchy) -> Mesh:
+    """The mesh of a hierarchy, whose graph and levels must be of that mesh."""
+    mesh, measures = hierarchy.fine, hierarchy.graph.measures
+    if mesh is None:
+        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+    if len(measures) != mesh.n_cells:
+        raise OptionError(
+            f"the hierarchy belongs to another mesh: its levels have {len(measures)} cells, {mesh!r} has "
+            f"{mesh.n_cells}"
+        )
+    other = np.flatnonzero(~np.isclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0))
+    if len(other):
+        raise OptionError(
+            f"the hierarchy belongs to another mesh: in its graph cell {other[0]} has the area "
+            f"{measures[other[0]]:g}, in {mesh!r} {mesh.cell_measures[other[0]]:g}"
+        )
+    return mesh
+
+
+def _width(problem: Linear, n: int) -> int:
+    """Unknowns of each of the ``n`` cells."""
+    sizes = np.diff(problem.block_offsets)
+    if len(sizes) != n:
+        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {n} cells")
+    if sizes.min() != sizes.max() or sizes[0] == 0:
+        raise OptionError(
+            f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
+        )
+    unknowns = int(problem.block_offsets[-1])
+    if np.shape(problem.A) != (unknowns, unknowns) or np.shape(problem.b) != (unknowns,):
+        raise OptionError(
+            f"A has the shape {np.shape(problem.A)} and b {np.shape(problem.b)}; "
+            f"block_offsets speak of {unknowns} unknowns"
+        )
+    return int(sizes[0])
+
+
+def make_chain(
+    problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: Discretisation, inherited: bool
 ) -> Chain:
-    """Chain of a diffusion problem.
+    """Chain of a problem: its system on the mesh, and what belongs to the coarse levels.
 
     Parameters
     ----------
     labels : sequence of (n_cells,) int
         Of the coarse levels, finest first.
     inherited : bool
-        Whether coarse matrices are Pᵀ A P, or discretised anew on the agglomerates, each level with
-        its own sizes and penalty.
+        Whether coarse matrices of a diffusion problem are Pᵀ A P, or discretised anew on the agglomerates,
+        each level with its own sizes and penalty. Of a linear system coarse unknowns are constant on
+        agglomerates, and matrices inherited in any case.
 
     Raises
     ------
     OptionError
-        For a hierarchy of a bare graph.
+        As :func:`fine_system`.
+    MeshError
+        For a mesh in 3-D; for cells or, unless ``inherited``, agglomerates that overlap themselves.
     """
-    mesh = hierarchy.fine
-    if mesh is None:
-        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
-    system = how(mesh, problem)
+    A, b, width = fine_system(problem, hierarchy, how)
+    if isinstance(problem, Linear):
+        return Chain(b, A, _constant_prolongations(hierarchy, labels, width), width)
+    mesh = _own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
-    bases = [system.basis, *(how.basis(each) for each in meshes)]
-    P = _polydg_prolongations(bases, labels)
+    P = _polydg_prolongations([how.basis(each) for each in (mesh, *meshes)], labels)
     anew = None
     if not inherited:
         problems = [_coarse_problem(problem, mesh, each) for each in labels]
-        anew = [how(*each).A for each in zip(meshes, problems, strict=True)]
-    return Chain(system.b, system.A, P, system.basis.n_local, anew)
+        anew = [_coarse_matrix(how, *each) for each in zip(meshes, problems, strict=True)]
+    return Chain(b, A, P, width, anew)
+
+
+def _coarse_matrix(how: Discretisation, mesh: Mesh, problem: Diffusion) -> Any:
+    try:
+        return how(mesh, problem).A
+    except MeshError as error:  # a file with cells that overlap a little is served on its own cells
+        raise MeshError(
+            f"on the level of {mesh.n_cells} agglomerates: {error} (operators='inherited' does without)"
+        ) from error
 
 
 def _polydg_prolongations(bases: Sequence[Basis], labels: Sequence[Int]) -> list[Any]:
@@ -147,32 +230,6 @@ def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
     cells = kappa(mesh.cell_centroids) if callable(kappa) else kappa
     weighted = np.bincount(labels, mesh.cell_measures * np.asarray(cells, float))
     return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))
-
-
-def linear_chain(problem: Linear, hierarchy: Hierarchy, labels: Sequence[Int]) -> Chain:
-    """Chain of a linear system: coarse unknowns are constant on agglomerates, matrices inherited.
-
-    Raises
-    ------
-    OptionError
-        If the system does not fit the hierarchy, or cells have unequal numbers of unknowns.
-    """
-    sizes, n = np.diff(problem.block_offsets), hierarchy.graph.n
-    if len(sizes) != n:
-        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {n} cells")
-    if sizes.min() != sizes.max() or sizes[0] == 0:
-        raise OptionError(
-            f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
-        )
-    unknowns, width = int(problem.block_offsets[-1]), int(sizes[0])
-    if np.shape(problem.A) != (unknowns, unknowns) or np.shape(problem.b) != (unknowns,):
-        raise OptionError(
-            f"A has the shape {np.shape(problem.A)} and b {np.shape(problem.b)}; "
-            f"block_offsets speak of {unknowns} unknowns"
-        )
-    P = _constant_prolongations(hierarchy, labels, width)
-    A = block_matrix(sparse.csr_array(problem.A), width)
-    return Chain(np.asarray(problem.b, float), A, P, width)
 
 
 def _constant_prolongations(hierarchy: Hierarchy, labels: Sequence[Int], width: int) -> list[Any]:

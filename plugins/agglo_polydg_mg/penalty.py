@@ -25,6 +25,9 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = 10.0, natural: Int |
     vertices. On squares of side h this is 20 p² / h with C = 10. Faces of no length have σ = 0, and so
     have the ``natural`` ones (of Neumann data), which are not penalised.
 
+    The search takes time that grows with the square of the number of edges of a cell: nothing for
+    connected agglomerates, seconds for thousands of loose cells that are called one agglomerate.
+
     Raises
     ------
     MeshError
@@ -40,7 +43,9 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = 10.0, natural: Int |
     faces, sides = np.nonzero(heights == 0)
     if len(faces):
         cells = np.unique(mesh.face_cells[faces, sides])[:5].tolist()
-        raise MeshError(f"no triangle fits on face {faces[0]} in its cell: cells {cells} are degenerate")
+        raise MeshError(
+            f"no triangle fits on face {faces[0]} in its cell: cells {cells} overlap themselves, or are flat"
+        )
     sigma = constant * degree**2 * 2 / heights.min(axis=1)
     if natural is not None:
         sigma[natural] = 0.0

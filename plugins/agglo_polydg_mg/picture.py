@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,22 @@ from agglo_polydg_mg.output import sampled
 __all__ = ["check_picture", "draw_solution"]
 
 _SUFFIXES = (".png", ".pdf", ".svg")
+_LACKING = "drawing needs matplotlib: pip install 'agglo[plot]'"
 
 
 def check_picture(path: Path) -> None:
-    """Raise FileError unless a picture can be written there, as far as can be seen."""
+    """Raise FileError unless a picture can be written there, as far as can be seen.
+
+    Without matplotlib, OptionError.
+    """
     if path.suffix.lower() not in _SUFFIXES:
         raise FileError(f"{path}: pictures end in {', '.join(_SUFFIXES)}, not {path.suffix!r}")
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder, expected a file name")
     if not path.parent.is_dir():
         raise FileError(f"{path}: there is no folder {path.parent}")
+    if find_spec("matplotlib") is None:
+        raise OptionError(_LACKING)
 
 
 def draw_solution(path: Path, basis: Basis, x: Float) -> None:
@@ -39,7 +48,7 @@ def draw_solution(path: Path, basis: Basis, x: Float) -> None:
         from matplotlib.figure import Figure
         from matplotlib.tri import Triangulation
     except ImportError as error:
-        raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
+        raise OptionError(f"{_LACKING} ({error})") from error
     cells, points, triangles = sampled(basis)
     figure = Figure(figsize=(6.0, 5.0), dpi=160, layout="constrained")
     FigureCanvasAgg(figure)

@@ -10,13 +10,17 @@
     1 = 0.0
     [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated,
     2 = 1.0                                   # or held at u = 0 if there is no [dirichlet] at all
+
+A first line ``boundary = "gmsh:physical"`` names another face tag of the mesh in place of "boundary".
 """
 
 from __future__ import annotations
 
 import logging
+import sys
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +34,14 @@ from agglo_core.problem import Diffusion
 __all__ = ["NAMED", "named_problem", "read_problem"]
 
 NAMED = ("constant", "sine")
-_KEYS = ("kappa", "source", "dirichlet", "neumann")
+_KEYS = ("boundary", "kappa", "source", "dirichlet", "neumann")
+_BOUNDARY = "boundary"
+_LARGEST = sys.float_info.max
 _log = logging.getLogger("agglo")
 
 
-def named_problem(name: str, mesh: Mesh) -> Diffusion:
-    """A problem of u = 0 on the boundary, by name, or of a TOML file.
+def named_problem(name: str, mesh: Mesh) -> tuple[Diffusion, Mesh]:
+    """A problem of u = 0 on the boundary, by name, or of a TOML file; and the mesh it belongs to.
 
     ``constant`` has f = 8, the source of the paper's published counts; ``sine`` has
     f = 2π² sin πx sin πy, that of its text, with the solution sin πx sin πy on the unit square.
@@ -46,7 +52,7 @@ def named_problem(name: str, mesh: Mesh) -> Diffusion:
         As :func:`read_problem`, if it is none of the names.
     """
     if name == "constant":
-        return Diffusion(source=8.0)
+        return Diffusion(source=8.0), mesh
     if name != "sine":
         return read_problem(Path(name), mesh)
     known = _vanishes_on_boundary(mesh)
@@ -54,7 +60,7 @@ def named_problem(name: str, mesh: Mesh) -> Diffusion:
         _log.info(
             "sin πx sin πy is not 0 on this boundary, so the solution is not known: no errors are given"
         )
-    return Diffusion(source=_sine_source, exact=_sine if known else None)
+    return Diffusion(source=_sine_source, exact=_sine if known else None), mesh
 
 
 def _sine(points: Float) -> Float:
@@ -72,8 +78,8 @@ def _vanishes_on_boundary(mesh: Mesh) -> bool:
     return bool(np.abs(_sine(along.reshape(-1, 2))).max() < 1e-9)
 
 
-def read_problem(path: Path, mesh: Mesh) -> Diffusion:
-    """Read a diffusion problem for ``mesh``.
+def read_problem(path: Path, mesh: Mesh) -> tuple[Diffusion, Mesh]:
+    """Read a diffusion problem for ``mesh``, and give it back with the face tag "boundary" of the problem.
 
     Raises
     ------
@@ -89,6 +95,10 @@ def read_problem(path: Path, mesh: Mesh) -> Diffusion:
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
         raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(_KEYS)}")
+    empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
+    if empty:
+        raise FileError(f"{path}: [{empty[0]}] is empty: give a number by boundary tag, or leave it out")
+    mesh = _with_boundary(path, table.get("boundary", _BOUNDARY), mesh)
     dirichlet = _boundary_values(path, "dirichlet", table.get("dirichlet", {}), mesh)
     neumann = _boundary_values(path, "neumann", table.get("neumann", {}), mesh)
     both = sorted(set(dirichlet) & set(neumann))
@@ -98,7 +108,20 @@ def read_problem(path: Path, mesh: Mesh) -> Diffusion:
     if np.min(kappa) <= 0.0:
         raise FileError(f"{path}: kappa must be positive, given {np.min(kappa):g}")
     source = _cell_values(path, "source", table.get("source", 1.0), mesh)
-    return Diffusion(kappa=kappa, source=source, dirichlet=dirichlet, neumann=neumann)
+    return Diffusion(kappa=kappa, source=source, dirichlet=dirichlet, neumann=neumann), mesh
+
+
+def _with_boundary(path: Path, name: Any, mesh: Mesh) -> Mesh:
+    """The mesh, its face tag ``name`` being the one that is called "boundary"."""
+    if name == _BOUNDARY:
+        return mesh
+    if not isinstance(name, str) or name not in mesh.face_tags:
+        raise FileError(f"{path}: boundary must be a face tag of the mesh, given {name!r}; {_tags_of(mesh)}")
+    return replace(mesh, face_tags={**mesh.face_tags, _BOUNDARY: mesh.face_tags[name]})
+
+
+def _tags_of(mesh: Mesh) -> str:
+    return f"it has the face tags: {', '.join(mesh.face_tags) or 'none'}"
 
 
 def _cell_values(path: Path, key: str, given: Any, mesh: Mesh) -> float | Float:
@@ -112,7 +135,7 @@ def _cell_values(path: Path, key: str, given: Any, mesh: Mesh) -> float | Float:
         known = ", ".join(mesh.cell_tags) or "none"
         raise FileError(f"{path}: {key}.{tag} must be a table by a cell tag of the mesh; it has: {known}")
     cells = mesh.cell_tags[tag]
-    by_value = {_whole(path, f"{key}.{tag}", each): _number(path, key, v) for each, v in values.items()}
+    by_value = _by_whole(path, f"{key}.{tag}", values)
     present, place = np.unique(cells, return_inverse=True)
     lacking = [int(each) for each in present if int(each) not in by_value]
     if lacking:
@@ -122,16 +145,25 @@ def _cell_values(path: Path, key: str, given: Any, mesh: Mesh) -> float | Float:
 
 def _boundary_values(path: Path, key: str, given: Any, mesh: Mesh) -> dict[int, float]:
     if not isinstance(given, Mapping):
-        raise FileError(f"{path}: {key} must be a table by boundary tag, given {given!r}")
+        raise FileError(f"{path}: {key} must be a table by boundary tag, given {given!r:.60}")
     outside = mesh.face_cells[:, 1] < 0
-    tags = mesh.face_tags.get("boundary", np.zeros(mesh.n_faces, np.int64))
+    tags = mesh.face_tags.get(_BOUNDARY, np.zeros(mesh.n_faces, np.int64))
     present = sorted({int(each) for each in np.unique(tags[outside])})
-    values = {}
+    values = _by_whole(path, key, given)
+    for tag in values:
+        if tag not in present:
+            known = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
+            raise FileError(f"{path}: {key} speaks of boundary tag {tag}; the mesh has: {known}")
+    return values
+
+
+def _by_whole(path: Path, key: str, given: Mapping[str, Any]) -> dict[int, float]:
+    """Numbers by the value of a tag, each of which is written once."""
+    values: dict[int, float] = {}
     for name, value in given.items():
         tag = _whole(path, key, name)
-        if tag not in present:
-            known = ", ".join(map(str, present))
-            raise FileError(f"{path}: {key} speaks of boundary tag {tag}; the mesh has: {known}")
+        if tag in values:
+            raise FileError(f"{path}: {key} gives tag {tag} twice")
         values[tag] = _number(path, f"{key}.{name}", value)
     return values
 
@@ -144,6 +176,6 @@ def _whole(path: Path, key: str, name: str) -> int:
 
 
 def _number(path: Path, key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise FileError(f"{path}: {key} must be a finite number, given {value!r}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+        raise FileError(f"{path}: {key} must be a finite number, given {value!r:.60}")
     return float(value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -17,9 +17,12 @@ __all__ = [
     "COARSE_SOLVERS",
     "SMOOTHERS",
     "Smoother",
+    "SmootherMaker",
     "Solve",
+    "SolveMaker",
     "block_jacobi",
     "correction",
+    "damped_jacobi",
     "dense",
     "lu",
     "pcg_steps",
@@ -29,6 +32,10 @@ Solve = Callable[[Float], Float]
 """Right-hand side or residual ``(n,)`` to solution or correction ``(n,)``."""
 Smoother = Callable[[Float, Float], Float]
 """``(b, x)`` to a better x."""
+SolveMaker = Callable[[Any], Solve]
+"""A matrix to what solves with it."""
+SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smoother]
+"""Matrix, solve in the cells, correction of the next level, number of steps to a smoother."""
 
 
 def lu(A: Any) -> Solve:
@@ -153,8 +160,5 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = 20) -> float:
     return float(x @ (A @ before))
 
 
-SMOOTHERS: Final[dict[str, Callable[[Any, Solve, Solve | None, int], Smoother]]] = {
-    "schwarz": schwarz,
-    "block_jacobi": damped_jacobi,
-}
-COARSE_SOLVERS: Final[dict[str, Callable[[Any], Solve]]] = {"lu": lu, "dense": dense}
+SMOOTHERS: Final[Mapping[str, SmootherMaker]] = {"schwarz": schwarz, "block_jacobi": damped_jacobi}
+COARSE_SOLVERS: Final[Mapping[str, SolveMaker]] = {"lu": lu, "dense": dense}

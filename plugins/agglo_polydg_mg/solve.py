@@ -12,10 +12,12 @@ from typing import Any
 import click
 
 from agglo_core import OptionError, agglomerate
+from agglo_core.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
+from agglo_core.arrays import Float
 from agglo_core.io import check_writable
 from agglo_core.kernels import first_use
 from agglo_core.plugins import default
-from agglo_polydg_mg.arguments import agglomeration_options, component, load
+from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import Discretisation
 from agglo_polydg_mg.output import write_solution
 from agglo_polydg_mg.picture import check_picture, draw_solution
@@ -26,26 +28,30 @@ __all__ = ["solve"]
 
 _NOT_CONVERGED = 3
 _log = logging.getLogger("agglo")
-_COMPONENT = "NAME[:opt=val,…]"
-_FILE = click.Path(path_type=Path)
 
 
 @click.command(short_help="Solve a diffusion problem with PolyDG and multigrid.")
 @click.argument("source", metavar="MESH|SAMPLE")
-@click.option("--solver", default="polydg_mg_paper", show_default=True, metavar=_COMPONENT)
+@click.option("--solver", default="polydg_mg_paper", show_default=True, metavar=COMPONENT)
+@click.option("--bisector", metavar=COMPONENT, help="How a piece is split (default kmeans).")
+@click.option("--method", type=click.Choice(["recursive", "kway"]), help="Default recursive.")
+@click.option("--nested/--not-nested", default=None, help="Whether levels coarsen each other (default).")
 @agglomeration_options
 @click.option("--levels", type=int, help="Use the first so many of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=int, help="Of the polynomials, 1..6 (default: the solver's).")
 @click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
 @click.option("--problem", default="constant", show_default=True, metavar="constant|sine|FILE.toml")
-@click.option("--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default).")
-@click.option("-o", "--output", type=_FILE, help="The solution, sampled in every cell (.vtu).")
-@click.option("--plot", type=_FILE, help="Picture of the solution (.png, .pdf, .svg).")
+@click.option("--cg/--no-cg", default=True, help="Count those of plain CG too (default; slow if large).")
+@click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu).")
+@click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 def solve(
     source: str,
     solver: str,
+    bisector: str | None,
+    method: str | None,
+    nested: bool | None,
     agglomeration: Mapping[str, Any],
     levels: int | None,
     degree: int | None,
@@ -63,30 +69,31 @@ def solve(
     numbers by cell tag and boundary tag. Exit code 3: not converged.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
-    tool = _solver(solver, {name: value for name, value in options.items() if value is not None})
+    tool = _solver(solver, _given(options))
+    chosen = choice("bisector", bisector) if bisector else None
+    how_coarse = {**agglomeration, **_given({"bisector": chosen, "method": method, "nested": nested})}
     how: Discretisation | None = getattr(tool, "discretisation", None)
     _check_files(output, plot, how, solver)
     if first_use():
         _log.info("compiling the numerical kernels, once on this machine (about a minute)")
-    mesh = load(source)
-    asked = named_problem(problem, mesh)
-    solution = tool.solve(asked, agglomerate(mesh, **agglomeration))
+    asked, mesh = named_problem(problem, load_mesh(source))
+    basis = how.basis(mesh) if how else None  # refuses a mesh in 3-D before it is agglomerated
+    solution = tool.solve(asked, agglomerate(mesh, **how_coarse))
     data = report(mesh, asked, solution, how, getattr(tool, "tolerance", 1e-6) if cg else None)
-    if output is not None and how is not None:
-        write_solution(output, how.basis(mesh), solution.x)
-    if plot is not None and how is not None:
-        draw_solution(plot, how.basis(mesh), solution.x)
+    written = _write(basis, solution.x, output, plot)
     if as_json:
         click.echo(json.dumps(_finite(data), indent=2, allow_nan=False))
     else:
-        click.echo(text(f"{mesh.name or source}, {solver}", data))
-        for path in filter(None, (output, plot)):
-            click.echo(f"wrote {path}")
+        click.echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
     return 0 if solution.converged else _NOT_CONVERGED
 
 
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
 def _solver(spec: str, given: Mapping[str, Any]) -> Any:
-    name, options = component(spec)
+    name, options = parse_spec(spec)
     twice = sorted(set(options) & set(given))
     if twice:
         raise OptionError(f"{twice[0]} is given twice: in --solver {spec} and by an option of its own")
@@ -103,6 +110,17 @@ def _check_files(output: Path | None, plot: Path | None, how: Discretisation | N
         check_writable(output)
     if plot is not None:
         check_picture(plot)
+
+
+def _write(basis: Basis | None, x: Float, output: Path | None, plot: Path | None) -> list[str]:
+    """Leave the files asked for, the picture first: a failed one leaves no other file behind."""
+    if basis is None:
+        return []
+    if plot is not None:
+        draw_solution(plot, basis, x)
+    if output is not None:
+        write_solution(output, basis, x)
+    return [f"wrote {path}" for path in (output, plot) if path is not None]
 
 
 def _finite(value: Any) -> Any:

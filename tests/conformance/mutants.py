@@ -99,6 +99,24 @@ class Extent:
         return np.bincount(labels) / len(labels)
 
 
+class LinearOnly(TwoPointFlux):
+    """Takes systems of one unknown per cell, as many algebraic methods do."""
+
+    def solve(self, problem, hierarchy):
+        if not isinstance(problem, Linear) or len(problem.b) != hierarchy.graph.n:
+            raise OptionError("a Linear problem of one unknown per cell is wanted")
+        return super().solve(problem, hierarchy)
+
+
+class DiffusionOnly(TwoPointFlux):
+    """Takes what it discretises itself."""
+
+    def solve(self, problem, hierarchy):
+        if not isinstance(problem, Diffusion):
+            raise OptionError("a Diffusion is wanted")
+        return super().solve(problem, hierarchy)
+
+
 SOUND = [
     (Halves, {"deterministic": True, "balanced": 0.2, "3d": True, "pickles": True}),
     (LevelHalves, {"deterministic": True, "balanced": 0.2, "3d": True, "pickles": True}),
@@ -109,6 +127,8 @@ SOUND = [
     (Fix, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
     (Extent, {"deterministic": True, "3d": True, "pickles": True}),
     (TwoPointFlux, {"deterministic": True, "symmetric": True, "3d": True, "pickles": True}),
+    (LinearOnly, {"deterministic": True, "symmetric": True, "3d": True, "pickles": True}),
+    (DiffusionOnly, {"deterministic": True, "3d": True, "pickles": True}),
 ]
 
 
@@ -481,6 +501,30 @@ class CountsCells(Extent):
 # --- solvers ----------------------------------------------------------------------------------------
 
 
+class RefusesAll(TwoPointFlux):
+    def solve(self, problem, hierarchy):
+        raise OptionError("not today")
+
+
+class SquaresOnly(TwoPointFlux):
+    """Refuses some diffusion problems of the plane and takes others."""
+
+    def solve(self, problem, hierarchy):
+        if isinstance(problem, Diffusion) and np.ptp(hierarchy.graph.measures) > 1e-9:
+            raise OptionError("cells of one size are wanted")
+        return super().solve(problem, hierarchy)
+
+
+class NotLinear(LinearOnly):
+    """Scales what a large right-hand side gives."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if (problem.b > 2.0).any():
+            it = replace(it, x=1.5 * it.x)
+        return it
+
+
 class NoFirstResidual(TwoPointFlux):
     def solve(self, problem, hierarchy):
         it = super().solve(problem, hierarchy)
@@ -554,6 +598,8 @@ MUTANTS = [
     Mutant("builds", Component("bisector", "anonymous", f"{__name__}:Anonymous"), "does not name"),
     Mutant("promises_can_be_kept", Extent, "leave it out", {"balanced": 0.1}),
     Mutant("answers", RaisesOnRings, "no ends"),
+    Mutant("answers", RefusesAll, "refuses every problem"),
+    Mutant("answers", SquaresOnly, "cells of one size"),
     Mutant("input_untouched", ScalesInPlace, "change a copy"),
     Mutant("input_untouched", AddsData, "work on a copy"),
     Mutant("side_array", ListOfSides, "np.asarray"),
@@ -593,6 +639,7 @@ MUTANTS = [
     Mutant("operators_chain", TransposedP, "expected"),
     Mutant("field_forms_agree", NumbersOnly, "than as numbers"),
     Mutant("linear_in_the_data", ForgetsKappa, "twice the coefficient"),
+    Mutant("linear_in_the_data", NotLinear, "twice the right-hand side"),
     Mutant("disconnected_solved", OneComponentOnly, "must be connected"),
     Mutant("global_random_state", GlobalNumpy, "draw from the generator"),
     Mutant("global_random_state", GlobalPython, "draw from the generator"),

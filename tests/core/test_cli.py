@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from agglo_core import Hierarchy, Mesh, pipeline, samples, write
+from agglo_core.arguments import parse_spec
 from agglo_core.cli import main
-from agglo_core.cli.specs import parse_spec
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.plugins import CORE_COMMANDS, Command, Component, hookimpl
 from agglo_core.plugins import default as default_registry

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from agglo_core.arguments import split_specs
 from agglo_core.cli import main
-from agglo_core.cli.specs import split_specs
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph
 from agglo_core.plugins import Component, default, hookimpl

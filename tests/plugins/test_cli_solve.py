@@ -1,4 +1,4 @@
-"""``agglo solve`` and ``agglo paper-counts``."""
+"""``agglo solve``."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
-from agglo_core import read
+from agglo_core import FileError, read
 from agglo_core.cli import main
+from agglo_core.io.vtu_arrays import parse
 
 
 class Done(NamedTuple):
@@ -112,6 +114,73 @@ def test_a_problem_of_a_file(agglo: Agglo) -> None:
     assert ours["energy"] == pytest.approx(2 * constant["energy"], rel=1e-5)
 
 
+def test_smoother_and_coarse_solver_are_chosen_by_name(agglo: Agglo) -> None:
+    asked = ("solve", "squares:n=8", "--json", "--no-cg", "--tol", "1e-9", "--solver")
+    found = {
+        (smoother, coarse): json.loads(
+            agglo(*asked, f"polydg_mg_paper:smoother={smoother},coarse_solver={coarse}").out
+        )
+        for smoother in ("schwarz", "block_jacobi")
+        for coarse in ("lu", "dense")
+    }
+    assert len({round(data["energy"], 6) for data in found.values()}) == 1
+    steps = {names: data["iterations"] for names, data in found.items()}
+    assert steps["schwarz", "lu"] == steps["schwarz", "dense"]
+    assert steps["block_jacobi", "lu"] > 2 * steps["schwarz", "lu"]
+
+
+def test_plain_conjugate_gradients_are_a_solver_of_their_own(agglo: Agglo) -> None:
+    data = json.loads(agglo("solve", "paper:squares", "--solver", "polydg_cg:degree=2", "--json").out)
+    assert data["iterations"] == data["cg_iterations"] == pytest.approx(365, rel=0.01)
+    assert data["levels"] == [{"cells": 256, "dofs": 6 * 256}]
+
+
+def test_the_report_of_what_did_not_converge(agglo: Agglo) -> None:
+    done = agglo("solve", "squares:n=8", "--solver", "polydg_mg_paper:max_iterations=2", "--json")
+    data = json.loads(done.out)
+    assert (done.code, data["converged"], data["iterations"]) == (3, False, 2)
+    assert len(data["residuals"]) == 3
+    assert data["relative_residual"] == data["residuals"][2] / data["residuals"][0] > 1e-6
+    assert "after 2 iterations, wanted" in data["reason"]
+
+
+def test_energy_and_errors_are_those_of_the_function(agglo: Agglo) -> None:
+    """∫ f u_h with f = 2π² sin πx sin πy, and the norms of u − u_h, by quadrature of the file's values."""
+    data = json.loads(agglo("solve", "squares:n=16", "--problem", "sine", "--json", "-o", "u.vtu").out)
+    document = parse(Path("u.vtu").read_bytes())
+    arrays = {each.get("Name"): document.array(each) for each in document.root.iter("DataArray")}
+    corners = arrays["connectivity"].reshape(-1, 3)
+    x, y, _ = arrays["Points"].reshape(-1, 3)[corners].mean(axis=1).T
+    exact, found = np.sin(np.pi * x) * np.sin(np.pi * y), arrays["u"][corners].mean(axis=1)
+    area = 1.0 / len(corners)
+    assert data["energy"] == pytest.approx(2 * np.pi**2 * (exact * found).sum() * area, rel=0.01)
+    assert data["error_l2"] == pytest.approx(math.sqrt(((exact - found) ** 2).sum() * area), rel=0.2)
+    assert data["error_dg"] > data["error_l2"]
+
+
+def test_a_failed_picture_leaves_no_file(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise FileError("u.png: no space left")
+
+    monkeypatch.setattr("agglo_polydg_mg.solve.draw_solution", fail)
+    done = agglo("solve", "squares:n=4", "-o", "u.vtu", "--plot", "u.png")
+    assert (done.code, list(Path().iterdir())) == (2, [])
+    assert "u.png: no space left" in done.err
+
+
+def test_problems_that_have_no_solution(agglo: Agglo) -> None:
+    Path("flux.toml").write_text("[neumann]\n0 = 1.0\n")
+    done = agglo("solve", "squares:n=4", "--problem", "flux.toml")
+    assert (done.code, done.out) == (2, "")
+    assert "no boundary face with Dirichlet data: the solution is known only up to a constant" in done.err
+
+
+def test_levels_that_do_not_coarsen_are_skipped_with_a_notice(agglo: Agglo) -> None:
+    done = agglo("solve", "squares:n=4", "--parts", "16,4", "--json")
+    assert [level["cells"] for level in json.loads(done.out)["levels"]] == [16, 4]
+    assert "level 0 is skipped: its 16 parts are no fewer than the 16 above" in done.err
+
+
 def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
     done = agglo("solve", "squares:n=8", "--solver", "polydg_mg_paper:max_iterations=1")
     assert done.code == 3
@@ -122,6 +191,22 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
     ("arguments", "message"),
     [
         (["squares:n=4", "--degree", "9"], "degree must be a whole number, 1..6; given 9"),
+        (["squares:n=4", "--degree", "0"], "degree must be a whole number, 1..6; given 0"),
+        (["squares:n=4", "--degree", "2.5"], "'2.5' is not a valid integer"),
+        (["squares:n=4", "--solver", "polydg_mg_paper:degree=2.5"], "given 2.5"),
+        (["squares:n=4", "--solver", "polydg_mg_paper:tolerance=small"], "given 'small'"),
+        (
+            ["squares:n=4", "--solver", "polydg_mg_paper:smoother=sor"],
+            "one of schwarz, block_jacobi; given 'sor'",
+        ),
+        (["squares:n=4", "--tol", "nan"], "tolerance must be a number between 0 and 1; given nan"),
+        (["squares:n=4", "--smoothing-steps", "0"], "smoothing_steps must be a whole number, at least 1"),
+        (["squares:n=4", "--levels", "1"], "levels must be a whole number, at least 2; given 1"),
+        (["squares:n=4", "--refiner", "none", "--refiner", "interface"], "--refiner none cannot be given"),
+        (["squares:n=4", "--parts", "-4"], "each number must be positive"),
+        (["squares:n=4", "--bisector", "nosuch"], "no bisector is named 'nosuch'"),
+        (["squares:n=4", "--plot", "no/u.png"], "there is no folder no"),
+        (["squares:n=4", "-o", "u.vtu", "--plot", "no/u.png"], "there is no folder no"),
         (["squares:n=4", "--degree", "2", "--solver", "polydg_mg_paper:degree=3"], "degree is given twice"),
         (["squares:n=4", "--solver", "nosuch"], "nosuch"),
         (["squares:n=4", "--solver", "polydg_mg_paper:degre=3"], "did you mean 'degree'"),
@@ -145,15 +230,3 @@ def test_bad_input_is_one_line_and_exit_code_2(agglo: Agglo, arguments: list[str
     assert message in done.err
     assert done.err.startswith("error: ") or "\nerror: " in done.err
     assert list(Path().iterdir()) == []
-
-
-def test_the_table_of_counts(agglo: Agglo) -> None:
-    done = agglo("paper-counts", "--grid", "triangles", "--bisector", "kmeans")
-    assert done.code == 0
-    lines = [line.split() for line in done.out.splitlines()]
-    assert lines[0] == ["grid", "strategy", "l", "m", "p", "tol", "ours", "paper"]
-    assert [line[-2] for line in lines[1:9]] == ["9", "9", "9", "67", "66", "5", "10", "17"]
-    assert all(line[-2] == line[-1] for line in lines[1:9])
-    assert [line[-1] for line in lines[9:]] == ["114", "355", "1101"]
-    data = json.loads(agglo("paper-counts", "--grid", "triangles", "--bisector", "kmeans", "--json").out)
-    assert data[0]["setting"] == {"levels": 2, "steps": 3, "degree": 1, "tolerance": 1e-6}

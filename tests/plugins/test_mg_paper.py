@@ -1,65 +1,30 @@
-"""The paper's solver: its counts, its switches, and what it refuses."""
+"""The paper's solver: its switches, and what it refuses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import islice
 from typing import Literal
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from agglo_core import AggloError, Hierarchy, OptionError, agglomerate, samples
+from agglo_core import AggloError, Hierarchy, Mesh, MeshError, OptionError, agglomerate, samples
 from agglo_core.problem import Diffusion, Linear
 from agglo_polydg_mg.paper import PaperMultigrid
-from agglo_polydg_mg.tables import SETTINGS, Count, Setting, counts, levels_of
+from agglo_polydg_mg.plain_cg import PlainCG
+from agglo_polydg_mg.schwarz import Smoother, Solve
 
-EXACT = {
-    "triangles": {"kmeans": [9, 9, 9, 67, 66, 5, 10, 17], "cg": [114, 355, 1101]},
-    "squares": {"kmeans": [17, 17, 17, 162, 162, 8, 34, 52], "cg": [109, 365, 703]},
-}
+Array = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")
 def voronoi() -> Hierarchy:
     """Three coarse levels of the paper's Voronoi grid."""
-    return levels_of(samples.paper("voronoi"), "kmeans")
-
-
-@pytest.mark.parametrize("grid", sorted(EXACT))
-def test_counts_are_the_papers_exactly_where_the_partition_is_unique(grid: str) -> None:
-    found = list(counts(grid, ["kmeans"]))
-    assert [each.iterations for each in found if each.strategy == "kmeans"] == EXACT[grid]["kmeans"]
-    plain = [each.iterations for each in found if each.strategy == "cg"]
-    assert plain == pytest.approx(EXACT[grid]["cg"], rel=0.01)  # rounding moves the last iterations
-    assert all(each.converged for each in found)
-
-
-@pytest.mark.parametrize("bisector", ["kmeans", "metis"])
-@pytest.mark.parametrize("grid", ["random", "voronoi"])
-def test_other_counts_lie_near_the_papers(grid: str, bisector: str) -> None:
-    if bisector == "metis":
-        pytest.importorskip("pymetis")
-    found = list(islice(counts(grid, [bisector]), len(SETTINGS)))
-    assert all(each.converged for each in found)
-    iterations = [each.iterations for each in found]
-    assert iterations == pytest.approx([each.paper for each in found], rel=0.35)
-    assert max(iterations[:3]) - min(iterations[:3]) <= 1  # no matter how many levels
-
-
-def test_a_count_knows_what_was_published() -> None:
-    first = next(counts("squares", ["coordinate"]))
-    assert isinstance(first, Count)
-    assert (first.grid, first.strategy, first.setting, first.paper) == (
-        "squares",
-        "coordinate",
-        Setting(2, 3, 1),
-        None,
-    )
-    assert next(counts("random", ["kmeans"])).paper == 41
+    return agglomerate(samples.paper("voronoi"), bisector="kmeans", h_star=[0.177, 0.354, 0.708])
 
 
 @pytest.mark.parametrize(
@@ -83,6 +48,31 @@ def test_every_switch_solves_the_same_system(solver: PaperMultigrid, voronoi: Hi
     assert np.linalg.norm(solution.x - direct) < 1e-6 * np.linalg.norm(direct)
     assert len(solution.operators) == (solver.levels or 4)
     assert set(solution.seconds) == {"assemble", "setup", "solve"}
+
+
+def test_a_smoother_and_a_coarse_solver_of_ones_own(voronoi: Hierarchy) -> None:
+    """Richardson steps on the Schwarz preconditioner, a solve by the inverse."""
+
+    def richardson(A: Array, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
+        assert coarse is not None
+
+        def smooth(b: Array, x: Array) -> Array:
+            for _ in range(steps):
+                r = b - A @ x
+                x = x + 0.2 * (local(r) + coarse(r))
+            return x
+
+        return smooth
+
+    def inverse(A: sparse.sparray) -> Solve:
+        inverted = np.linalg.inv(A.toarray())
+        return lambda b: inverted @ b
+
+    own = PaperMultigrid(smoother=richardson, coarse_solver=inverse).solve(Diffusion(), voronoi)
+    named = PaperMultigrid(coarse_solver="dense").solve(Diffusion(), voronoi)
+    assert own.converged
+    assert own.iterations > named.iterations
+    assert np.linalg.norm(own.x - named.x) < 1e-3 * np.linalg.norm(named.x)
 
 
 def test_inherited_matrices_are_galerkin_and_anew_ones_are_not(voronoi: Hierarchy) -> None:
@@ -109,6 +99,19 @@ def test_levels_that_do_not_nest_are_served(voronoi: Hierarchy) -> None:
     assert solution.converged
     linear = Linear(solution.A, solution.b, np.arange(voronoi.graph.n + 1) * 3)
     assert PaperMultigrid(tolerance=1e-8).solve(linear, crossed).converged
+
+
+@pytest.mark.parametrize("nested", [True, False])
+@pytest.mark.parametrize("degree", [1, 3])
+def test_agglomerates_in_pieces_with_holes_and_pinch_vertices(degree: int, nested: bool) -> None:
+    mesh, random = samples.voronoi(150, seed=1), np.random.default_rng(0)
+    fine = random.permutation(150) % 30
+    coarse = fine % 6 if nested else random.permutation(150) % 6
+    hierarchy = Hierarchy(mesh, mesh.graph, [fine, coarse], [{}, {}], nested)
+    solution = PaperMultigrid(degree, tolerance=1e-9).solve(Diffusion(), hierarchy)
+    assert solution.converged
+    direct = spsolve(sparse.csc_array(solution.A), solution.b)
+    assert np.linalg.norm(solution.x - direct) < 1e-6 * np.linalg.norm(direct)
 
 
 @pytest.mark.parametrize("ratio", [1e3, 1e6])
@@ -177,21 +180,44 @@ BAD_PROBLEMS: dict[str, tuple[Callable[[int], object], str]] = {
     "kappa of another mesh": (lambda n: Diffusion(kappa=np.ones(n + 1)), "kappa"),
     "negative kappa": (lambda n: Diffusion(kappa=-1.0), "kappa must be positive"),
     "nan kappa": (lambda n: Diffusion(kappa=np.full(n, np.nan)), "kappa"),
+    "infinite kappa": (lambda n: Diffusion(kappa=np.inf), "kappa is inf"),
+    "infinite source": (lambda n: Diffusion(source=np.full(n, np.inf)), "source is inf"),
+    "nan on the boundary": (lambda n: Diffusion(dirichlet={0: np.nan}), "dirichlet of tag 0 is nan"),
+    "pure Neumann": (lambda n: Diffusion(neumann={0: 0.0}), "only up to a constant"),
     "neither": (lambda n: "sine", "a Diffusion or a Linear, given str"),
 }
 
 
 @pytest.mark.parametrize("name", BAD_PROBLEMS)
-def test_problems_that_do_not_fit_are_refused(name: str, voronoi: Hierarchy) -> None:
+@pytest.mark.parametrize("solver", [PaperMultigrid, PlainCG])
+def test_problems_that_do_not_fit_are_refused(name: str, solver: Callable, voronoi: Hierarchy) -> None:
     make, message = BAD_PROBLEMS[name]
     with pytest.raises(AggloError, match=message):
-        PaperMultigrid().solve(make(voronoi.graph.n), voronoi)  # type: ignore[arg-type]
+        solver().solve(make(voronoi.graph.n), voronoi)
 
 
-def test_pure_neumann_is_refused() -> None:
-    hierarchy = agglomerate(samples.squares(4), n_parts=4)
-    with pytest.raises(AggloError, match="Dirichlet"):
-        PaperMultigrid().solve(Diffusion(neumann={0: 0.0}), hierarchy)
+@pytest.mark.parametrize("solver", [PaperMultigrid(), PlainCG()])
+def test_a_hierarchy_of_another_mesh_is_refused(solver: PaperMultigrid | PlainCG) -> None:
+    mesh = samples.squares(4)
+    hierarchy = agglomerate(mesh, n_parts=4)
+    larger = replace(hierarchy, fine=samples.squares(5))
+    with pytest.raises(OptionError, match=r"another mesh: its levels have 16 cells, Mesh\(.*has 25"):
+        solver.solve(Diffusion(), larger)
+    other = replace(hierarchy, fine=replace(mesh, points=2.0 * mesh.points))
+    with pytest.raises(OptionError, match=r"another mesh: in its graph cell 0 has the area 0.0625, .* 0.25"):
+        solver.solve(Diffusion(), other)
+
+
+def test_an_agglomerate_that_overlaps_itself_is_named_by_its_level() -> None:
+    """Two squares that overlap: each is sound, their union is not; inherited matrices need no triangles."""
+    points = [[0, 0], [2, 0], [2, 2], [0, 2], [1, -0.5], [3, -0.5], [3, 2.5], [1, 2.5]]
+    mesh = Mesh.from_polygons(points, [[0, 1, 2, 3], [4, 5, 6, 7]])
+    hierarchy = Hierarchy(mesh, mesh.graph, [np.zeros(2, int)], [{}], nested=True)
+    with pytest.raises(
+        MeshError, match=r"on the level of 1 agglomerates: no triangle .*operators='inherited'"
+    ):
+        PaperMultigrid().solve(Diffusion(), hierarchy)
+    assert PaperMultigrid(operators="inherited").solve(Diffusion(), hierarchy).converged
 
 
 def test_a_bare_graph_has_no_diffusion_problem() -> None:
@@ -208,8 +234,17 @@ def test_a_bare_graph_has_no_diffusion_problem() -> None:
         ({"smoothing_steps": 0}, "at least 1; given 0"),
         ({"smoothing_steps": True}, "given True"),
         ({"levels": 1}, "at least 2; given 1"),
-        ({"tolerance": 0.0}, "between 0 and 1, given 0.0"),
-        ({"penalty": float("nan")}, "penalty must be positive"),
+        ({"degree": 2.0}, r"whole number, 1\.\.6; given 2.0"),
+        ({"degree": "2"}, "given '2'"),
+        ({"tolerance": 0.0}, "between 0 and 1; given 0.0"),
+        ({"tolerance": float("nan")}, "between 0 and 1; given nan"),
+        ({"tolerance": "small"}, "between 0 and 1; given 'small'"),
+        ({"max_iterations": 0}, "max_iterations must be a whole number, at least 1; given 0"),
+        ({"penalty": float("nan")}, "penalty must be a positive number; given nan"),
+        ({"penalty": -10.0}, "penalty must be a positive number; given -10.0"),
+        ({"penalty": None}, "penalty must be a positive number; given None"),
+        ({"scaled_basis": 1}, "scaled_basis must be true or false; given 1"),
+        ({"schwarz_coarse": "maybe"}, "schwarz_coarse must be true or false; given 'maybe'"),
         ({"operators": "galerkin"}, "one of rediscretised, inherited; given 'galerkin'"),
         ({"smoother": "jacobi"}, "one of schwarz, block_jacobi; given 'jacobi'"),
         ({"coarse_solver": "cg"}, "one of lu, dense"),

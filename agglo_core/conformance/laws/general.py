@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import Broken, demand, law
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, fingerprints
+from agglo_core.conformance.trial import answer, fingerprints, questions
 from agglo_core.errors import OptionError
 from agglo_core.plugins import KINDS
 from agglo_core.plugins.discovery import PLUGIN_FAILURES
@@ -54,8 +53,10 @@ def promises_can_be_kept(subject: Subject) -> None:
 
 @law(*KINDS)
 def answers(subject: Subject) -> None:
-    """It answers on every mesh of the bench without raising."""
-    for case in cases(subject.kind):
+    """It answers on every mesh of the bench without raising; a solver may refuse whole sorts of problem."""
+    asked = questions(subject)
+    demand(asked, "it refuses every problem: a solver takes Diffusion or Linear problems, or both")
+    for case in asked:
         try:
             answer(subject, subject.build(), case)
         except Broken as error:
@@ -66,7 +67,7 @@ def answers(subject: Subject) -> None:
 @law(*KINDS)
 def input_untouched(subject: Subject) -> None:
     """It leaves its input as it was."""
-    for case in cases(subject.kind):
+    for case in questions(subject):
         before = dict(fingerprints(case.given))
         answer(subject, subject.build(), case)
         after = dict(fingerprints(case.given))

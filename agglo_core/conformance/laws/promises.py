@@ -14,7 +14,7 @@ from agglo_core.conformance.cases import Case, cases, level_case, seeds_for, sol
 from agglo_core.conformance.law import Broken, demand, law
 from agglo_core.conformance.laws.refiner import loose_parts
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, chunks, in_words, plain, same, settled
+from agglo_core.conformance.trial import answer, chunks, in_words, plain, questions, same, settled, taken
 from agglo_core.mesh import Mesh
 from agglo_core.plugins import KINDS
 from agglo_core.plugins.discovery import PLUGIN_FAILURES
@@ -34,10 +34,11 @@ def kway_said(subject: Subject) -> None:
 @law(*KINDS, promise="deterministic")
 def deterministic(subject: Subject) -> None:
     """Nothing but the input decides: another seed and other calls in between change nothing."""
-    tool, kind = subject.build(), subject.kind
-    first = [plain(subject, tool, case) for case in cases(kind, seed=0)]
-    later = [plain(subject, tool, case) for case in reversed(cases(kind, seed=1))]
-    for case, one, two in zip(cases(kind), first, reversed(later), strict=True):
+    tool = subject.build()
+    asked = questions(subject)
+    first = [plain(subject, tool, case) for case in asked]
+    later = [plain(subject, tool, case) for case in reversed(questions(subject, seed=1))]
+    for case, one, two in zip(asked, first, reversed(later), strict=True):
         demand(
             same(one, two),
             f"on {case.name}: with another seed, or after other calls, it answered differently: a component "
@@ -122,7 +123,7 @@ def kway_parts(subject: Subject) -> None:
 @law(*KINDS, promise="3d")
 def space(subject: Subject) -> None:
     """In 3-D it answers as it does in the plane: full length, finite, both sides, all parts."""
-    for case in solids(subject.kind):
+    for case in taken(subject, solids(subject.kind)):
         values = plain(subject, subject.build(), case)
         demand(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
@@ -142,7 +143,7 @@ def pickles(subject: Subject) -> None:
         raise Broken(
             f"pickling it raised {type(error).__name__}: {error}: no lambdas, files or locks in self"
         ) from error
-    for case in cases(subject.kind):
+    for case in questions(subject):
         demand(
             same(plain(subject, tool, case), plain(subject, twin, case)),
             f"on {case.name}: the pickled copy answers differently: what it needs must be in its attributes",
@@ -159,7 +160,7 @@ def symmetric(subject: Subject) -> None:
         "scipy.sparse.linalg.LinearOperator",
     )
     rng = np.random.default_rng(0)
-    for case in cases("solver"):
+    for case in questions(subject):
         n = len(plain(subject, tool, case))
         operator = tool.aspreconditioner(*case.given)
         u, v = rng.standard_normal((2, n))

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.conformance import bench
-from agglo_core.conformance.cases import Case, cases, level_case, part_of_level, solids, stripes, tiny
+from agglo_core.conformance.cases import Case, level_case, part_of_level, solids, stripes, tiny
 from agglo_core.conformance.law import Broken, demand, law
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, chunks, global_random, plain, same
+from agglo_core.conformance.trial import answer, chunks, global_random, plain, questions, same, taken
 from agglo_core.errors import AggloError
 from agglo_core.plugins import KINDS
 from agglo_core.report import quality
@@ -22,7 +22,7 @@ from agglo_core.report import quality
 @law(*KINDS)
 def same_seed_same_result(subject: Subject) -> None:
     """Two objects built alike give the same answer to the same question with the same seed."""
-    for case in cases(subject.kind):
+    for case in questions(subject):
         one, two = (_repeatably(subject, subject.build(), case) for _ in range(2))
         demand(
             same(one, two),
@@ -34,7 +34,7 @@ def same_seed_same_result(subject: Subject) -> None:
 @law(*KINDS)
 def no_memory(subject: Subject) -> None:
     """One object gives the same answer when asked again."""
-    for case in cases(subject.kind):
+    for case in questions(subject):
         tool = subject.build()
         one, two = (_repeatably(subject, tool, case) for _ in range(2))
         demand(
@@ -47,7 +47,7 @@ def no_memory(subject: Subject) -> None:
 def global_random_state(subject: Subject) -> None:
     """It neither reads nor moves the global random state of Python, numpy or torch."""
     remedy = "draw from the generator (or from np.random.default_rng(seed)) it is given"
-    for case in cases(subject.kind):
+    for case in questions(subject):
         with global_random(1) as unmoved:
             one = plain(subject, subject.build(), case)
             demand(unmoved(), f"on {case.name}: it drew from, or seeded, the global random state: {remedy}")
@@ -61,7 +61,7 @@ def says_nothing(subject: Subject) -> None:
     """It prints nothing: stdout belongs to the program."""
     heard = io.StringIO()
     with contextlib.redirect_stdout(heard):
-        for case in cases(subject.kind):
+        for case in questions(subject):
             answer(subject, subject.build(), case)
     demand(
         not heard.getvalue(),
@@ -72,7 +72,7 @@ def says_nothing(subject: Subject) -> None:
 @law(*KINDS)
 def survives(subject: Subject) -> None:
     """It answers at the edge: one cell, two, three, all in one place, interfaces without measure."""
-    for case in tiny(subject.kind):
+    for case in taken(subject, tiny(subject.kind)):
         values = plain(subject, subject.build(), case)
         if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
             partition_only = not (subject.has("bisect") or subject.has("bisect_level"))

@@ -1,0 +1,99 @@
+"""What commands, ours and those of plugins, understand of what is typed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from agglo_core import FileError, OptionError, PluginError, agglomerate, samples, write
+from agglo_core.arguments import agglomeration_options, choice, load_mesh, parse_value, refuse_twins
+
+
+@click.command()
+@click.argument("source")
+@agglomeration_options
+@click.option("--twice", is_flag=True)
+def mine(source: str, agglomeration: dict[str, Any], twice: bool) -> dict[str, Any]:
+    """A command as a plugin might have it."""
+    return agglomeration
+
+
+def given(*arguments: str) -> dict[str, Any]:
+    found: dict[str, Any] = mine.main(["squares:n=4", *arguments], standalone_mode=False)
+    return found
+
+
+def test_what_is_not_given_is_left_to_agglomerate() -> None:
+    assert given() == {}
+    assert given("--twice", "--seed", "0") == {"seed": 0}
+
+
+def test_what_is_given_are_arguments_of_agglomerate() -> None:
+    found = given("--refiner", "interface", "--fixer", "connectivity", "--parts", "8,2", "--seed", "3")
+    assert found == {
+        "refiners": (("interface", {}),),
+        "fixer": ("connectivity", {}),
+        "n_parts": (8, 2),
+        "seed": 3,
+    }
+    assert agglomerate(samples.squares(4), **found).parts == [8, 2]
+    assert given("--refiner", "none", "--h-factor", "2,4.5") == {"refiners": (), "h_factor": (2.0, 4.5)}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--parts", "4", "--cells-per-part", "4"], "--parts and --cells-per-part cannot be given together"),
+        (["--refiner", "none", "--refiner", "interface"], "--refiner none cannot be given with another"),
+        (["--parts", "2.5"], "'2.5' is not a comma list of whole numbers"),
+        (["--h-star", "1,inf"], "each number must be positive and finite, given inf"),
+        (["--cells-per-part", "0.5"], "each number must be at least 1 and finite, given 0.5"),
+        (["--seed", "-1"], "-1 is not in the range"),
+    ],
+)
+def test_usage_errors_name_the_options(arguments: list[str], message: str) -> None:
+    with pytest.raises(click.UsageError, match=message):
+        given(*arguments)
+
+
+def test_components_that_cannot_be_used_are_refused_before_a_mesh_is_read() -> None:
+    for arguments in (["--refiner", "nosuch"], ["--fixer", "nosuch"]):
+        with pytest.raises(PluginError, match="nosuch"):
+            given(*arguments)
+    with pytest.raises(OptionError, match="'ufactor' in 'metis:ufactor' is not of the form"):
+        choice("bisector", "metis:ufactor")
+
+
+def test_values_read_as_what_they_look_like() -> None:
+    texts = ("3", "-2.5", "1e-3", "True", "none", "fast")
+    assert [parse_value(text) for text in texts] == [3, -2.5, 1e-3, True, None, "fast"]
+
+
+def test_twins_are_refused() -> None:
+    refuse_twins("--bisector", ["kmeans", "metis"])
+    with pytest.raises(click.UsageError, match="--bisector kmeans is given twice"):
+        refuse_twins("--bisector", ["kmeans", "metis", "kmeans"])
+
+
+def test_a_mesh_is_a_file_or_a_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load_mesh("squares:n=3").n_cells == 9
+    write("squares.npz", samples.squares(2))
+    assert load_mesh("squares.npz").n_cells == 4
+    with pytest.raises(FileError, match="name of the mesh is empty"):
+        load_mesh("")
+    with pytest.raises(FileError, match=r"'no/such\.vtu' is neither a file"):
+        load_mesh("no/such.vtu")
+    with pytest.raises(OptionError, match=r"'sqares' is neither a file .* nor a sample: "):
+        load_mesh("sqares")
+
+
+def test_importing_it_loads_nothing_heavy() -> None:
+    source = "import sys, agglo_core.arguments; print([m for m in ('numpy', 'numba') if m in sys.modules])"
+    answer = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
