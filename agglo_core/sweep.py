@@ -23,11 +23,12 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
     from its mean. With measure A = A₁ + A₂ of the two sides, cut length and the share B/T of the
     inertia that lies between the sides (the energy that 2-means maximises) the cost of a threshold is
 
-        cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T)
+        cut · √A (1/A₁ + 1/A₂) + max(15, 4 √n) (1 − B/T)
 
-    (in 3-D ∛A in place of √A, so that the cost has no unit). One pass over the edges
-    finds all cuts. Both sides are never empty, whatever the scores: probabilities that all lie on one
-    side of ½ are rounded as well as any.
+    with n cells in the block (in 3-D ∛A in place of √A, so that the cost has no unit): a longer cut harms
+    two parts, sides that are unequal all those that come of them. One pass over the edges finds all
+    cuts. Both sides are never empty, whatever the scores: probabilities that all lie on one side of ½
+    are rounded as well as any.
 
     Parameters
     ----------

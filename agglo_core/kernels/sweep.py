@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels import kernel
+from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
 
 __all__ = [
+    "NO_CUT",
     "axes_block",
     "centre_block",
-    "planar_frame",
+    "compactness",
+    "edge_room",
+    "edges_of_block",
     "scan_thresholds",
     "settle_block",
     "sweep_axes",
@@ -17,100 +21,126 @@ __all__ = [
     "sweep_level",
 ]
 
+NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
 _BINS = 32  # an even number: the middle of a symmetric score is a threshold
 _TIE = 1e-6  # of a bin: values that close to a threshold lie below it
 _CLIP = 2.0  # standard deviations from the mean: no thresholds beyond
-_COMPACT = 15.0  # weight of the inertia beside the cut
-_NONE = 1e300  # cost of no cut; finite, for differences are taken
+_COMPACT = 15.0  # least weight of the inertia beside the cut
+_GROWTH = 4.0  # times √n: its weight in a block of many cells
 _LONG = 0.5  # ratio of principal moments below which a block is long
-_ROUND = 0.8  # ratio of principal moments above which no axis stands out
 
 
-@kernel(reorder_sums=True)
-def _range(n, score, shares):
-    """Lowest threshold and thresholds per unit of ``score[:n]``; 0 per unit if it is constant."""
-    low, high, mean, square = score[0], score[0], 0.0, 0.0
+@kernel
+def compactness(n):
+    """Weight of the inertia beside the cut of a block of n cells.
+
+    A longer cut harms two parts, sides that are unequal all those that they will be split into: the
+    more cells, the more that counts; no faster than the root, so that necks are still found.
+    """
+    return max(_COMPACT, _GROWTH * np.sqrt(n))
+
+
+@kernel
+def edge_room(offsets, indptr):
+    """Room for the edges of the largest block: ends, lengths."""
+    most = 0
+    for b in range(len(offsets) - 1):
+        most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
+    most = most // 2 + 1
+    return np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most)
+
+
+@kernel
+def edges_of_block(start, n, indptr, indices, interface, room):
+    """Write each edge of a block once, its ends numbered within the block; returns how many."""
+    tails, heads, lengths = room
+    count = 0
     for i in range(n):
-        low, high = min(low, score[i]), max(high, score[i])
-        mean += shares[i] * score[i]
-    for i in range(n):
-        square += shares[i] * (score[i] - mean) ** 2
-    reach, size = _CLIP * np.sqrt(square), max(abs(low), abs(high))
-    low, high = max(low, mean - reach), min(high, mean + reach)
+        for h in range(indptr[start + i], indptr[start + i + 1]):
+            j = indices[h] - start
+            tails[count], heads[count], lengths[count] = i, j, interface[h]
+            count += j > i  # no branch: it would be mispredicted
+    return count
+
+
+@kernel
+def _thresholds(low, high, reach):
+    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike."""
+    size = max(abs(low), abs(high))
+    low, high = max(low, -reach), min(high, reach)
     return low, (_BINS / (high - low) if high - low > 1e-12 * size else 0.0)
 
 
-@kernel
-def _fill_bins(start, n, score, low, rate, bins):
+@kernel(reorder_sums=True)
+def _fill_bins(n, score, low, rate, bins):
     for i in range(n):
-        place = min(max((score[i] - low) * rate - _TIE, 0.0), _BINS - 1.0)
-        bins[start + i] = np.int32(place)
+        bins[i] = np.int32(min(max((score[i] - low) * rate - _TIE, 0.0), _BINS - 1.0))
 
 
 @kernel
-def scan_thresholds(tally, x, y, z, share, cut, scale, inertia):
+def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     """Cheapest threshold, and its cost: 1e300 if none leaves weight on both sides.
 
     ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it;
     the numbers are what lies below the first bin.
     """
-    best, last, before, compact = _NONE, 0, -1.0, _COMPACT / inertia
+    best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
     for b in range(_BINS - 1):
         x, y, z = x + tally[b, 0], y + tally[b, 1], z + tally[b, 2]
         share, cut = share + tally[b, 3], cut + tally[b, 4]
         both = share * (1.0 - share)  # 1 / share + 1 / (1 − share) is its inverse
-        if share > before and both > 1e-12:  # an empty bin changes nothing
-            cost = _COMPACT + (cut * scale - (x * x + y * y + z * z) * compact) / both
-            if cost < best - 1e-9 * abs(best):
-                best, last = cost, b
-        before = share
+        cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
+        if both > 1e-12 and cost < bar:
+            best, bar, last = cost, cost - 1e-9 * abs(cost), b
     return best, last
 
 
 @kernel
-def sweep_block(start, n, indptr, indices, interface, local, shares, inertia, scale, score, bins, tally):
-    """Best threshold of ``score[:n]`` on the block of the nodes from ``start`` on.
+def sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally):
+    """Best threshold of ``score[:n]`` on a block: its cost, 1e300 if there is none, and the last bin below.
 
-    Returns the cost, the lowest threshold, thresholds per unit, and the last bin below; cost 1e300 if
-    there is no cut. ``local (3, n)`` are positions about the centre of mass, ``shares`` the weights
-    (sum 1), ``inertia`` their second moment, ``scale`` one over the measure of a typical section;
-    ``bins``, one for each node of the level, and ``tally (32, 5)`` are room to work in.
+    ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the room that
+    ``edges_of_block`` filled and their number; ``local (3, n)`` are positions about the centre of mass,
+    ``shares`` the weights (sum 1); ``gauge`` is one over the measure of a typical section, the inertia,
+    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are room to work in.
     """
-    low, rate = _range(n, score, shares)
     if rate == 0.0:
-        return _NONE, low, rate, 0
-    _fill_bins(start, n, score, low, rate, bins)
-    tally[:] = 0.0
+        return NO_CUT, 0
+    (tails, heads, lengths), count = edges
+    _fill_bins(n, score, low, rate, bins)
+    for b in range(_BINS):
+        for k in range(5):
+            tally[b, k] = 0.0
     for i in range(n):
-        own, rise = bins[start + i], 0.0
-        for h in range(indptr[start + i], indptr[start + i + 1]):
-            other = bins[indices[h]]
-            rise += interface[h] * ((other > own) - (other < own))  # no branch: it would be mispredicted
+        own = np.uint32(bins[i])
         tally[own, 0] += shares[i] * local[0, i]
         tally[own, 1] += shares[i] * local[1, i]
         tally[own, 2] += shares[i] * local[2, i]
         tally[own, 3] += shares[i]
-        tally[own, 4] += rise
-    best, last = scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale, inertia)
-    return best, low, rate, last
+    for e in range(count):
+        a, b = bins[np.uint32(tails[e])], bins[np.uint32(heads[e])]
+        tally[np.uint32(min(a, b)), 4] += lengths[e]
+        tally[np.uint32(max(a, b)), 4] -= lengths[e]
+    scale, inertia, weight = gauge
+    return scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale, inertia, weight)
 
 
 @kernel
 def settle_block(start, n, found, score, bins, sides):
     """Write the sides of a block: above the best threshold, or any halving if there is none."""
-    best, low, rate, last = found
-    if best == _NONE:
+    best, last, low, rate = found
+    if best == NO_CUT:
         for i in range(n):
             sides[start + i] = 1 if n > 1 and 2 * i >= n else 0
         return
-    _fill_bins(start, n, score, low, rate, bins)
+    _fill_bins(n, score, low, rate, bins)
     for i in range(n):
-        sides[start + i] = bins[start + i] > last
+        sides[start + i] = bins[i] > last
 
 
 @kernel
 def centre_block(start, n, centroids, weights, measures, local, shares):
-    """Fill positions about the centre of mass, and shares; return the inertia and 1 / section."""
+    """Fill positions about the centre of mass, and shares; return 1 / section, inertia and its weight."""
     d = centroids.shape[1]
     total, measure = 0.0, 0.0
     for i in range(n):
@@ -129,30 +159,66 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
             inertia += shares[i] * local[k, i] ** 2
     for i in range(n if d == 2 else 0):
         local[2, i] = 0.0
-    return max(inertia, 1e-300), (measure ** (1.0 / d - 1.0) if measure > 0.0 else 1.0)
+    scale = 1.0
+    if measure > 0.0:
+        scale = 1.0 / np.sqrt(measure) if d == 2 else measure ** (-2.0 / 3.0)
+    return scale, max(inertia, 1e-300), compactness(n)
 
 
 @kernel(reorder_sums=True)
-def planar_frame(n, x, y, shares):
-    """Cosine and sine of the principal axis of the centred points, and the ratio of principal moments.
-
-    If the ratio exceeds 0.8, of the axis of least fourth moments: along the side of a square, to which
-    second moments are blind.
-    """
-    xx, xy, yy, real, imaginary = 0.0, 0.0, 0.0, 0.0, 0.0
+def _project(n, a, b, x, y, score):
+    """Fill ``score = a x + b y``; returns its extremes."""
+    low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
     for i in range(n):
-        p, q = x[i] * x[i] - y[i] * y[i], 2.0 * x[i] * y[i]
-        xx += shares[i] * x[i] * x[i]
-        xy += shares[i] * x[i] * y[i]
-        yy += shares[i] * y[i] * y[i]
-        real += shares[i] * (p * p - q * q)
-        imaginary += shares[i] * 2.0 * p * q
+        score[i] = a * x[i] + b * y[i]
+        low, high = min(low, score[i]), max(high, score[i])
+    return low, high
+
+
+@kernel
+def axes_block(n, edges, local, shares, gauge, turns, finer, score, bins, tally):
+    """Cheapest cut of a planar block across its principal axis, or axes turned from it by ``turns``.
+
+    Long blocks are not cut along: where the ratio of moments is below 0.5, axes more than 45° off are
+    left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
+    cost, the last bin below, the lowest threshold and thresholds per unit, and leaves the coordinates
+    along the best axis in ``score``.
+    """
+    cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    ratio = (mean - radius) / (mean + radius) if mean > 0.0 else 1.0
-    if ratio > _ROUND:
-        angle = 0.25 * np.arctan2(-imaginary, -real)
-    return np.cos(angle), np.sin(angle), ratio
+    long = mean - radius < _LONG * (mean + radius)
+    best, p, q = (NO_CUT, 0, 0.0, 0.0), cos, sin
+    for c in range(len(turns) + 2 * len(finer)):
+        f = (c - len(turns)) // 2
+        if f < 0 and long and abs(turns[c, 0]) < 0.7:
+            continue
+        if f < 0:
+            a, b = turned(cos, sin, turns[c, 0], turns[c, 1])
+        elif (c - len(turns)) % 2 == 0:
+            cos, sin = p, q
+            a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
+        else:
+            a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
+        low, high = _project(n, a, b, local[0], local[1], score)
+        low, rate = _thresholds(low, high, _CLIP * np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
+        cost, last = sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally)
+        if cost < best[0] - 1e-9 * abs(best[0]):
+            best, p, q = (cost, last, low, rate), a, b
+    _project(n, p, q, local[0], local[1], score)
+    return best
+
+
+@kernel
+def _centred(start, n, column, shares, score):
+    """Fill ``score`` with the column less its mean; returns its extremes and standard deviation."""
+    low, high, mean, square = column[start], column[start], 0.0, 0.0
+    for i in range(n):
+        low, high = min(low, column[start + i]), max(high, column[start + i])
+        mean += shares[i] * column[start + i]
+    for i in range(n):
+        score[i] = column[start + i] - mean
+        square += shares[i] * score[i] ** 2
+    return low - mean, high - mean, np.sqrt(square)
 
 
 @kernel
@@ -160,53 +226,22 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
     """Side of each node: the cheapest threshold over all columns of ``scores (n, C)``, block by block."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally = np.empty(len(weights), np.int32), np.empty((_BINS, 5))
+    bins, tally, room = np.empty(largest, np.int32), np.empty((_BINS, 5)), edge_room(offsets, indptr)
     sides = np.empty(len(weights), np.int64)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
-        inertia, scale = centre_block(start, n, centroids, weights, measures, local, shares)
-        best, column = (_NONE, 0.0, 0.0, 0), 0
+        gauge = centre_block(start, n, centroids, weights, measures, local, shares)
+        edges = room, edges_of_block(start, n, indptr, indices, interface, room)
+        best, column = (NO_CUT, 0, 0.0, 0.0), 0
         for c in range(scores.shape[1]):
-            for i in range(n):
-                score[i] = scores[start + i, c]
-            trial = sweep_block(
-                start, n, indptr, indices, interface, local, shares, inertia, scale, score, bins, tally
-            )
-            if trial[0] < best[0] - 1e-9 * abs(best[0]):
-                best, column = trial, c
-        for i in range(n):
-            score[i] = scores[start + i, column]
+            low, high, spread = _centred(start, n, scores[:, c], shares, score)
+            low, rate = _thresholds(low, high, _CLIP * spread)
+            cost, last = sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally)
+            if cost < best[0] - 1e-9 * abs(best[0]):
+                best, column = (cost, last, low, rate), c
+        _centred(start, n, scores[:, column], shares, score)
         settle_block(start, n, best, score, bins, sides)
     return sides
-
-
-@kernel
-def axes_block(
-    start, n, indptr, indices, interface, local, shares, inertia, scale, frame, count, score, bins, tally
-):
-    """Cheapest cut of a block across ``count`` axes turned evenly from that of ``frame``.
-
-    Long blocks are not cut along: where the ratio of moments is below 0.5, axes more than 45° off are
-    left out. Leaves the coordinates along the best axis in ``score``.
-    """
-    best, p, q = (_NONE, 0.0, 0.0, 0), frame[0], frame[1]
-    for c in range(count + 1):  # the last one restores the best score
-        cos, sin = np.cos(c * np.pi / count), np.sin(c * np.pi / count)
-        a, b = cos * frame[0] - sin * frame[1], cos * frame[1] + sin * frame[0]
-        if c == count:
-            a, b = p, q
-        elif frame[2] < _LONG and abs(cos) < 0.7:
-            continue
-        for i in range(n):
-            score[i] = a * local[0, i] + b * local[1, i]
-        if c == count:
-            break
-        trial = sweep_block(
-            start, n, indptr, indices, interface, local, shares, inertia, scale, score, bins, tally
-        )
-        if trial[0] < best[0] - 1e-9 * abs(best[0]):
-            best, p, q = trial, a, b
-    return best
 
 
 @kernel
@@ -214,27 +249,12 @@ def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures
     """Side of each node in the plane: the cheapest threshold along ``count`` axes."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally = np.empty(len(weights), np.int32), np.empty((_BINS, 5))
-    sides = np.empty(len(weights), np.int64)
+    bins, tally, room = np.empty(largest, np.int32), np.empty((_BINS, 5)), edge_room(offsets, indptr)
+    sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
-        inertia, scale = centre_block(start, n, centroids, weights, measures, local, shares)
-        frame = planar_frame(n, local[0], local[1], shares)
-        best = axes_block(
-            start,
-            n,
-            indptr,
-            indices,
-            interface,
-            local,
-            shares,
-            inertia,
-            scale,
-            frame,
-            count,
-            score,
-            bins,
-            tally,
-        )
+        gauge = centre_block(start, n, centroids, weights, measures, local, shares)
+        edges = room, edges_of_block(start, n, indptr, indices, interface, room)
+        best = axes_block(n, edges, local, shares, gauge, turns, finer, score, bins, tally)
         settle_block(start, n, best, score, bins, sides)
     return sides

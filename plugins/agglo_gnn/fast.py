@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, UInt64, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
+from agglo_core.protocols import Target
 
 __all__ = ["SHAPES", "FastGNN"]
 
@@ -30,21 +32,21 @@ _SHIPPED = Path(__file__).parent / "weights" / "fast.safetensors"
 class FastGNN:
     """Bisection by a learned direction and an exact sweep across it.
 
-    A block of at least 48 cells is laid on a raster in its principal frame. Two SAGE layers on the
+    A block of at least 96 cells is laid on a raster in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
     the one that costs least by :func:`agglo_core.sweep.sweep` is taken. Blocks of fewer than 400 cells,
-    or of equal cells, try their axes and diagonals as well. Smaller blocks are swept along four
-    axes, as the bisector ``sweep`` does along eight. Both sides are never empty, and no random numbers.
+    or of equal cells, try their axes and diagonals as well, and the best of these directions turned
+    by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
+    32 cells on. Both sides are never empty, and no random numbers.
 
     Parameters
     ----------
     weights : path or mapping of arrays, optional
         A model file written by ``agglo train --preset fast``, or its arrays; default: those shipped.
     lookahead : int
-        If positive: this many cuts of each block are tried by splitting both sides all the way to
-        ``h_star``, and the one that leads to the fewest parts is taken. Much slower.
-    h_star : float, optional
-        Largest diameter of a part, for ``lookahead``.
+        If positive: this many cuts of each block are tried by splitting both sides all the way to the
+        size that is the target, and the one that leads to the fewest parts is taken. Much slower. A
+        number of parts cannot be the target then; without a target there is nothing to look ahead to.
 
     Raises
     ------
@@ -58,27 +60,40 @@ class FastGNN:
         self,
         weights: str | os.PathLike[str] | Mapping[str, Any] | None = None,
         lookahead: int = 0,
-        h_star: float | None = None,
     ) -> None:
         if isinstance(lookahead, bool) or not isinstance(lookahead, int) or lookahead < 0:
             raise OptionError(f"gnn: lookahead must be a whole number, 0 or more, given {lookahead!r}")
-        if lookahead and not (h_star is not None and 0 < h_star < np.inf):
-            raise OptionError(
-                f"gnn: lookahead needs h_star, the largest diameter of a part; given {h_star!r}"
-            )
         self.lookahead = lookahead
-        self.h_star = h_star
         self.net = _parameters(weights)
+        self._h_star: float | None = None
+
+    def aim(self, target: Target) -> FastGNN:
+        """This bisector, or one that looks ahead to the size of ``target``.
+
+        Raises
+        ------
+        OptionError
+            If it is to look ahead, and the target is a number of parts.
+        """
+        if not self.lookahead:
+            return self
+        if target.h_star is None:
+            raise OptionError(
+                "gnn: lookahead works with a target size, h_star, "
+                f"not with a number of parts ({target.parts})"
+            )
+        aimed = copy(self)
+        aimed._h_star = target.h_star
+        return aimed
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Side of each node ``(n,)``; ``seeds`` are not used."""
         if level.dim != 2:
             raise OptionError(f"gnn: the model splits planar meshes; this one has dimension {level.dim}")
-        if self.lookahead:
+        if self._h_star is not None:
             from agglo_gnn.lookahead import look_ahead
 
-            assert self.h_star is not None
-            return look_ahead(level, self.fast_sides, self.lookahead, self.h_star)
+            return look_ahead(level, self.fast_sides, self.lookahead, self._h_star)
         return self.fast_sides(level)
 
     def fast_sides(self, level: Graph) -> Int:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels import kernel
-from agglo_core.kernels.sweep import axes_block, centre_block, planar_frame, scan_thresholds, settle_block
+from agglo_core.kernels.axes import half_circle, halvings, turned
+from agglo_core.kernels.sweep import (
+    NO_CUT,
+    axes_block,
+    centre_block,
+    edge_room,
+    edges_of_block,
+    scan_thresholds,
+    settle_block,
+)
 from agglo_gnn.raster_kernels import lay_raster, raster_room, to_frame
 
 __all__ = ["bisect_fast", "direction"]
@@ -13,9 +22,9 @@ __all__ = ["bisect_fast", "direction"]
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 _BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
 _BINS = 32
-_NONE = 1e300
-_SMALL = 48  # cells below which some axes are swept instead
+_SMALL = 96  # cells below which some axes are swept instead
 _AXES = 4
+_FINER = 2  # halvings of the angle between them, about the best
 _LONG = 0.5  # ratio of principal moments below which a piece is long
 _FEW = 400  # cells below which the axes are tried beside the network's direction
 
@@ -78,13 +87,13 @@ def direction(count, nodes, near, areas, features, net):
 
 
 @kernel(reorder_sums=True)
-def _band_bins(start, n, x, y, p, q, low, rate, shares, bins):
+def _band_bins(n, x, y, p, q, low, rate, shares, bins):
     """Bins of the score p x + q y, −1 below the band and 32 above; share and moments of what is below."""
     area, sx, sy = 0.0, 0.0, 0.0
     for i in range(n):
         place = min(max((p * x[i] + q * y[i] - low) * rate - _TIE, -1.0), float(_BINS))
         below = shares[i] if place < 0.0 else 0.0
-        bins[start + i] = np.int32(np.floor(place))
+        bins[i] = np.int32(np.floor(place))
         area += below
         sx += below * x[i]
         sy += below * y[i]
@@ -92,30 +101,35 @@ def _band_bins(start, n, x, y, p, q, low, rate, shares, bins):
 
 
 @kernel
-def _band_sweep(
-    start, n, indptr, indices, interface, local, shares, inertia, scale, p, q, spread, bins, tally
-):
-    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there are seen."""
+def _band_sweep(start, n, graph, local, shares, gauge, p, q, spread, bins, tally):
+    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there are seen.
+
+    Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
+    """
+    indptr, indices, interface = graph
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
-    area, sx, sy = _band_bins(start, n, local[0], local[1], p, q, low, rate, shares, bins)
-    tally[:] = 0.0
+    area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
+    for b in range(_BINS):
+        for k in range(5):
+            tally[b, k] = 0.0
     cut = 0.0
     for i in range(n):
-        own = bins[start + i]
+        own = bins[i]
         if own < 0 or own >= _BINS:
             continue
         rise = 0.0
         for h in range(indptr[start + i], indptr[start + i + 1]):
-            other = bins[indices[h]]
+            other = bins[indices[h] - start]
             rise += interface[h] * ((other > own) - (other < own))
             cut += interface[h] * (other < 0)
         tally[own, 0] += shares[i] * local[0, i]
         tally[own, 1] += shares[i] * local[1, i]
         tally[own, 3] += shares[i]
         tally[own, 4] += rise
-    best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia)
-    return best, low, rate, last
+    scale, inertia, weight = gauge
+    best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
+    return best, last, low, rate
 
 
 @kernel
@@ -127,64 +141,66 @@ def _equal(n, shares):
 
 
 @kernel
-def _cut_large(
-    start, n, indptr, indices, interface, local, shares, inertia, scale, uv, room, net, score, bins, tally
-):
-    """Cheapest cut near the mean of the network's score (or of an axis, if few cells or all alike)."""
+def _cut_large(start, n, graph, local, shares, gauge, uv, room, net, turns, finer, score, bins, tally):
+    """Cheapest cut near the mean of the network's score.
+
+    With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
+    Returns what ``_band_sweep`` does, and leaves the score in ``score``.
+    """
     grid, place, nodes, near, areas, features = room
-    ux, uy, vx, vy = to_frame(n, local, shares, inertia, uv, features)
+    ux, uy, vx, vy = to_frame(n, local, shares, gauge[1], uv, features)
     count = lay_raster(n, uv, shares, grid, place, nodes, near, areas)
-    c1, c2 = direction(count, nodes[:count], near[:count], areas[:count], features, net)
-    trials = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0], [c1, c2]])
-    first = 0 if n < _FEW or _equal(n, shares) else 4
-    best, p, q = (_NONE, 0.0, 0.0, 0), ux, uy
-    for t in range(first, 5):
-        c1, c2 = trials[t]
-        if t in (1, 2, 3) and features[2] < _LONG * features[0]:
-            continue  # a long piece is not cut along
-        spread = np.sqrt(features[0] * c1 * c1 + 2.0 * features[1] * c1 * c2 + features[2] * c2 * c2)
-        a, b = c1 * ux + c2 * vx, c1 * uy + c2 * vy
-        trial = _band_sweep(
-            start, n, indptr, indices, interface, local, shares, inertia, scale, a, b, spread, bins, tally
-        )
+    pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
+    few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
+    best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
+    first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
+    for c in range(first, last + 1):
+        f = (c - 1) // 2
+        if c < 0:
+            a, b = turns[c - first]
+            if long and abs(a) < 0.9:
+                continue  # a long piece is not cut along
+        elif c == 0:
+            a, b = pointed
+        elif c % 2 == 1:
+            cos, sin = p, q
+            a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
+        else:
+            a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
+        spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
+        x, y = a * ux + b * vx, a * uy + b * vy
+        trial = _band_sweep(start, n, graph, local, shares, gauge, x, y, spread, bins, tally)
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
+    x, y = p * ux + q * vx, p * uy + q * vy
     for i in range(n):
-        score[i] = p * local[0, i] + q * local[1, i]
+        score[i] = x * local[0, i] + y * local[1, i]
     return best
 
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a planar level: the network's cut, or the best of four axes if it is small."""
+    """Side of each node of a planar level: the network's cut, or the best of some axes if it is small."""
     largest = np.diff(offsets).max()
-    local, uv, shares, score = (
-        np.empty((3, largest)),
-        np.empty((2, largest)),
-        np.empty(largest),
-        np.empty(largest),
-    )
-    bins, tally = np.empty(len(weights), np.int32), np.empty((_BINS, 5))
+    local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
+    score, bins, tally = np.empty(largest), np.empty(largest, np.int32), np.empty((_BINS, 5))
+    turns, finer, graph = half_circle(_AXES), halvings(_AXES, _FINER), (indptr, indices, interface)
     sides = np.empty(len(weights), np.int64)
-    room = raster_room(largest)
+    room, edges = raster_room(largest), edge_room(offsets, indptr)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
-        inertia, scale = centre_block(start, n, centroids, weights, measures, local, shares)
-        best = (_NONE, 0.0, 0.0, 0)
-        if n >= _SMALL and inertia > 1e-299:
+        gauge = centre_block(start, n, centroids, weights, measures, local, shares)
+        best = (NO_CUT, 0, 0.0, 0.0)
+        if n >= _SMALL and gauge[1] > 1e-299:
             best = _cut_large(
-                start, n, indptr, indices, interface, local, shares, inertia, scale, uv, room, net, score,
-                bins, tally,
-            )  # fmt: skip
-            if best[0] < _NONE:
-                low, rate = best[1], best[2]
-                for i in range(n):
-                    sides[start + i] = np.floor((score[i] - low) * rate - _TIE) > best[3]
-        if best[0] == _NONE:
-            frame = planar_frame(n, local[0], local[1], shares)
-            best = axes_block(
-                start, n, indptr, indices, interface, local, shares, inertia, scale, frame, _AXES, score,
-                bins, tally,
-            )  # fmt: skip
+                start, n, graph, local, shares, gauge, uv, room, net, turns, finer, score, bins, tally
+            )
+            cost, last, low, rate = best
+            for i in range(n if cost < NO_CUT else 0):
+                sides[start + i] = np.floor((score[i] - low) * rate - _TIE) > last
+        if best[0] == NO_CUT:
+            some = finer[: (n >= 16) + (n >= 32)]  # few cells have few cuts
+            found = edges, edges_of_block(start, n, indptr, indices, interface, edges)
+            best = axes_block(n, found, local, shares, gauge, turns, some, score, bins, tally)
             settle_block(start, n, best, score, bins, sides)
     return sides

@@ -24,7 +24,7 @@ _BATCH = 64
 _RATE = 2e-3
 _WARM_UP = 0.03
 _BALANCE = 6.0
-_COMPACT = 15.0
+_COMPACT, _GROWTH = 15.0, 4.0  # as in the sweep
 _INERTIA = 2.0 / 3.0  # of every piece in its frame
 _SIZE_POWER = 0.35
 Progress = Callable[[int, float, float], None]
@@ -32,9 +32,9 @@ Progress = Callable[[int, float, float], None]
 
 def train_fast(
     seed: int = 0,
-    steps: int = 3000,
-    pieces: int = 9000,
-    validation: int = 6000,
+    steps: int = 6000,
+    pieces: int = 16_000,
+    validation: int = 18_000,
     progress: Progress | None = None,
 ) -> tuple[dict[str, Float], dict[str, float]]:
     """Train from ``seed`` on one thread; the same seed gives the same weights on the same machine.
@@ -123,7 +123,7 @@ def _fit(
 
 
 def _loss(values: Any, batch: dict[str, torch.Tensor], sharpness: float) -> torch.Tensor:
-    """Expected cut · √A (1/A₁ + 1/A₂) − 15 B/T + 6 ((A₁ − A₂)/A)², mean over the pieces.
+    """Expected cut · √A (1/A₁ + 1/A₂) − max(15, 4 √n) B/T + 6 ((A₁ − A₂)/A)², mean over the pieces.
 
     p = sigmoid(T (z − mean) / std) with T = clip(t √n, 2, 20): standardised per piece, the logits
     cannot collapse to one side.
@@ -140,5 +140,6 @@ def _loss(values: Any, batch: dict[str, torch.Tensor], sharpness: float) -> torc
     a, b = p[batch["ends"][:, 0]], p[batch["ends"][:, 1]]
     cut = zero.index_add(0, batch["edge_owner"], batch["lengths"] * (a + b - 2 * a * b))
     moment = batch["cells"].new_zeros(count, 2).index_add(0, owner, (share * p)[:, None] * batch["cells"])
-    cost = (cut - _COMPACT / _INERTIA * moment.square().sum(1)) / (one * (1 - one))
+    weight = (_GROWTH * batch["root"]).clamp(min=_COMPACT)
+    cost = (cut - weight / _INERTIA * moment.square().sum(1)) / (one * (1 - one))
     return (cost + _BALANCE * (2 * one - 1) ** 2).mean()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels import kernel
-from agglo_core.kernels.sweep import centre_block, planar_frame
+from agglo_core.kernels.axes import planar_frame
+from agglo_core.kernels.sweep import centre_block
 
 __all__ = ["describe", "lay_raster", "raster_room", "to_frame"]
 
@@ -44,7 +45,7 @@ def to_frame(n, local, shares, inertia, uv, features):
     Principal axes, the longer first, each pointing to its heavier tail; scaled so that a square
     becomes [−1, 1]².
     """
-    cos, sin, _ = planar_frame(n, local[0], local[1], shares)
+    cos, sin, _, _, _ = planar_frame(n, local[0], local[1], shares)
     size = np.sqrt(2.0 / 3.0 / inertia)
     cos, sin = cos * size, sin * size
     for i in range(n):
@@ -155,7 +156,7 @@ def describe(offsets, centroids, weights, measures):
     cells, cell_shares = np.empty((total, 2)), np.empty(total)
     for b in range(len(offsets) - 1):
         start, n, at = offsets[b], offsets[b + 1] - offsets[b], node_offsets[b]
-        inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
+        _, inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
         to_frame(n, local, shares, inertia, uv, features)
         count = lay_raster(n, uv, shares, grid, place, nodes, near, areas)
         node_offsets[b + 1] = at + count

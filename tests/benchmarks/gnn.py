@@ -153,7 +153,7 @@ def averages(cases: list[tuple[Mesh, dict[str, float]]], bisector: Any) -> tuple
     """Mean UF, CR, number of parts, and cells per part over all cases."""
     found = []
     for mesh, target in cases:
-        choice = ("gnn", {"lookahead": bisector, **target}) if isinstance(bisector, int) else bisector
+        choice = ("gnn", {"lookahead": bisector}) if isinstance(bisector, int) else bisector
         labels = agglo.agglomerate(mesh, bisector=choice, **target).levels[0]
         values = agglo.quality(mesh, labels, metrics=("UF", "CR"))
         parts = float(labels.max() + 1)

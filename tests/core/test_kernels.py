@@ -422,7 +422,8 @@ def run(mesh):
 
 modules = [f"agglo_core.kernels.{m.name}" for m in pkgutil.iter_modules(kernels.__path__)]
 modules = [importlib.import_module(name) for name in (*modules, "agglo_kmeans.kernel")]
-public = [getattr(m, name) for m in modules for name in m.__all__]
+found = [getattr(m, name) for m in modules for name in m.__all__]
+public = [each for each in found if hasattr(each, "py_func")]
 """
 CHECK = """
 for mesh in (agglo.samples.voronoi(60, seed=1), agglo.samples.squares(8), agglo.samples.disconnected(4)):

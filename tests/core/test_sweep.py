@@ -14,7 +14,7 @@ from agglo_core.sweep import sweep
 
 
 def cost(graph, sides):
-    """cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T), from its definition."""
+    """cut · √A (1/A₁ + 1/A₂) + max(15, 4 √n) (1 − B/T), from its definition."""
     owner = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     cut = graph.interface[sides[owner] != sides[graph.indices]].sum() / 2
     area = np.bincount(sides, graph.measures, minlength=2)
@@ -26,7 +26,9 @@ def cost(graph, sides):
         between += area[side] * ((middle - mean) ** 2).sum()
     total = (graph.measures[:, None] * (graph.centroids - mean) ** 2).sum()
     power = 1 - 1 / graph.dim
-    return cut * area.sum() ** (1 - power) * (1 / area).sum() + 15 * (1 - between / total)
+    return cut * area.sum() ** (1 - power) * (1 / area).sum() + max(15, 4 * np.sqrt(graph.n)) * (
+        1 - between / total
+    )
 
 
 def thresholds(graph, score):
@@ -127,3 +129,17 @@ def test_cuts_cost_no_more_than_those_of_two_means():
         graph = samples.random_triangles(60, seed).graph
         ours, theirs = (b.bisect_level(graph, seeds) for b in (SweepBisection(), kmeans))
         assert cost(graph, ours) <= 1.02 * cost(graph, theirs)
+
+
+def test_edges_of_a_block_are_listed_once():
+    from agglo_core.kernels.sweep import edge_room, edges_of_block
+
+    mesh = samples.voronoi(60, 3)
+    graph = mesh.graph.split(agglo.agglomerate(mesh, n_parts=4).levels[0])[0]
+    room = edge_room(graph.offsets, graph.indptr)
+    matrix = graph.to_scipy().toarray()
+    for start, stop in zip(graph.offsets[:-1], graph.offsets[1:], strict=True):
+        count = edges_of_block(start, stop - start, graph.indptr, graph.indices, graph.interface, room)
+        found = np.zeros((stop - start, stop - start))
+        np.add.at(found, (room[0][:count], room[1][:count]), room[2][:count])
+        np.testing.assert_array_equal(found, np.triu(matrix[start:stop, start:stop], 1))

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import agglo_core as agglo
-from agglo_core import FileError, Graph, Mesh, OptionError, samples
+from agglo_core import FileError, Graph, Mesh, OptionError, Target, samples
 from agglo_core.arrays import frozen_float
+from agglo_core.errors import AggloError
 from agglo_gnn.fast import SHAPES, FastGNN
 from agglo_gnn.features import FEATURES, see
 from agglo_gnn.lookahead import look_ahead
@@ -25,6 +26,18 @@ def sides_of(graph, bisector=None):
 def arrays(seed):
     rng = np.random.default_rng(seed)
     return {key: 0.3 * rng.standard_normal(shape) for key, shape in SHAPES.items()}
+
+
+def cost(graph, sides):
+    """cut · √A (1/A₁ + 1/A₂) + max(15, 4 √n) (1 − B/T)."""
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    cut = graph.interface[sides[rows] != sides[graph.indices]].sum() / 2
+    area = np.bincount(sides, graph.measures)
+    means = np.stack([np.bincount(sides, graph.measures * x) / area for x in graph.centroids.T], axis=1)
+    mean = area @ means / area.sum()
+    within = graph.measures @ ((graph.centroids - means[sides]) ** 2).sum(axis=1)
+    total = graph.measures @ ((graph.centroids - mean) ** 2).sum(axis=1)
+    return cut * np.sqrt(area.sum()) * (1 / area).sum() + max(15, 4 * np.sqrt(graph.n)) * within / total
 
 
 def turned(mesh, angle, factor=1.0, shift=0.0):
@@ -149,6 +162,16 @@ def test_both_sides_are_there_whatever_the_weights_say(level):
             assert ((ones > 0) & (ones < np.diff(graph.offsets))).all()
 
 
+@pytest.mark.parametrize("n", [20, 40, 90])
+def test_small_blocks_cost_no_more_than_four_axes(n):
+    from agglo_core.defaults.sweep import SweepBisection
+
+    for seed in range(5):
+        graph = samples.voronoi(n, seed).graph
+        four = SweepBisection(4).bisect_level(graph, np.zeros(1, np.uint64))
+        assert cost(graph, sides_of(graph)) <= cost(graph, four) * (1 + 1e-9)
+
+
 def test_the_network_points_to_the_cut():
     """With the output fixed to v, a long piece is cut along, which no axis would choose."""
     fixed = {key: 0.0 * value for key, value in arrays(0).items()}
@@ -173,7 +196,7 @@ def test_looking_ahead_needs_fewer_parts_of_the_size():
     counts = []
     for seed in range(4):
         mesh = samples.voronoi(256, seed)
-        for bisector in (FastGNN(), FastGNN(lookahead=5, h_star=h_star)):
+        for bisector in (FastGNN(), FastGNN(lookahead=5)):
             counts.append(agglo.agglomerate(mesh, bisector=bisector, h_star=h_star).levels[0].max() + 1)
     assert sum(counts[1::2]) < 0.97 * sum(counts[::2])
 
@@ -187,10 +210,8 @@ def test_looking_ahead_treats_every_block_alone(level):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"lookahead": -1, "h_star": 1.0}, "lookahead must be"),
-        ({"lookahead": True, "h_star": 1.0}, "lookahead must be"),
-        ({"lookahead": 5}, "needs h_star"),
-        ({"lookahead": 5, "h_star": 0.0}, "needs h_star"),
+        ({"lookahead": -1}, "lookahead must be"),
+        ({"lookahead": True}, "lookahead must be"),
         ({"weights": 7}, "must be a model file"),
         ({"weights": {"sage1.own": np.zeros(3)}}, "named and shaped"),
     ],
@@ -198,6 +219,21 @@ def test_looking_ahead_treats_every_block_alone(level):
 def test_bad_options_are_refused(options, words):
     with pytest.raises(OptionError, match=words):
         FastGNN(**options)
+
+
+def test_looking_ahead_needs_a_size_to_look_to():
+    mesh = samples.voronoi(60, 1)
+    with pytest.raises(AggloError, match=r"lookahead works with a target size.*parts \(6\)"):
+        agglo.agglomerate(mesh, bisector=FastGNN(lookahead=5), n_parts=6)
+    plain = FastGNN()
+    assert plain.aim(Target(parts=6)) is plain
+
+
+def test_aiming_leaves_the_bisector_as_it_was(level):
+    bisector = FastGNN(lookahead=4)
+    aimed = bisector.aim(Target(h_star=0.2))
+    np.testing.assert_array_equal(sides_of(level, aimed), look_ahead(level, bisector.fast_sides, 4, 0.2))
+    np.testing.assert_array_equal(sides_of(level, bisector), bisector.fast_sides(level))
 
 
 def test_space_is_refused():
