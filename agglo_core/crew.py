@@ -139,7 +139,7 @@ class Crew:
             sides[nodes] = _sides(self.fallback, level.take(lopsided), seeds[lopsided])
             lopsided = _one_sided(level, sides)
         if len(lopsided):
-            size = int(np.diff(level.offsets)[lopsided[0]])
+            size = int(level.sizes[lopsided[0]])
             rescue = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
             raise PluginError(f"{self.splitter.title} put all {size} cells of a piece on one side{rescue}")
         return sides
@@ -244,7 +244,7 @@ def _sides(member: Member, level: Graph, seeds: UInt64) -> Int:
 
 def _one_sided(level: Graph, sides: Int) -> Int:
     ones = np.add.reduceat(sides, level.offsets[:-1])
-    return frozen_int(np.flatnonzero((ones == 0) | (ones == np.diff(level.offsets))))
+    return frozen_int(np.flatnonzero((ones == 0) | (ones == level.sizes)))
 
 
 def _integers(member: Member, what: str, given: Any, n: int) -> Int:

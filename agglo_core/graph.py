@@ -179,9 +179,14 @@ class Graph:
         return len(self.offsets) - 1
 
     @cached_property
+    def sizes(self) -> Int:
+        """Number of nodes of each block ``(B,)``."""
+        return frozen_int(np.diff(self.offsets))
+
+    @cached_property
     def block_ids(self) -> Int:
         """Block of each node ``(n,)``."""
-        return frozen_int(np.repeat(np.arange(self.n_blocks), np.diff(self.offsets)))
+        return frozen_int(np.repeat(np.arange(self.n_blocks), self.sizes))
 
     def __repr__(self) -> str:
         return f"Graph({self.dim}-D, {self.n} nodes, {len(self.indices) // 2} edges, {self.n_blocks} blocks)"
@@ -249,7 +254,7 @@ class Graph:
     def take(self, blocks: ArrayLike) -> Graph:
         """The chosen blocks, in that order."""
         chosen = np.asarray(blocks, dtype=np.int64)
-        sizes = np.diff(self.offsets)[chosen]
+        sizes = self.sizes[chosen]
         offsets = np.concatenate(([0], np.cumsum(sizes)))
         nodes = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], sizes)
         return self.subgraph(nodes, offsets)

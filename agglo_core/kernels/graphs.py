@@ -137,11 +137,8 @@ def broken_blocks(offsets, indptr, indices, labels):
     seen = np.full(labels.max() + 1, -1, np.int64)
     broken = np.empty(len(offsets) - 1, np.bool_)
     for b in range(len(broken)):
-        spare = 0  # components beyond one for each part
         for i in range(offsets[b], offsets[b + 1]):
             own, root = labels[i], np.int32(i)
-            spare += seen[own] == b
-            seen[own] = b
             parent[i] = root
             for h in range(indptr[i], indptr[i + 1]):
                 j = indices[h]
@@ -154,7 +151,10 @@ def broken_blocks(offsets, indptr, indices, labels):
                 if other != root:
                     root, child = min(root, other), max(root, other)
                     parent[child] = root
-                    spare -= 1
             parent[i] = root
-        broken[b] = spare > 0
+        broken[b] = False
+        for i in range(offsets[b], offsets[b + 1]):
+            if parent[i] == i:  # a component; a second one of its part?
+                broken[b] |= seen[labels[i]] == b
+                seen[labels[i]] = b
     return broken

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 from collections.abc import Mapping
-from functools import reduce
+from functools import lru_cache, reduce
 from importlib import import_module
 from typing import Any
 
@@ -72,11 +72,8 @@ def construct(record: Record, options: Mapping[str, Any]) -> Any:
 
 
 def _check_options(record: Record, target: Any, options: Mapping[str, Any]) -> None:
-    try:
-        parameters = inspect.signature(target).parameters.values()
-    except (TypeError, ValueError):  # a class written in C without a signature: its constructor checks
-        return
-    if any(p.kind is p.VAR_KEYWORD for p in parameters):
+    parameters = _parameters(target) if isinstance(target, type) else _look_up(target)
+    if parameters is None or any(p.kind is p.VAR_KEYWORD for p in parameters):
         return
     named = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
     accepted = [p.name for p in named]
@@ -89,6 +86,19 @@ def _check_options(record: Record, target: Any, options: Mapping[str, Any]) -> N
     lacking = [p.name for p in named if p.default is p.empty and p.name not in options]
     if lacking:
         raise OptionError(f"{describe(record)} needs a value for {', '.join(lacking)}")
+
+
+def _look_up(target: Any) -> tuple[inspect.Parameter, ...] | None:
+    """What a class or factory takes; None for one written in C that does not tell: it checks itself."""
+    try:
+        return tuple(inspect.signature(target).parameters.values())
+    except (TypeError, ValueError):
+        return None
+
+
+@lru_cache(maxsize=256)
+def _parameters(target: type) -> tuple[inspect.Parameter, ...] | None:
+    return _look_up(target)  # takes longer than to build most components, so once for each class
 
 
 def _check_methods(record: Record, built: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from copy import copy
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -114,15 +115,22 @@ class FastGNN:
 
 
 def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any] | None) -> tuple[Float, ...]:
+    if weights is None:
+        return _shipped()
     if isinstance(weights, Mapping):
         arrays: Mapping[str, Any] = weights
         wrong = [key for key, shape in SHAPES.items() if np.shape(arrays.get(key, 0.0)) != shape]
         if wrong or set(arrays) != set(SHAPES):
             raise OptionError(f"gnn: weights must be arrays named and shaped as {dict(SHAPES)}")
-    elif weights is None or isinstance(weights, str | os.PathLike):
+    elif isinstance(weights, str | os.PathLike):
         from agglo_gnn import model_file
 
-        arrays, _ = model_file.load(Path(weights or _SHIPPED), architecture="fast", shapes=SHAPES)
+        arrays, _ = model_file.load(Path(weights), architecture="fast", shapes=SHAPES)
     else:
         raise OptionError(f"gnn: weights must be a model file, given {weights!r}")
     return tuple(frozen_float(arrays[key]) for key in SHAPES)
+
+
+@cache  # to read and check the file takes longer than to split a small mesh
+def _shipped() -> tuple[Float, ...]:
+    return _parameters(_SHIPPED)

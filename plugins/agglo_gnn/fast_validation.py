@@ -21,7 +21,11 @@ Rival = Callable[[Graph, UInt64], Int]
 
 
 def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], count: int) -> dict[str, float]:
-    """Costs of cuts over those of 2-means, on pieces made for nothing else."""
+    """Costs of cuts over those of 2-means, on pieces made for nothing else.
+
+    Means of the ratios, of all pieces and of those of 32 cells or more; ``of_means`` is the ratio of the
+    mean costs instead, in which the pieces that are hard to cut count for more.
+    """
     from agglo_core.defaults.sweep import SweepBisection
     from agglo_core.plugins import default
 
@@ -33,17 +37,21 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
         "initial": lambda level, seeds: sweep(level, _scores(level, initial)),
     }
     two_means: Rival = default().build("bisector", "kmeans").bisect_level
-    costs: dict[str, list[Float]] = {key: [] for key in rivals}
+    costs: dict[str, list[Float]] = {key: [] for key in (*rivals, "base")}
     for level in levels:
         seeds = np.zeros(level.n_blocks, np.uint64)
-        base = _costs(level, np.asarray(two_means(level, seeds)))
+        costs["base"].append(_costs(level, np.asarray(two_means(level, seeds))))
         for key, rival in rivals.items():
-            costs[key].append(_costs(level, rival(level, seeds)) / base)
-    large = np.concatenate([np.diff(level.offsets) for level in levels]) >= 32
+            costs[key].append(_costs(level, rival(level, seeds)))
+    large = np.concatenate([level.sizes for level in levels]) >= 32
     joined = {key: np.concatenate(values) for key, values in costs.items()}
-    return {k: float(v.mean()) for k, v in joined.items()} | {
-        f"{k}_32": float(v[large].mean()) for k, v in joined.items()
-    }
+    base = joined.pop("base")
+    ratios = {key: values / base for key, values in joined.items()}
+    return (
+        {key: float(values.mean()) for key, values in ratios.items()}
+        | {f"{key}_32": float(values[large].mean()) for key, values in ratios.items()}
+        | {"of_means": float(joined["ratio"].mean() / base.mean())}
+    )
 
 
 def _scores(level: Graph, parameters: Mapping[str, Float]) -> Float:
