@@ -3,7 +3,8 @@
     python tests/benchmarks/gnn.py [bisection] [recursion] [quality] [lookahead] [--seeds N] [--repeats N]
 
 One thread, everything in one process. ``bisection``: one split of a graph whose cells lie along a Morton
-curve, refinement included, beside ``pymetis.part_graph(2)``; wall time, median of the repeats; ``ncut`` is
+curve, refinement included (but for the network of the paper), beside ``pymetis.part_graph(2)``; wall time,
+median of the repeats; ``ncut`` is
 cut length · √A (1/A₁ + 1/A₂), 4 for a halved square, ``degree`` the paper's, which counts edges.
 ``recursion``: all the way to parts of about 16 cells, CPU seconds, METIS with the same number of parts.
 ``quality``: UF / CR / number of parts, mean over seeds and four values of h*. ``lookahead``: the same for
@@ -21,6 +22,7 @@ for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
 import argparse
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -82,6 +84,13 @@ def bisection(repeats: int) -> None:
             seconds, sides = timed(ours, repeats, time.perf_counter)
             ratio = f"({base / seconds:.1f}x)"
             print(f"        {name:6} {seconds * 1e3:7.3f} {ratio:7}{row(graph, sides)}")
+        for precision in ("single", "double"):  # the paper's network in torch: forward pass and frame alone
+            paper = default().build("bisector", "gnn_paper", precision=precision)
+            paper.bisect_level(graph, seeds)
+            call = partial(paper.bisect_level, graph, seeds)
+            seconds, sides = timed(call, min(repeats, 5), time.perf_counter)
+            ratio, sides = f"({base / seconds:.2f}x)", frozen_int(np.asarray(sides) >= 0.5)
+            print(f"        paper {seconds * 1e3:8.3f} {ratio:7}{row(graph, sides)} {precision}")
 
 
 def row(graph: Graph, sides: Labels) -> str:
