@@ -1,4 +1,4 @@
-"""Hypothesis profiles, and the authors' published meshes where they are at hand."""
+"""Hypothesis profiles, the command line, and the authors' published meshes where they are at hand."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Agglo, caller
 from hypothesis import HealthCheck, settings
 
 from agglo_core import Mesh
@@ -19,6 +20,13 @@ settings.register_profile("thorough", max_examples=2000, **_patient)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 _PUBLISHED = Path(os.environ.get("AGGLO_PAPER_DATA", Path(__file__).parents[2] / "shared/data/paper"))
+
+
+@pytest.fixture
+def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
+    """Run the command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return caller(capsys)
 
 
 @pytest.fixture(scope="session")

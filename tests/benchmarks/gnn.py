@@ -4,8 +4,8 @@
 
 One thread, everything in one process. ``bisection``: one split of a graph whose cells lie along a Morton
 curve, refinement included (but for the network of the paper), beside ``pymetis.part_graph(2)``; wall time,
-median of the repeats; ``ncut`` is
-cut length · √A (1/A₁ + 1/A₂), 4 for a halved square, ``degree`` the paper's, which counts edges.
+median of the repeats; ``ncut`` is cut length · √A (1/A₁ + 1/A₂), 4 for a halved square, ``degree`` the
+paper's, which counts edges.
 ``recursion``: all the way to parts of about 16 cells, CPU seconds, METIS with the same number of parts.
 ``quality``: UF / CR / number of parts, mean over seeds and four values of h*. ``lookahead``: the same for
 ``gnn`` with candidates tried.

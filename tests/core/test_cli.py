@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
 import pytest
+from command_line import Agglo
 
 from agglo_core import Hierarchy, Mesh, pipeline, samples, write
 from agglo_core.arguments import parse_spec
@@ -19,30 +20,6 @@ from agglo_core.cli import main
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.plugins import CORE_COMMANDS, Command, Component, hookimpl
 from agglo_core.plugins import default as default_registry
-
-
-class Done(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Agglo = Callable[..., Done]
-
-
-@pytest.fixture
-def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
-    """Run the command line in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> Done:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as done:
-            main(arguments)
-        assert isinstance(done.value.code, int)
-        return Done(done.value.code, *capsys.readouterr())
-
-    return call
 
 
 @click.command()

@@ -3,43 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
+from command_line import Agglo
 
 from agglo_core.arguments import split_specs
-from agglo_core.cli import main
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph
 from agglo_core.plugins import Component, default, hookimpl
-
-
-class Done(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Agglo = Callable[..., Done]
-
-
-@pytest.fixture
-def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
-    """Run the command line in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> Done:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as done:
-            main(arguments)
-        assert isinstance(done.value.code, int)
-        return Done(done.value.code, *capsys.readouterr())
-
-    return call
 
 
 class Stubborn:

@@ -4,41 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
+from command_line import Agglo
 
 from agglo_core import FileError, read
-from agglo_core.cli import main
 from agglo_core.io.vtu_arrays import parse
-
-
-class Done(NamedTuple):
-    code: int
-    out: str
-    err: str
-
-
-Agglo = Callable[..., Done]
-
-
-@pytest.fixture
-def agglo(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Agglo:
-    """Run the command line in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> Done:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as done:
-            main(arguments)
-        assert isinstance(done.value.code, int)
-        return Done(done.value.code, *capsys.readouterr())
-
-    return call
-
 
 H_STAR = "0.17677669529663687,0.35355339059327373,0.7071067811865476"
 
