@@ -113,13 +113,18 @@ class Crew:
         """Who bisects: the bisector if it can, else the finisher."""
         return self.bisector if isinstance(self.bisector.tool, LevelBisector | Bisector) else self.finisher
 
+    def aims(self, h_star: float) -> bool:
+        """Whether the size of the parts makes a difference to the bisector."""
+        return self.aimed(Target(h_star=h_star)) is not self
+
     def aimed(self, target: Target) -> Crew:
-        """The same crew, its bisector told the target if it wants to know."""
-        if not isinstance(self.splitter.tool, Aiming):
+        """The crew with its bisector told the target; the crew itself if that makes no difference to it."""
+        tool: Any = self.splitter.tool
+        if not isinstance(tool, Aiming):
             return self
         with attributed(self.splitter):
-            tool = self.splitter.tool.aim(target)
-        return replace(self, bisector=replace(self.splitter, tool=tool))
+            aimed = tool.aim(target)
+        return self if aimed is tool else replace(self, bisector=replace(self.splitter, tool=aimed))
 
     def seeds(self, stage: int, count: int) -> UInt64:
         """Seeds ``(count,)`` of the pieces that stage (level, pass) number ``stage`` starts from."""

@@ -148,11 +148,11 @@ def _split(level: Graph, crew: Crew, seeds: UInt64, target: Target) -> Int:
 def recursive_levels(graph: Graph, levels: Levels, crew: Crew, post: PostPass) -> list[Int]:
     """Labels of each level, finest first.
 
-    One tree serves all size targets: level l is its cut at h*_l. Counts, and sizes with post-passes,
-    go coarsest first: the parts of one level are the pieces of the next.
+    One tree serves all size targets: level l is its cut at h*_l. Counts go coarsest first, the parts of
+    one level being the pieces of the next; so do sizes with post-passes or a bisector aimed at each.
     """
-    if levels.sizes and not post.active:
-        h_stars = levels.sizes
+    h_stars = levels.sizes
+    if h_stars and not post.active and (len(h_stars) == 1 or not crew.aims(h_stars[0])):
         rule: Rule = ByDiameter(h_stars[0], coarser=tuple(h_stars[1:]))
         tree, leaves = grow(graph, graph.components(), rule, crew)
         note_oversized(tree, leaves, h_stars[0], crew)

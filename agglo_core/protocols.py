@@ -77,7 +77,10 @@ class Aiming(Protocol):
     """Optional: a bisector that wants to know what the pieces are to become."""
 
     def aim(self, target: Target) -> LevelBisector | Bisector:
-        """Return the bisector for pieces that are to meet ``target``; called before the first split."""
+        """Return the bisector for pieces that are to meet ``target``: itself if that is the same for it.
+
+        Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
+        """
         ...
 
 
