@@ -1,0 +1,11 @@
+"""The paper's tables and figures, ours beside the printed numbers."""
+
+from __future__ import annotations
+
+from agglo_core import Command, hookimpl
+
+
+@hookimpl
+def agglo_commands() -> list[Command]:
+    """``agglo paper``."""
+    return [Command("paper", "agglo_paper.command:paper", "The paper's tables and figures beside ours.")]

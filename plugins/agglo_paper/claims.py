@@ -1,0 +1,175 @@
+"""The paper's claims, each held against the fresh meshes and the timings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from agglo_paper.plan import Plan
+from agglo_paper.record import Row, Table
+from agglo_paper.runtime import curves
+from agglo_paper.statistics import paired, same_sizes, sampled
+from agglo_paper.store import Results
+from agglo_paper.strategies import Strategy
+
+__all__ = ["Claim", "claims"]
+
+_LEAST = 8  # meshes of which all must agree before a sign test reaches 0.01
+_MEASURES: Final = (
+    ("CRc", "Learning-based strategies have rounder agglomerates than METIS (CRc, what the paper prints)"),
+    ("CR", "The same, with CR as its text defines it"),
+    ("mg", "With them multigrid needs fewer iterations than with METIS (ℓ = 3, m = 3, p = 1)"),
+)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim, what became of it, and the evidence."""
+
+    text: str
+    verdict: str
+    evidence: Table
+
+    def markdown(self) -> str:
+        """Heading, verdict, evidence."""
+        title, rest = self.evidence.markdown().split("\n\n", 1)
+        return f"{title}\n\n**{self.verdict}**\n\n{rest}"
+
+
+def claims(plan: Plan, results: Results) -> Iterator[Claim]:
+    """The claims of the paper, in its order."""
+    for name, text in _MEASURES:
+        for rival, how in (
+            (plan.printed[0], "METIS as the paper runs it, by count"),
+            (same_sizes(plan), "METIS held to the same diameters"),
+        ):
+            if rival is not None and not rival.problem and (name != "mg" or plan.solver):
+                yield _comparison(plan, results, f"{text}: {how}", rival, name)
+    if plan.solver:
+        kmeans = plan.printed[1]
+        if not kmeans.problem:
+            yield _comparison(plan, results, "Of the two the network needs fewer than k-means", kmeans, "mg")
+        yield _levels_claim(plan, results)
+        yield _gradients_claim(plan, results)
+    yield _speed_claim(plan, results)
+
+
+def _claim(text: str, verdict: str, rows: Sequence[Row], notes: Sequence[str] = (), digits: int = 3) -> Claim:
+    return Claim(text, verdict, Table("claim", text, rows, digits, "method", notes))
+
+
+def _learned(plan: Plan) -> list[Strategy]:
+    """The paper's two, and `gnn`."""
+    return [each for each in plan.compared[1:] if not each.problem]
+
+
+def _judged(plan: Plan) -> list[Strategy]:
+    """METIS as the paper runs it, and the learned ones."""
+    return [each for each in plan.compared if not each.problem]
+
+
+def _comparison(plan: Plan, results: Results, text: str, rival: Strategy, name: str) -> Claim:
+    rows, outcomes = [], []
+    for each in _learned(plan):
+        if each is rival:
+            continue
+        found = {family: paired(plan, results, each, rival, family, name) for family in plan.families}
+        outcomes += [each.outcome for each in found.values()]
+        digits = 1 if name == "mg" else 3
+        rows.append(Row(each.name, {family: each.text(digits) for family, each in found.items()}))
+    better, worse, n = outcomes.count("better"), outcomes.count("worse"), len(outcomes)
+    if plan.fresh < _LEAST:
+        verdict = "Too few meshes to tell."
+    elif n and better == n:
+        verdict = "Confirmed: better in every comparison."
+    elif not better:
+        verdict = f"Refuted: better in none of {n} comparisons (method × family), worse in {worse}."
+    else:
+        verdict = f"In part: better in {better} of {n} comparisons (method × family), worse in {worse}."
+    return _claim(text, verdict, rows)
+
+
+def _levels_claim(plan: Plan, results: Results) -> Claim:
+    rows, shares = [], []
+    for each in _judged(plan):
+        cells = {}
+        for family in plan.families:
+            spread = sampled(plan, results, each, family, "spread")
+            known = spread[~np.isnan(spread)]
+            if len(known):
+                shares.append(float((known <= 1).mean()))
+                cells[family] = f"{100 * shares[-1]:.0f} % (at most {known.max():.0f})"
+        rows.append(Row(each.name, dict(cells)))
+    verdict = f"In part: on {100 * np.mean(shares):.0f} % of the meshes." if shares else "Not measured."
+    verdict = "Confirmed." if shares and min(shares) >= 0.9 else verdict
+    note = "share of meshes where the counts for ℓ = 2, 3, 4 differ by at most 1 (by how much on any)"
+    return _claim("Iterations do not depend on the number of levels ℓ (m = 3, p = 1)", verdict, rows, [note])
+
+
+def _gradients_claim(plan: Plan, results: Results) -> Claim:
+    rows = []
+    shares: dict[str, list[float]] = {}
+    for each in _judged(plan):
+        cells: dict[str, str] = {}
+        for family in plan.families:
+            fair, as_printed = (_below(plan, results, each, family, tol) for tol in ("1e-8", "1e-6"))
+            shares.setdefault(each.name, []).append(fair)
+            cells[family] = f"{100 * fair:.0f} % ({100 * as_printed:.0f} %)"
+        rows.append(Row(each.name, dict(cells)))
+    metis = shares.pop(plan.printed[0].name, [0.0])
+    wins = min(map(min, shares.values()), default=0.0)
+    text = (
+        "With one smoothing step learning-based strategies still beat CG, and METIS does not (ℓ = 3, p = 1)"
+    )
+    note = (
+        "share of meshes with fewer iterations than plain CG, both to 1e-8; in parentheses multigrid to 1e-8 "
+        "against CG to 1e-6, what the paper prints. A V-cycle with m = 1 costs several iterations of CG"
+    )
+    learned = f"learning-based strategies beat CG on at least {100 * wins:.0f} % of the meshes of each family"
+    also = f"METIS does so on {100 * min(metis):.0f} to {100 * max(metis):.0f} %"
+    if wins > 0.5 and max(metis) < 0.5:
+        verdict = f"Confirmed: {learned}; {also}."
+    elif wins > 0.5:
+        verdict = f"In part: {learned}, but METIS beats it too: {also}."
+    else:
+        verdict = f"Refuted: {learned} only; {also}."
+    return _claim(text, verdict, rows, [note])
+
+
+def _below(plan: Plan, results: Results, strategy: Strategy, family: str, tolerance: str) -> float:
+    """Share of the fresh meshes on which multigrid with m = 1 takes fewer iterations than plain CG."""
+    ours = sampled(plan, results, strategy, family, "m1")
+    plain = sampled(plan, results, Strategy("CG", ""), family, tolerance)
+    known = ~np.isnan(ours + plain)
+    return float((ours < plain)[known].mean()) if known.any() else 0.0
+
+
+def _speed_claim(plan: Plan, results: Results) -> Claim:
+    at = max(n for n in plan.cells if n <= 5000)
+    lines = curves(plan, results, "bisection")
+    ms = {name: cell.ours for name, line in lines.items() for n, cell in line if n == at}
+    now = {name: taken for name, taken in ms.items() if taken and not name.endswith("whole")}
+    rows = [Row(name, {"CPU ms": f"{now[name]:.3g}"}) for name in sorted(now, key=lambda name: now[name])]
+    text = f"The network is the fastest online (one bisection of {at:,} cells; [all sizes](runtime.md))"
+    return _claim(text, " ".join(_speed_verdict(now)), rows)
+
+
+def _speed_verdict(now: Mapping[str, float]) -> Iterator[str]:
+    """Sentences on the CPU time of one bisection by each method."""
+    network, ours = now.get("GNN, forward"), now.get("gnn")
+    raw, wrapped = now.get("METIS, raw"), now.get("METIS through networkx")
+    faster = [name for name in now if network is not None and now[name] < network]
+    if network is None:
+        yield "The paper's network cannot be used here."
+    elif faster:
+        yield f"Refuted for the paper's network: {len(faster)} of {len(now)} are faster."
+    else:
+        yield "Confirmed."
+    if raw and wrapped:
+        yield f"METIS through networkx, its rival there, takes {wrapped / raw:.1f} times METIS itself."
+    if raw and ours:
+        place = sorted(now.values()).index(ours) + 1
+        yield f"gnn, ours, is {raw / ours:.1f} times faster than METIS itself, number {place} of {len(now)}."

@@ -1,0 +1,190 @@
+"""The paper's figures as SVG: agglomerated grids, box plots, the brain, runtimes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core import AggloError, FileError, Hierarchy, Mesh, OptionError
+from agglo_core.arrays import Float
+from agglo_core.io.atomic import staging
+from agglo_core.plot import PALETTE, colouring
+from agglo_paper.grids import load, targets
+from agglo_paper.plan import Plan
+from agglo_paper.record import Cell
+from agglo_paper.runtime import KINDS, curves
+from agglo_paper.shapes import repeats, unit
+from agglo_paper.store import Results
+from agglo_paper.strategies import Strategy
+
+__all__ = ["draw_boxes", "draw_grids", "draw_runtime"]
+
+_INK, _FINE, _PAPER = "#222222", "#8a8a8a", "#F4F1EA"
+_CROWDED = 2000
+_ALSO = ("gnn", "kmeans", "spectral", "metis k-way")
+
+
+def _shown(plan: Plan) -> list[Strategy]:
+    """The paper's columns and a few of ours."""
+    return [each for each in plan.usable if each in plan.printed or each.name in _ALSO]
+
+
+def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) -> None:
+    """Each mesh in a row of its own: as it is, then agglomerated by the paper's columns and some of ours."""
+    shown = _shown(plan)
+    across = len(shown) + 1 if len(sources) > 1 else (len(shown) + 2) // 2
+    down = len(sources) if len(sources) > 1 else 2
+    with _picture((2.2 * across, 2.45 * down), path) as figure:
+        panels = figure.subplots(down, across, squeeze=False).ravel()
+        place = 0
+        for source in sources:
+            mesh = load(source)
+            _panel(panels[place], mesh, None, f"{mesh.name}, {mesh.n_cells:,} cells")
+            for each in shown:
+                place += 1
+                _agglomerated(panels[place], mesh, each, source, convention)
+            place += 1
+        for axis in panels[place:]:
+            axis.set_axis_off()
+
+
+def _agglomerated(axis: Any, mesh: Mesh, each: Strategy, source: str, convention: str) -> None:
+    try:
+        hierarchy = each.run(mesh, targets(mesh, source, convention))
+    except AggloError as error:
+        axis.set_title(f"{each.name}: {error!s:.30}…", fontsize=7)
+        axis.set_axis_off()
+        return
+    _panel(axis, mesh, hierarchy, f"{each.name}, {hierarchy.parts[0]} parts")
+
+
+def _panel(axis: Any, mesh: Mesh, hierarchy: Hierarchy | None, title: str) -> None:
+    crowded = mesh.n_cells > _CROWDED  # drawn as an image inside the SVG
+    if hierarchy is None:
+        _fill(axis, mesh.coarsen(np.zeros(mesh.n_cells, np.int64)), [_PAPER], crowded)
+        _edges(axis, mesh, _FINE, 0.12 if crowded else 0.4, crowded)
+    else:
+        coarse = mesh.coarsen(hierarchy.levels[0])
+        _fill(axis, coarse, PALETTE, crowded)
+        _edges(axis, coarse, _INK, 0.6, crowded)
+    used = mesh.local_points[mesh.face_vertices]
+    axis.set_xlim(used[:, 0].min(), used[:, 0].max())
+    axis.set_ylim(used[:, 1].min(), used[:, 1].max())
+    axis.set_aspect("equal")
+    axis.set_title(title, fontsize=7, color=_INK)
+    axis.set_axis_off()
+
+
+def _fill(axis: Any, mesh: Mesh, palette: Sequence[str], rasterized: bool) -> None:
+    """Fill the cells, one path for all of a colour."""
+    loops = mesh.boundary_loops
+    colours = colouring(mesh, len(palette)) if len(palette) > 1 else np.zeros(mesh.n_cells, np.int64)
+    owner = np.repeat(colours, np.diff(loops.cell_offsets))
+    closed = [np.append(each, each[0]) for each in np.split(loops.vertices, loops.loop_offsets[1:-1])]
+    for colour, tone in enumerate(palette):
+        mine = [mesh.local_points[loop] for loop, own in zip(closed, owner, strict=True) if own == colour]
+        if mine:
+            _path(axis, mine, rasterized, facecolor=tone, edgecolor="none", linewidth=0)
+
+
+def _edges(axis: Any, mesh: Mesh, colour: str, width: float, rasterized: bool) -> None:
+    segments = mesh.local_points[mesh.face_pairs]
+    _path(axis, segments, rasterized, facecolor="none", edgecolor=colour, linewidth=width, capstyle="round")
+
+
+def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> None:
+    """Draw polylines ``(k, 2)`` as one path; loops are filled by the even-odd of their directions."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    corners = list(lines)
+    codes = [np.full(len(each), Outline.LINETO, np.uint8) for each in corners]
+    for each in codes:
+        each[0] = Outline.MOVETO
+    outline = Outline(np.concatenate(corners), np.concatenate(codes))
+    axis.add_patch(PathPatch(outline, rasterized=rasterized, **style))
+
+
+def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
+    """Box plots of UF (above) and CRc (below), a panel for each of the sources (name to source)."""
+    shown = _shown(plan)
+    with _picture((0.4 * len(shown) * len(sources) + 1.5, 5.0), path) as figure:
+        panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)
+        for column, (name, source) in enumerate(sources.items()):
+            for axis, metric in zip(panels[:, column], ("UF", "CRc"), strict=True):
+                found = {s.name: _values(plan, results, s, source, convention, metric) for s in shown}
+                _boxes(axis, {label: values for label, values in found.items() if values})
+                axis.set_title(f"{name}: {metric}", fontsize=8)
+
+
+def _values(
+    plan: Plan, results: Results, strategy: Strategy, source: str, convention: str, metric: str
+) -> list[float]:
+    """Values of all agglomerates of the first repetition."""
+    first = repeats(plan, strategy)[0]
+    values: list[float] = results[unit(source, convention, strategy, first).key].get(metric, [])
+    return values
+
+
+def _boxes(axis: Any, values: Mapping[str, Sequence[float]]) -> None:
+    drawn = axis.boxplot(
+        list(values.values()),
+        widths=0.6,
+        patch_artist=True,
+        medianprops={"color": _INK, "linewidth": 1.2},
+        flierprops={"marker": ".", "markersize": 2, "markeredgecolor": _FINE},
+    )
+    for box, tone in zip(drawn["boxes"], PALETTE, strict=False):
+        box.set_facecolor(tone)
+    axis.set_xticks(range(1, len(values) + 1), list(values), rotation=60, ha="right", fontsize=6)
+    axis.set_ylim(-0.02, 1.02)
+    axis.tick_params(axis="y", labelsize=6)
+    axis.grid(axis="y", color="#dddddd", linewidth=0.5)
+    axis.set_axisbelow(True)
+
+
+def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
+    """CPU milliseconds by number of cells, logarithmic scales: one bisection, full recursion."""
+    both = {kind: curves(plan, results, kind) for kind in KINDS}
+    names = dict.fromkeys(name for lines in both.values() for name in lines if "whole" not in name)
+    styles = {name: (f"C{k % 10}", ("-", "--")[k // 10 % 2]) for k, name in enumerate(names)}
+    with _picture((11, 4.8), path) as figure:
+        for axis, (kind, lines) in zip(figure.subplots(1, 2), both.items(), strict=True):
+            for name in filter(lines.__contains__, names):
+                _curve(axis, name, lines[name], *styles[name])
+            axis.set(xscale="log", yscale="log", title=kind, xlabel="cells", ylabel="CPU ms, one thread")
+            axis.grid(color="#dddddd", linewidth=0.5)
+            axis.legend(fontsize=6, ncols=2)
+
+
+def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, style: str) -> None:
+    """Median of the times by number of cells, over the band of all of them."""
+    at = [cells for cells, _ in line]
+    median, low, high = ([getattr(c, what) or np.nan for _, c in line] for what in ("ours", "low", "high"))
+    axis.plot(at, median, label=name, linewidth=1.1, color=colour, linestyle=style)
+    axis.fill_between(at, low, high, color=colour, alpha=0.12, linewidth=0)
+
+
+@contextmanager
+def _picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
+    """A figure that is written to ``path`` when the block ends: the same content gives the same bytes."""
+    try:
+        from matplotlib import rc_context
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise OptionError(f'figures need matplotlib: pip install "agglo[plot]" ({error})') from error
+    with rc_context({"svg.hashsalt": "agglo", "svg.fonttype": "none"}):
+        figure = Figure(figsize=size, dpi=200)
+        figure.set_layout_engine("constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        try:
+            with staging(path) as stage:
+                figure.savefig(stage / path.name, format="svg", metadata={"Date": None})
+        except OSError as error:
+            raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,138 @@
+"""From words of the command to pages: plan the work, do what is not at hand, write pages and figures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from agglo_core import FileError, OptionError
+from agglo_core.io.atomic import staging
+from agglo_paper import brain, figures, multigrid, runtime, shapes, statistics
+from agglo_paper.front import front
+from agglo_paper.grids import GRIDS
+from agglo_paper.plan import Plan, full, quick
+from agglo_paper.record import Page
+from agglo_paper.store import Data, Results, Store, Unit
+from agglo_paper.strategies import columns
+
+__all__ = ["build"]
+
+Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
+"""Told the units of a page and its name; gives what to call after each unit."""
+
+_TABLES: Final = ("uf", "cr", "brain", *multigrid.TABLES, "statistics", "runtime")
+_DRAWN: Final = ("uf", "brain", "runtime")
+
+
+def build(
+    words: Sequence[str], folder: Path, quickly: bool, mesh: Path | None, begin: Begin
+) -> tuple[list[Page], str]:
+    """Compute and write the pages of these words, figures beside them; the front page if it is ``all``.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be written to, or the mesh not be read.
+    OptionError
+        If figures are asked for without matplotlib.
+    """
+    plan = (quick if quickly else full)(columns())
+    sources = ["brain", *([brain.source_of(mesh)] if mesh is not None else [])]
+    asked = [word for word in _TABLES if word in words or "all" in words]
+    shown = {"uf" if word == "cr" else word for word in asked}  # both have the same figures
+    drawn = [word for word in _DRAWN if word in shown or "figures" in words]
+    if "figures" in words and find_spec("matplotlib") is None:
+        raise OptionError('figures need matplotlib: pip install "agglo[plot]"')
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        results = _computed(plan, dict.fromkeys([*asked, *drawn]), sources, Store(folder / "cache"), begin)
+        if find_spec("matplotlib") is not None:
+            _draw(plan, results, drawn, sources, folder)
+        pages = [page for word in asked for page in _pages(plan, results, word, sources)]
+        pages = [_finished(page, plan, results, folder, sources) for page in pages]
+        for page in pages:
+            _write(folder / f"{page.name}.md", page.markdown())
+            _write(folder / f"{page.name}.json", json.dumps(page.data(), indent=1, allow_nan=False) + "\n")
+        first = front(plan, results, pages, quickly, mesh) if "all" in words else ""
+        if first:
+            _write(folder / "README.md", first)
+    except OSError as error:
+        raise FileError(f"{error.filename or folder}: {error.strerror or error}") from error
+    return pages, first
+
+
+def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
+    """The page with the figures there are, and what failed in its own words."""
+    word = next((w for w in _TABLES if w == page.name), "brain")
+    failed: dict[str, str] = {}
+    for unit in _units(plan, word, sources):
+        result = results[unit.key]
+        where = f"on {unit.settings.get('source', word)}"
+        if "error" in result:
+            who = unit.settings.get("strategy", {}).get("name", unit.work.__name__)
+            failed.setdefault(f"{who} {where}", result["error"])
+        for who, why in result.get("failures", {}).items():
+            failed.setdefault(f"{who} {where}", why)
+    figures = {name: text for name, text in page.figures.items() if (folder / name).exists()}
+    return replace(page, figures=figures, failures=[f"{what}: {why}" for what, why in failed.items()])
+
+
+def _computed(
+    plan: Plan, words: Iterable[str], sources: Sequence[str], store: Store, begin: Begin
+) -> Results:
+    results: dict[str, Data] = {}
+    for word in words:
+        units = {unit.key: unit for unit in _units(plan, word, sources) if unit.key not in results}
+        results.update(store.results(units.values(), begin(list(units.values()), word)))
+    return results
+
+
+def _write(file: Path, text: str) -> None:
+    with staging(file) as stage:
+        (stage / file.name).write_text(text, encoding="utf-8")
+
+
+def _units(plan: Plan, word: str, sources: Sequence[str]) -> Iterable[Unit]:
+    match word:
+        case "uf" | "cr":
+            return shapes.units(plan)
+        case "brain":
+            return (unit for source in sources for unit in brain.units(plan, source))
+        case "runtime":
+            return runtime.units(plan)
+        case "statistics":
+            return statistics.units(plan)
+        case _:
+            return multigrid.units(plan)
+
+
+def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> list[Page]:
+    match word:
+        case "uf" | "cr":
+            return [shapes.page(plan, results, word)]
+        case "brain":
+            return [brain.page(plan, results, source) for source in sources]
+        case "runtime":
+            return [runtime.page(plan, results)]
+        case "statistics":
+            return [statistics.page(plan, results)]
+        case _:
+            return [multigrid.page(plan, results, word)]
+
+
+def _draw(plan: Plan, results: Results, words: Sequence[str], sources: Sequence[str], folder: Path) -> None:
+    """Draw the figures of these pages."""
+    if "uf" in words:
+        grids = {grid: f"paper:{grid}" for grid in GRIDS}
+        figures.draw_grids(plan, list(grids.values()), "run", folder / "grids.svg")
+        figures.draw_boxes(plan, results, grids, "run", folder / "boxes.svg")
+    for source in sources if "brain" in words else ():
+        name = brain.page_name(source)
+        figures.draw_grids(plan, [source], "brain", folder / f"{name}.svg")
+        figures.draw_boxes(plan, results, {name: source}, "brain", folder / f"{name}-boxes.svg")
+    if "runtime" in words:
+        figures.draw_runtime(plan, results, folder / "runtime.svg")

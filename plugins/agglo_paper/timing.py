@@ -1,0 +1,101 @@
+"""CPU time of one bisection and of a full recursion by every method on one mesh."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from importlib.util import find_spec
+from typing import Any, Final
+
+import numpy as np
+
+from agglo_core import AggloError, Graph, agglomerate, samples
+from agglo_core.ordering import curve_order
+from agglo_core.plugins import default
+
+__all__ = ["time_one"]
+
+Call = Callable[[], Any]
+_NETWORK: Final = "gnn_paper"
+_KMEANS: Final = "kmeans_sklearn"
+_CELLS_PER_PART = 16
+
+
+def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds: float) -> dict[str, Any]:
+    """CPU seconds of every method on one Voronoi mesh, and the failures of those that have none.
+
+    Each method runs once off the clock, then ``runs`` times, or as often as ``seconds`` allow: at least
+    three times, and once if a single run takes longer.
+    """
+    mesh = samples.voronoi(cells, seed=cells)
+    graph = mesh.graph.subgraph(curve_order(mesh.graph.centroids), [0, mesh.n_cells])
+    whole = 2 if kind == "bisection" else max(2, cells // _CELLS_PER_PART)
+    methods = _metis(graph, whole, kind == "bisection")
+    taken: dict[str, list[float]] = {}
+    failures: dict[str, str] = {}
+    for name in bisectors:
+        run = partial(agglomerate, graph, bisector=name, n_parts=whole)
+        try:
+            taken[f"{name}, whole" if kind == "bisection" else name] = _clocked(run, runs, seconds)
+        except AggloError as error:
+            failures[name] = str(error)
+        else:
+            methods |= _alone(name, graph) if kind == "bisection" else {}
+    taken |= {name: _clocked(call, runs, seconds) for name, call in methods.items()}
+    return {"seconds": taken, "failures": failures}
+
+
+def _clocked(call: Call, runs: int, seconds: float) -> list[float]:
+    start = time.process_time()
+    call()
+    least = 3 if time.process_time() - start < seconds else 1
+    taken: list[float] = []
+    while len(taken) < least or (len(taken) < runs and sum(taken) < seconds):
+        start = time.process_time()
+        call()
+        taken.append(time.process_time() - start)
+    return taken
+
+
+def _alone(name: str, graph: Graph) -> Mapping[str, Call]:
+    """One bisection by the component itself; the paper's two in the variants that are of interest."""
+    if name == _KMEANS:
+        tools = {"k-means, 1 start": {"n_init": 1}, "k-means, 10 starts": {"n_init": 10}}
+        return {
+            title: _split(default().build("bisector", name, **how), graph) for title, how in tools.items()
+        }
+    alone = {name: _split(default().build("bisector", name), graph)}
+    if name == _NETWORK:
+        network = default().build("bisector", name, precision="single")
+        alone["GNN, forward"] = partial(network.logits, graph)
+    return alone
+
+
+def _split(tool: Any, graph: Graph) -> Call:
+    if hasattr(tool, "bisect_level"):
+        return lambda: tool.bisect_level(graph, np.zeros(1, np.uint64))
+    return lambda: tool.bisect(graph, np.random.default_rng(0))
+
+
+def _metis(graph: Graph, parts: int, once: bool) -> dict[str, Call]:
+    """METIS without any of our code between, if pymetis is installed."""
+    if find_spec("pymetis") is None:
+        return {}
+    import pymetis
+
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    recursive = partial(pymetis.part_graph, parts, adjacency, recursive=True)
+    if not once:
+        kway = partial(pymetis.part_graph, parts, adjacency, recursive=False)
+        return {"METIS, raw": recursive, "METIS k-way, raw": kway}
+    import networkx
+
+    nodes = graph.to_networkx()
+
+    def through_networkx() -> Any:
+        numbered = networkx.convert_node_labels_to_integers(nodes)
+        lists = [list(numbered[node]) for node in numbered]
+        return pymetis.part_graph(parts, adjacency=lists)
+
+    return {"METIS, raw": recursive, "METIS through networkx": through_networkx}
