@@ -7,7 +7,7 @@ A network is a class of ``torch.nn.Module`` that takes no arguments, or a functi
 takes the features ``x (n, 3)`` of :func:`agglo_gnn.paper_network.inorm` (measure and two coordinates of
 each cell, block by block) and a :class:`agglo_gnn.paper_network.Neighbours`, whose ``mean``, ``sum`` and
 ``block_sums`` are all a message-passing network needs. Several graphs share a call, so nothing may be
-computed across blocks (no batch statistics).
+computed across blocks (no batch statistics). All of its state must be real arrays, and some of it parameters.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agglo_core import samples
-from agglo_core.errors import AggloError, OptionError
+from agglo_core.errors import OptionError
 from agglo_gnn import model_file
-from agglo_gnn.paper_network import ARCHITECTURE, Neighbours, PaperNetwork, inorm
+from agglo_gnn.paper_network import ARCHITECTURE, PaperNetwork
+from agglo_gnn.trial import try_network, unseeded
 
-__all__ = ["architecture_of", "arrays_of", "filled", "network_class", "unseeded"]
+__all__ = ["architecture_of", "arrays_of", "filled", "network_class"]
 
 
 def network_class(name: str | None) -> Callable[[], nn.Module]:
@@ -39,7 +39,7 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
     Raises
     ------
     OptionError
-        If it cannot be imported or built, or does not return logits ``(n, 2)``.
+        If it cannot be imported, or is none that can be trained and used (:mod:`agglo_gnn.trial`).
     """
     if name is None:
         return PaperNetwork
@@ -51,7 +51,7 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
             target: Any = reduce(getattr, attribute.split("."), importlib.import_module(module))
     except (ImportError, AttributeError) as error:
         raise OptionError(f"network {name!r} cannot be imported: {error}") from error
-    _try(name, target)
+    try_network(name, target)
     build: Callable[[], nn.Module] = target
     return build
 
@@ -80,35 +80,6 @@ def filled(name: str | None, weights: str | Path) -> nn.Module:
     arrays, _ = model_file.load(weights, architecture=architecture_of(name), shapes=shapes)
     network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in arrays.items()})
     return network.eval().requires_grad_(False)
-
-
-def _try(name: str, target: Callable[[], nn.Module]) -> None:
-    """Ask the network about two small meshes, side by side and alone."""
-    graphs = [samples.voronoi(18).graph, samples.strip(5).graph]
-    features = [torch.from_numpy(inorm(graph)).float() for graph in graphs]
-    try:
-        with unseeded(), torch.no_grad():
-            network = target().eval()
-            both = network(torch.cat(features), Neighbours.of(graphs))
-            alone = network(features[1], Neighbours.of(graphs[1:]))
-            shape, agrees = tuple(both.shape), torch.allclose(both[-5:], alone, rtol=1e-3, atol=1e-4)
-    except AggloError:
-        raise
-    except Exception as error:  # a stranger's code: whatever it raises is what is wrong with it
-        raise OptionError(
-            f"network {name!r} failed on two meshes: {type(error).__name__}: {error}"
-        ) from error
-    if shape != (23, 2):
-        raise OptionError(f"network {name!r} returned shape {shape} for 23 cells, expected logits (23, 2)")
-    if not agrees:
-        raise OptionError(f"network {name!r} answers for a block by what is in the blocks beside it")
-
-
-@contextmanager
-def unseeded() -> Iterator[None]:
-    """Whatever the block draws from torch's generators, they are afterwards as they were."""
-    with torch.random.fork_rng():
-        yield
 
 
 @contextmanager

@@ -34,7 +34,7 @@ _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "r
 @click.option("--checkpoint", type=_FILE, help="File kept up to date after each epoch (.safetensors).")
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint.")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Default auto.")
-@click.option("--log", type=_FILE, help="Text file with a line for each epoch.")
+@click.option("--log", type=_FILE, help="Text file with a line for each epoch (fast: each 100 steps).")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.pass_context
 def train(

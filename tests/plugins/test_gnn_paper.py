@@ -54,6 +54,71 @@ class Batch(Small):
 class Fails(Small):
     def forward(self, x, neighbours):
         return self.nothing
+
+class Norm(Small):  # its own averages in use, those of the batch in training
+    def __init__(self):
+        super().__init__()
+        self.norm = nn.BatchNorm1d(3)
+    def forward(self, x, neighbours):
+        return super().forward(self.norm(x), neighbours)
+
+class Frozen(Norm):  # batch norm that never looks at the batch: its state is the only trouble
+    def train(self, mode=True):
+        super().train(mode)
+        self.norm.eval()
+        return self
+
+class Dropping(Small):
+    def forward(self, x, neighbours):
+        return super().forward(nn.functional.dropout(x, 0.5, self.training), neighbours)
+
+class Nothing(nn.Module):
+    def forward(self, x, neighbours):
+        return torch.zeros(len(x), 2)
+
+class Unused(Small):
+    def forward(self, x, neighbours):
+        return x[:, 1:]
+
+class NotANumber(Small):
+    def forward(self, x, neighbours):
+        return super().forward(x, neighbours) * torch.nan
+
+class Blows(Small):  # in training only
+    def forward(self, x, neighbours):
+        return super().forward(x, neighbours) / (0.0 if self.training else 1.0)
+
+class Counts(Small):
+    def __init__(self):
+        super().__init__()
+        self.register_buffer("calls", torch.tensor(0))
+
+class Infinite(Small):
+    def __init__(self):
+        super().__init__()
+        self.register_buffer("most", torch.tensor(torch.inf))
+
+class Extra(Small):
+    def get_extra_state(self):
+        return {"a": 1}
+
+class Lazy(Small):
+    def __init__(self):
+        super().__init__()
+        self.first = nn.LazyLinear(8)
+
+class Grows(Small):
+    def forward(self, x, neighbours):
+        logits = super().forward(x, neighbours)
+        self.scale = torch.ones(2)
+        return logits
+
+class Aside(Small):  # what is not kept may be of any type
+    def __init__(self):
+        super().__init__()
+        self.register_buffer("index", torch.arange(3), persistent=False)
+    def forward(self, x, neighbours):
+        return super().forward(x[:, self.index], neighbours)
 """
 
 
@@ -377,7 +442,18 @@ def test_your_own_network_is_trained_and_used(nets):
     ("name", "reason"),
     [
         ("Three", r"returned shape \(23, 3\) for 23 cells, expected logits \(23, 2\)"),
-        ("Batch", "by what is in the blocks beside it"),
+        ("Batch", "by what is in the blocks beside it$"),
+        ("Norm", "by what is in the blocks beside it in training: 'norm' is a BatchNorm1d"),
+        ("Frozen", "model file: 'norm.num_batches_tracked' is int64, and model files hold real numbers"),
+        ("Counts", "cannot be kept in a model file: 'calls' is int64.*persistent=False"),
+        ("Infinite", "cannot be kept in a model file: 'most' has values that are not finite"),
+        ("Extra", "cannot be kept in a model file: '_extra_state' is a dict"),
+        ("Lazy", "'first.weight' has no shape before the first call"),
+        ("Grows", "changes shape when it is asked: scale"),
+        ("Nothing", "has no parameters to train"),
+        ("Unused", "logits that do not depend on its parameters"),
+        ("NotANumber", "returned logits that are not finite for a mesh of 23 cells"),
+        ("Blows", "returned logits that are not finite"),
         ("Fails", "failed on two meshes: AttributeError"),
         ("Nobody", "cannot be imported"),
     ],
@@ -385,3 +461,26 @@ def test_your_own_network_is_trained_and_used(nets):
 def test_networks_that_do_not_fit_are_refused(nets, name, reason):
     with pytest.raises(OptionError, match=reason):
         custom.network_class(f"my_nets:{name}")
+
+
+@pytest.mark.parametrize("name", ["Small", "Dropping", "Aside"])
+def test_networks_that_fit_are_written_and_read_back(nets, name):
+    recipe = Recipe(meshes=4, validation=1, epochs=1, rate=1e-2)
+    train_paper(nets / "mine.safetensors", recipe, network=f"my_nets:{name}", device="cpu")
+    bisector = PaperGNN(weights="mine.safetensors", network=f"my_nets:{name}")
+    assert np.isfinite(bisector.logits(graph_of("squares:n=4"))).all()
+
+
+def test_a_trial_leaves_the_generators_alone(nets):
+    before = torch.random.get_rng_state()
+    custom.network_class("my_nets:Dropping")
+    assert torch.equal(before, torch.random.get_rng_state())
+
+
+@pytest.mark.parametrize("name", ["Nothing", "Norm", "NotANumber"])
+def test_a_network_that_does_not_fit_is_one_line_and_no_file(nets, agglo, name):
+    done = agglo("train", "--preset", "paper", "--network", f"my_nets:{name}", "--quiet")
+    assert done.code == 2
+    assert done.err.startswith(f"error: network 'my_nets:{name}'")
+    assert done.err.count("\n") == 1
+    assert not list(nets.glob("*.safetensors"))
