@@ -23,7 +23,9 @@ class Diffusion:
     kappa, source : Field
         Diffusion coefficient (positive) and right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
-        Boundary values and outward fluxes. An empty ``dirichlet`` means u = 0 on the whole boundary.
+        Boundary values u and outward fluxes κ ∂u/∂n. If both are empty u = 0 on the whole boundary.
+        Otherwise faces whose tag stands in neither are insulated, and every component of the domain needs
+        a tag in ``dirichlet``: with fluxes alone u is known only up to a constant.
     exact : callable, optional
         The solution, when known, for error norms.
     """

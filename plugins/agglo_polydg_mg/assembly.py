@@ -18,11 +18,11 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problem import Diffusion, Field
 from agglo_polydg_mg.basis import Basis, products
-from agglo_polydg_mg.boundary import boundary_faces, boundary_load
+from agglo_polydg_mg.boundary import boundary_faces, dirichlet_load, neumann_load
 from agglo_polydg_mg.penalty import face_penalty
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
 
-__all__ = ["System", "discretise", "face_coefficients", "positive"]
+__all__ = ["System", "cell_means", "discretise", "face_coefficients", "load", "positive"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +65,8 @@ def discretise(
         p, 1..6.
     problem : Diffusion
         Dirichlet and Neumann data refer to ``mesh.face_tags["boundary"]`` (all 0 where there is none).
-        Without Dirichlet data u = 0 on all boundary faces that have no Neumann data; with them, faces
-        that have neither are insulated. A callable κ is sampled inside the cells and just inside their
-        faces, so it may jump between cells.
+        Without any u = 0 on the whole boundary; with some, faces that have none are insulated. A callable
+        κ is sampled inside the cells and just inside their faces, so it may jump between cells.
     penalty : float
         Constant C of :func:`~agglo_polydg_mg.penalty.face_penalty`.
     scaled_basis : bool
@@ -88,9 +87,20 @@ def discretise(
     kappa = positive(mesh, problem.kappa)
     on_faces = face_coefficients(mesh, kappa, degree + 2)
     A = _matrix(basis, kappa, on_faces, sigma)
-    load = weighted_moments(mesh, problem.source, basis.boxes, degree, "source") * basis.scale[:, None]
-    load += boundary_load(basis, problem, boundary, on_faces[:, 0], sigma)
-    return System(A, frozen_float(load.ravel()), basis)
+    b = load(basis, problem).reshape(mesh.n_cells, -1)
+    b = b + dirichlet_load(basis, problem, boundary, on_faces[:, 0], sigma)
+    return System(A, frozen_float(b.ravel()), basis)
+
+
+def load(basis: Basis, problem: Diffusion) -> Float:
+    """Load ``(n,)`` of source and Neumann data: b without what Dirichlet data put there.
+
+    Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
+    """
+    source = weighted_moments(basis.mesh, problem.source, basis.boxes, basis.degree, "source")
+    source = source * basis.scale[:, None]
+    source += neumann_load(basis, problem, boundary_faces(basis.mesh, problem))
+    return frozen_float(source.ravel())
 
 
 def _matrix(basis: Basis, kappa: Field, on_faces: Float, sigma: Float) -> sparse.bsr_array:
@@ -154,6 +164,15 @@ def positive(mesh: Mesh, kappa: Field) -> Field:
     if not values[worst] > 0:
         raise OptionError(f"kappa must be positive: it is {values[worst]} in cell {worst}")
     return values
+
+
+def cell_means(mesh: Mesh, field: Field) -> Float:
+    """Mean of κ over each cell ``(n_cells,)``."""
+    if not callable(field):
+        return per_cell(field, mesh.n_cells, "kappa")
+    boxes = np.tile([0.0, 0.0, 1.0, 1.0], (mesh.n_cells, 1))
+    integrals = weighted_moments(mesh, field, boxes, 0, "kappa")[:, 0]  # of κ / 2: L₀ is the root of 1/2
+    return frozen_float(2.0 * integrals / mesh.cell_measures)
 
 
 def face_coefficients(mesh: Mesh, kappa: Field, n: int) -> Float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from agglo_core.problem import Diffusion, Field
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample
 
-__all__ = ["Boundary", "boundary_faces", "boundary_load", "boundary_values"]
+__all__ = ["Boundary", "boundary_faces", "boundary_values", "dirichlet_load", "neumann_load"]
 
 
 class Boundary(NamedTuple):
@@ -27,6 +27,8 @@ class Boundary(NamedTuple):
 
 def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     """Faces of the boundary with Dirichlet data (``held``) and without; ``tags`` are those of all faces.
+
+    All are held, at 0, if there are no data at all.
 
     Raises
     ------
@@ -42,10 +44,8 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
-    if problem.dirichlet:
-        held = outer & np.isin(tags, list(problem.dirichlet))
-    else:
-        held = outer & ~np.isin(tags, list(problem.neumann))
+    given = problem.dirichlet or problem.neumann
+    held = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
     natural = outer & ~held
     if natural.any():
         _demand_held(mesh, held)
@@ -61,7 +61,8 @@ def _demand_held(mesh: Mesh, held: np.ndarray) -> None:
         cell = int(np.flatnonzero(~fixed[component])[0])
         raise OptionError(
             f"the component of cell {cell} has no boundary face with Dirichlet data: the solution is known "
-            "only up to a constant there; give a value on some boundary tag"
+            "only up to a constant there; give a value on some boundary tag (where only others have data, "
+            "faces are insulated)"
         )
 
 
@@ -81,31 +82,41 @@ def boundary_values(
     return values
 
 
-def boundary_load(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float, sigma: Float) -> Float:
-    """Right-hand side ``(n_cells, n_local)`` of the boundary data: ∫ σκ g v − κ g ∂v/∂n, and ∫ flux v.
+def dirichlet_load(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float, sigma: Float) -> Float:
+    """Right-hand side ``(n_cells, n_local)`` of Dirichlet data: ∫ σκ g v − κ g ∂v/∂n.
 
     ``kappa (n_faces, 1 or q)`` is the coefficient in the owner, ``sigma (n_faces,)`` the penalty.
     """
-    mesh, load = basis.mesh, np.zeros((basis.mesh.n_cells, basis.n_local))
-    for faces, points, weights in _rules(mesh, (boundary.held, boundary.natural), basis.degree + 2):
-        cells = mesh.face_cells[faces, 0]
-        repeated = np.repeat(cells, points.shape[1])
-        shape = (*points.shape[:2], basis.n_local)
-        tests = basis.values(repeated, points.reshape(-1, 2)).reshape(shape)
-        if faces is boundary.held:
-            g = boundary_values(mesh, boundary, problem.dirichlet, faces, points, "dirichlet")
-            slopes = basis.gradients(repeated, points.reshape(-1, 2))
-            normals = np.repeat(mesh.face_normals[faces], points.shape[1], axis=0)
-            fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(shape)
-            tests = kappa[faces][:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
-        else:
-            g = boundary_values(mesh, boundary, problem.neumann, faces, points, "neumann")
-        np.add.at(load, cells, np.einsum("fq,fq,fqk->fk", weights, g, tests))
+    mesh, faces = basis.mesh, boundary.held
+    points, weights, tests = _traces(basis, faces)
+    g = boundary_values(mesh, boundary, problem.dirichlet, faces, points, "dirichlet")
+    cells = np.repeat(mesh.face_cells[faces, 0], points.shape[1])
+    slopes = basis.gradients(cells, points.reshape(-1, 2))
+    normals = np.repeat(mesh.face_normals[faces], points.shape[1], axis=0)
+    fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(tests.shape)
+    tests = kappa[faces][:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
+    return _gathered(basis, faces, weights * g, tests)
+
+
+def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+    """Right-hand side ``(n_cells, n_local)`` of Neumann data: ∫ flux v."""
+    faces = boundary.natural
+    points, weights, tests = _traces(basis, faces)
+    g = boundary_values(basis.mesh, boundary, problem.neumann, faces, points, "neumann")
+    return _gathered(basis, faces, weights * g, tests)
+
+
+def _traces(basis: Basis, faces: Int) -> tuple[Float, Float, Float]:
+    """Gauss points ``(f, q, 2)`` of faces, weights ``(f, q)``, values of the basis ``(f, q, n_local)``."""
+    n = basis.degree + 2
+    points = face_points(basis.mesh, faces, n)
+    weights = basis.mesh.face_measures[faces][:, None] * gauss(n)[1] / 2
+    tests = basis.values(np.repeat(basis.mesh.face_cells[faces, 0], n), points.reshape(-1, 2))
+    return points, weights, tests.reshape(len(faces), n, basis.n_local)
+
+
+def _gathered(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
+    """Σ_q values (f, q) tests (f, q, k), summed over the faces of each cell."""
+    load = np.zeros((basis.mesh.n_cells, basis.n_local))
+    np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("fq,fqk->fk", values, tests))
     return load
-
-
-def _rules(mesh: Mesh, groups: tuple[Int, Int], n: int) -> Iterator[tuple[Int, Float, Float]]:
-    """Of each group of faces that has any: the faces, their Gauss points and weights."""
-    for faces in groups:
-        if len(faces):
-            yield faces, face_points(mesh, faces, n), mesh.face_measures[faces][:, None] * gauss(n)[1] / 2

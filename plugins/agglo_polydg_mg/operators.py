@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -15,12 +15,14 @@ from agglo_core.errors import MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problem import Diffusion, Field, Linear, Problem
-from agglo_polydg_mg.assembly import System, discretise
+from agglo_polydg_mg.assembly import System, cell_means, discretise, load
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.checks import demand_count, demand_positive, demand_truth
+from agglo_polydg_mg.gauge import Gauge
+from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
-__all__ = ["Chain", "Discretisation", "fine_system", "make_chain"]
+__all__ = ["Chain", "Discretisation", "Fine", "fine_system", "make_chain"]
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,14 @@ class Discretisation:
         """Basis of the space on a mesh."""
         return Basis(mesh, self.degree, self.scaled_basis)
 
+    def gauge(self, mesh: Mesh, problem: Diffusion, b: Float) -> Gauge:
+        """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
+        kappa = cell_means(mesh, problem.kappa)
+        if kappa.min() == kappa.max():
+            return Gauge(b)
+        basis = self.basis(mesh)
+        return Gauge(b, np.repeat(kappa, basis.n_local), load(basis, problem) if problem.dirichlet else None)
+
 
 @dataclass(frozen=True, eq=False)
 class Chain:
@@ -75,6 +85,8 @@ class Chain:
         Unknowns of a cell.
     anew : list of sparse, optional
         Matrices of the coarse levels where they are discretised anew.
+    gauge : Gauge, optional
+        Measure of its residuals; by default their 2-norm.
     """
 
     b: Float
@@ -82,6 +94,7 @@ class Chain:
     P: list[Any]
     width: int
     anew: list[Any] | None = None
+    gauge: Gauge | None = None
 
     @cached_property
     def inherited(self) -> list[Any]:
@@ -97,8 +110,17 @@ class Chain:
         return self.inherited if self.anew is None else [self.finest, *self.anew]
 
 
-def fine_system(problem: Problem, hierarchy: Hierarchy, how: Discretisation) -> tuple[Any, Float, int]:
-    """Matrix, right-hand side ``(n,)`` and unknowns of a cell, on the mesh.
+class Fine(NamedTuple):
+    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals."""
+
+    A: Any
+    b: Float
+    width: int
+    gauge: Gauge
+
+
+def fine_system(problem: Problem, hierarchy: Hierarchy, how: Discretisation) -> Fine:
+    """The system on the mesh.
 
     A diffusion problem is discretised on the mesh of the hierarchy; a linear system is taken as it is.
 
@@ -109,16 +131,19 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Discretisation) -> 
         values are not finite; as :func:`~agglo_polydg_mg.assembly.discretise`.
     """
     if isinstance(problem, Diffusion):
-        system = how(_own_mesh(hierarchy), problem)
+        mesh = _own_mesh(hierarchy)
+        system = how(mesh, problem)
         A, b, width = system.A, system.b, system.basis.n_local
+        gauge = how.gauge(mesh, problem, b)
     elif isinstance(problem, Linear):
         width = _width(problem, hierarchy.graph.n)
         A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
+        gauge = Gauge(b)
     else:
         raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
     if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    return A, b, width
+    return Fine(A, b, width, gauge)
 
 
 def _own_mesh(hierarchy: Hierarchy) -> Mesh:
@@ -179,7 +204,7 @@ def make_chain(
     MeshError
         For a mesh in 3-D; for cells or, unless ``inherited``, agglomerates that overlap themselves.
     """
-    A, b, width = fine_system(problem, hierarchy, how)
+    A, b, width, gauge = fine_system(problem, hierarchy, how)
     if isinstance(problem, Linear):
         return Chain(b, A, _constant_prolongations(hierarchy, labels, width), width)
     mesh = _own_mesh(hierarchy)
@@ -189,7 +214,7 @@ def make_chain(
     if not inherited:
         problems = [_coarse_problem(problem, mesh, each) for each in labels]
         anew = [_coarse_matrix(how, *each) for each in zip(meshes, problems, strict=True)]
-    return Chain(b, A, P, width, anew)
+    return Chain(b, A, P, width, anew, gauge)
 
 
 def _coarse_matrix(how: Discretisation, mesh: Mesh, problem: Diffusion) -> Any:
@@ -227,8 +252,8 @@ def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
     """Coefficient of the agglomerates: the mean over their cells, a callable taken at centroids."""
     if not callable(kappa) and np.ndim(kappa) == 0:
         return kappa
-    cells = kappa(mesh.cell_centroids) if callable(kappa) else kappa
-    weighted = np.bincount(labels, mesh.cell_measures * np.asarray(cells, float))
+    cells = sample(kappa, mesh.cell_centroids, "kappa") if callable(kappa) else np.asarray(kappa, float)
+    weighted = np.bincount(labels, mesh.cell_measures * cells)
     return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))
 
 

@@ -29,6 +29,9 @@ __all__ = ["PaperMultigrid"]
 class PaperMultigrid:
     """V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
 
+    How residuals are measured where the coefficient is not constant, so that no contrast hides them, tells
+    :class:`~agglo_polydg_mg.gauge.Gauge`.
+
     Parameters
     ----------
     degree : int
@@ -111,7 +114,8 @@ class PaperMultigrid:
             history = unsolved(chain.b, str(error))
         else:
             times.append(time.perf_counter())
-            history = stationary(chain.finest, chain.b, step, self.tolerance, self.max_iterations)
+            how_long = (self.tolerance, self.max_iterations)
+            history = stationary(chain.finest, chain.b, step, *how_long, chain.gauge)
         times.append(time.perf_counter())
         return Solution(
             x=history.x,

@@ -19,14 +19,15 @@ class PlainCG:
     """Conjugate gradients from zero on the system of the mesh, without a preconditioner.
 
     The levels of the hierarchy are not used. Where ``max_iterations`` do not suffice the solution is the
-    iterate of smallest residual, and ``iterations`` its number, as in the paper's tables.
+    iterate of smallest residual, and ``iterations`` its number, as in the paper's tables; ``reason`` tells
+    the iterations done.
 
     Parameters
     ----------
     degree : int
         Of the polynomials, 1..6.
     tolerance : float
-        Of the residual relative to the right-hand side.
+        Of the residual relative to the right-hand side, by :class:`~agglo_polydg_mg.gauge.Gauge`.
     max_iterations : int
     penalty : float
         Constant C of the penalty of jumps.
@@ -58,9 +59,9 @@ class PlainCG:
             For a mesh in 3-D, or of cells that overlap themselves.
         """
         times = [time.perf_counter()]
-        A, b, _ = fine_system(problem, hierarchy, self.discretisation)
+        A, b, _, gauge = fine_system(problem, hierarchy, self.discretisation)
         times.append(time.perf_counter())
-        history = conjugate_gradients(A, b, self.tolerance, self.max_iterations)
+        history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, gauge)
         times.append(time.perf_counter())
         assemble, solve = np.diff(times).tolist()
         return Solution(

@@ -8,10 +8,12 @@
     2 = 1e6
     [dirichlet]                               # by value of the face tag "boundary"
     1 = 0.0
-    [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated,
-    2 = 1.0                                   # or held at u = 0 if there is no [dirichlet] at all
+    [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated
+    2 = 1.0
 
-A first line ``boundary = "gmsh:physical"`` names another face tag of the mesh in place of "boundary".
+κ and source are 1 unless given. With neither [dirichlet] nor [neumann] u = 0 on the whole boundary;
+[neumann] alone leaves u known up to a constant only, and is refused by the solver. A first line
+``boundary = "gmsh:physical"`` names another face tag of the mesh in place of "boundary".
 """
 
 from __future__ import annotations
@@ -90,8 +92,7 @@ def read_problem(path: Path, mesh: Mesh) -> tuple[Diffusion, Mesh]:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = f"no such file, and no problem of that name ({', '.join(NAMED)})"
-        raise FileError(f"{path}: {reason if isinstance(error, FileNotFoundError) else error}") from None
+        raise FileError(f"{path}: {_unreadable(error)}") from None
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
         raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(_KEYS)}")
@@ -109,6 +110,14 @@ def read_problem(path: Path, mesh: Mesh) -> tuple[Diffusion, Mesh]:
         raise FileError(f"{path}: kappa must be positive, given {np.min(kappa):g}")
     source = _cell_values(path, "source", table.get("source", 1.0), mesh)
     return Diffusion(kappa=kappa, source=source, dirichlet=dirichlet, neumann=neumann), mesh
+
+
+def _unreadable(error: Exception) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"no such file, and no problem of that name ({', '.join(NAMED)})"
+    if isinstance(error, IsADirectoryError):
+        return f"a folder; a problem is a .toml file or a name ({', '.join(NAMED)})"
+    return str(error.strerror or error) if isinstance(error, OSError) else str(error)
 
 
 def _with_boundary(path: Path, name: Any, mesh: Mesh) -> Mesh:
@@ -140,6 +149,12 @@ def _cell_values(path: Path, key: str, given: Any, mesh: Mesh) -> float | Float:
     lacking = [int(each) for each in present if int(each) not in by_value]
     if lacking:
         raise FileError(f"{path}: {key}.{tag} has no number for {', '.join(map(str, lacking))}")
+    foreign = sorted(set(by_value) - set(present.tolist()))
+    if foreign:
+        known = ", ".join(map(str, present[:20]))
+        raise FileError(
+            f"{path}: {key}.{tag} speaks of {foreign[0]}; the tag's values in the mesh are: {known}"
+        )
     return frozen_float(np.array([by_value[int(each)] for each in present])[place])
 
 

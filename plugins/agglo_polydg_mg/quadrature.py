@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import MeshError, OptionError
+from agglo_core.errors import AggloError, MeshError, OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problem import Field
 
@@ -97,7 +97,12 @@ def _zeros(mesh: Mesh, degree: int) -> Float:
 
 def per_cell(field: float | Float, n: int, name: str) -> Float:
     """A number or ``(n,)`` values as ``(n,)`` values; OptionError, naming the field, for anything else."""
-    values = np.asarray(field, dtype=float)
+    try:
+        values = np.asarray(field, dtype=float)
+    except (TypeError, ValueError):
+        raise OptionError(
+            f"{name} must be a number, ({n},) values or a callable; given {field!r:.60}"
+        ) from None
     if values.shape not in ((), (n,)):
         raise OptionError(f"{name} has shape {values.shape}: expected a number, ({n},) values or a callable")
     _demand_finite(values, name)
@@ -110,9 +115,16 @@ def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
     Raises
     ------
     OptionError
-        If they have another shape, or are not finite.
+        If the callable fails, or its values are no numbers, have another shape, or are not finite.
     """
-    values = np.asarray(field(points), dtype=float)
+    try:
+        values = np.asarray(field(points), dtype=float)
+    except AggloError:
+        raise
+    except Exception as error:  # whatever the callable of a user raises
+        raise OptionError(
+            f"{name} failed for {len(points)} points of shape {points.shape}: {type(error).__name__}: {error}"
+        ) from error
     if values.shape not in ((), (len(points),)):
         raise OptionError(f"{name} returned the shape {values.shape} for {len(points)} points")
     _demand_finite(values, name)

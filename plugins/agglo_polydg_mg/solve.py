@@ -14,6 +14,7 @@ import click
 from agglo_core import OptionError, agglomerate
 from agglo_core.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
 from agglo_core.arrays import Float
+from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import check_writable
 from agglo_core.kernels import first_use
 from agglo_core.plugins import default
@@ -21,6 +22,7 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import Discretisation
 from agglo_polydg_mg.output import write_solution
 from agglo_polydg_mg.picture import check_picture, draw_solution
+from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.problem_file import named_problem
 from agglo_polydg_mg.report import report, text
 
@@ -42,7 +44,9 @@ _log = logging.getLogger("agglo")
 @click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
 @click.option("--problem", default="constant", show_default=True, metavar="constant|sine|FILE.toml")
-@click.option("--cg/--no-cg", default=True, help="Count those of plain CG too (default; slow if large).")
+@click.option(
+    "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
+)
 @click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu).")
 @click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
@@ -78,10 +82,15 @@ def solve(
         _log.info("compiling the numerical kernels, once on this machine (about a minute)")
     asked, mesh = named_problem(problem, load_mesh(source))
     basis = how.basis(mesh) if how else None  # refuses a mesh in 3-D before it is agglomerated
-    solution = tool.solve(asked, agglomerate(mesh, **how_coarse))
-    data = report(mesh, asked, solution, how, getattr(tool, "tolerance", 1e-6) if cg else None)
+    plain = isinstance(tool, PlainCG)  # needs no levels, but what is asked of them is looked at
+    levelless = Hierarchy(mesh, mesh.graph, [], [], nested=True)
+    hierarchy = levelless if plain and not how_coarse else agglomerate(mesh, **how_coarse)
+    solution = tool.solve(asked, hierarchy)
+    data = report(mesh, asked, solution, how, getattr(tool, "tolerance", 1e-6) if cg and not plain else None)
     written = _write(basis, solution.x, output, plot)
     if as_json:
+        if cg and plain and solution.converged:
+            data["cg_iterations"] = solution.iterations
         click.echo(json.dumps(_finite(data), indent=2, allow_nan=False))
     else:
         click.echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))

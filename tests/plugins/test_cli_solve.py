@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import Agglo
 
-from agglo_core import FileError, read
+from agglo_core import FileError, read, samples, write
 from agglo_core.io.vtu_arrays import parse
 
 H_STAR = "0.17677669529663687,0.35355339059327373,0.7071067811865476"
@@ -106,6 +107,34 @@ def test_plain_conjugate_gradients_are_a_solver_of_their_own(agglo: Agglo) -> No
     data = json.loads(agglo("solve", "paper:squares", "--solver", "polydg_cg:degree=2", "--json").out)
     assert data["iterations"] == data["cg_iterations"] == pytest.approx(365, rel=0.01)
     assert data["levels"] == [{"cells": 256, "dofs": 6 * 256}]
+    done = agglo("solve", "squares:n=8", "--solver", "polydg_cg:max_iterations=5")
+    assert done.code == 3
+    assert "of 5, wanted 1.0e-06; the solution is that of iteration" in done.out
+    assert "plain conjugate gradients" not in done.out
+
+
+def test_energy_is_the_work_of_the_loads(agglo: Agglo) -> None:
+    """u = 1 on the boundary adds 1 to u, and with it ∫ f to the energy; b holds the penalty of 1 as well."""
+    Path("shifted.toml").write_text("source = 8.0\n[dirichlet]\n0 = 1.0\n")
+    asked = ("solve", "squares:n=8", "--tol", "1e-10", "--json", "--no-cg")
+    shifted, plain = (json.loads(agglo(*asked, *more).out) for more in (("--problem", "shifted.toml"), ()))
+    assert shifted["energy"] == pytest.approx(plain["energy"] + 8.0, rel=1e-6)
+
+
+def test_a_strong_contrast_is_solved_or_said_not_to_be(agglo: Agglo) -> None:
+    mesh = samples.squares(8)
+    left = mesh.points[mesh.face_pairs][:, :, 0] == 0.0
+    right = mesh.points[mesh.face_pairs][:, :, 0] == 1.0
+    sides = left.all(axis=1) + 2 * right.all(axis=1)
+    material = 1 + (mesh.cell_centroids[:, 0] > 0.5)
+    write("m.npz", replace(mesh, cell_tags={"material": material}, face_tags={"boundary": sides.astype(int)}))
+    Path("jump.toml").write_text("source = 0\n[kappa.material]\n1 = 1\n2 = 1e6\n[dirichlet]\n1 = 0\n2 = 1\n")
+    for more in ((), ("--solver", "polydg_cg")):
+        data = json.loads(agglo("solve", "m.npz", "--problem", "jump.toml", "--json", *more).out)
+        assert data["converged"]
+        assert data["relative_residual"] <= 1e-6
+        assert data["cg_iterations"] > 200
+        assert data["energy"] == 0.0
 
 
 def test_the_report_of_what_did_not_converge(agglo: Agglo) -> None:
@@ -157,7 +186,8 @@ def test_levels_that_do_not_coarsen_are_skipped_with_a_notice(agglo: Agglo) -> N
 def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
     done = agglo("solve", "squares:n=8", "--solver", "polydg_mg_paper:max_iterations=1")
     assert done.code == 3
-    assert "NOT CONVERGED after 1 iterations" in done.out
+    assert "NOT CONVERGED: relative residual" in done.out
+    assert "after 1 iterations, wanted 1.0e-06; the solution is that of iteration 1" in done.out
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from scipy.linalg import block_diag
 from scipy.sparse.linalg import cg
 
 from agglo_polydg_mg.cycle import Level, conjugate_gradients, stationary, v_cycle
+from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.schwarz import (
     COARSE_SOLVERS,
     block_jacobi,
@@ -135,6 +136,28 @@ def test_what_does_not_converge_is_flagged() -> None:
     assert (lost.converged, lost.iterations) == (False, 1)
 
 
+def test_the_gauge_by_hand() -> None:
+    """Two cells, κ = 1 and 100; Dirichlet data put 300 into the second, the source 4 into the first."""
+    r, b, kappa, load = (np.array(each) for each in ([0.4, 2.0], [4.0, 300.0], [1.0, 100.0], [4.0, 0.0]))
+    assert Gauge(b)(r) == pytest.approx(np.hypot(0.4, 2.0) / np.hypot(4.0, 300.0))
+    assert Gauge(b, kappa, load)(r) == pytest.approx(np.hypot(0.4, 2.0) / np.hypot(4.0, 3.0))
+    soft = np.array([0.4, 0.0])
+    assert Gauge(b, kappa)(soft) == pytest.approx(0.4 / np.hypot(4.0, 3.0))  # r / κ against b / κ
+    assert Gauge(0 * b, kappa)(0 * r) == 0.0
+    assert Gauge(0 * b)(r) == np.inf
+
+
+def test_a_gauge_that_asks_for_more_is_obeyed() -> None:
+    gauge = Gauge(b, np.geomspace(1, 1e4, 16), np.zeros(16))
+    for history in (
+        stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-6, 500, gauge),
+        conjugate_gradients(A, b, 1e-6, gauge=gauge),
+    ):
+        assert history.converged
+        assert gauge(b - A @ history.x) <= 1e-6
+        assert history.residuals[-1] < 0.5e-6 * history.residuals[0]  # more than by default
+
+
 def test_no_right_hand_side_needs_no_iteration() -> None:
     for history in (stationary(A, 0 * b, lambda b, x: x, 1e-6, 9), conjugate_gradients(A, 0 * b)):
         assert (history.converged, history.iterations, history.x.any()) == (True, 0, False)
@@ -154,4 +177,14 @@ def test_conjugate_gradients_that_end_early_return_the_smallest_residual() -> No
     full = conjugate_gradients(A, b, 1e-14, most=8)
     assert not full.converged
     assert full.residuals[-1] == full.residuals.min()
+    assert full.reason.startswith("smallest relative residual")
+    assert f"in iteration {full.iterations} of 8, wanted 1.0e-14" in full.reason
     assert np.linalg.norm(b - A @ full.x) == pytest.approx(full.residuals[-1])
+
+
+def test_conjugate_gradients_that_find_no_better_iterate_say_what_they_did() -> None:
+    found = conjugate_gradients(sparse.diags_array([1.0, 1e4]).tocsr(), np.array([1.0, 0.02]), 1e-9, most=1)
+    assert (found.converged, found.iterations, found.x.any()) == (False, 0, False)
+    assert "smallest relative residual 1.0e+00 in iteration 0 of 1" in found.reason
+    lost = conjugate_gradients(-A, b)
+    assert lost.reason.startswith("the matrix is not positive definite: ")

@@ -126,13 +126,53 @@ def test_jumps_of_the_coefficient_are_solved(ratio: float) -> None:
         assert np.linalg.norm(solution.x - direct) < 1e-5 * np.linalg.norm(direct)
 
 
+def with_sides(mesh: Mesh) -> Mesh:
+    """Boundary tags 1 at x = 0, 2 at x = 1, 0 elsewhere."""
+    ends = mesh.points[mesh.face_pairs][:, :, 0]
+    sides = (np.abs(ends) < 1e-12).all(axis=1) + 2 * (np.abs(ends - 1) < 1e-12).all(axis=1)
+    return replace(mesh, face_tags={"boundary": sides.astype(int)})
+
+
+@pytest.mark.parametrize("solver", [PaperMultigrid(), PlainCG()])
+@pytest.mark.parametrize("ratio", [1e3, 1e6])
+def test_a_jump_of_the_coefficient_hides_no_error_beside_dirichlet_data(
+    ratio: float, solver: PaperMultigrid | PlainCG
+) -> None:
+    """u = 0 and 1 on two sides: what the data put into b at large κ is far above all that counts at small."""
+    mesh = with_sides(samples.squares(16))
+    kappa = np.where(mesh.cell_centroids[:, 0] < 0.5, 1.0, ratio)
+    hierarchy = agglomerate(mesh, n_parts=(64, 16))
+    for field in (kappa, lambda x: np.where(x[:, 0] < 0.5, 1.0, ratio)):
+        problem = Diffusion(kappa=field, source=0.0, dirichlet={1: 0.0, 2: 1.0})
+        solution = solver.solve(problem, hierarchy)
+        assert solution.converged
+        mean = 1 / (0.5 + 0.5 / ratio)
+        exact = solver.discretisation.basis(mesh).project(
+            lambda x, mean=mean: np.where(x[:, 0] < 0.5, mean * x[:, 0], 1 - mean / ratio * (1 - x[:, 0]))
+        )
+        assert np.linalg.norm(solution.x - exact) < 1e-5 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize(
+    "solver", [PaperMultigrid(), PaperMultigrid(smoother="block_jacobi", max_iterations=300)]
+)
+def test_nor_that_of_an_island(solver: PaperMultigrid) -> None:
+    """A strip at u = 1 and an island, both of large κ: the value of the island hangs on what lies between."""
+    mesh = with_sides(samples.squares(16))
+    middle = mesh.cell_centroids
+    stiff = (np.abs(middle - 0.5).max(axis=1) < 0.2) | (middle[:, 0] < 0.15)
+    problem = Diffusion(np.where(stiff, 1e6, 1.0), source=0.0, dirichlet={1: 1.0, 2: 0.0})
+    solution = solver.solve(problem, agglomerate(mesh, n_parts=(64, 16)))
+    direct = spsolve(sparse.csc_array(solution.A), solution.b)
+    right = np.linalg.norm(solution.x - direct) < 1e-5 * np.linalg.norm(direct)
+    assert solution.converged == right
+    assert right or solver.max_iterations == 300  # what does not get there says so
+
+
 @pytest.mark.parametrize("operators", ["rediscretised", "inherited"])
 def test_boundary_data_by_tag(operators: Literal["rediscretised", "inherited"]) -> None:
     """u = 1 + x between held sides; the flux of κ = 2 leaves on the right; top and bottom are insulated."""
-    mesh = samples.voronoi(80, seed=2)
-    ends = mesh.points[mesh.face_pairs][:, :, 0]
-    sides = (np.abs(ends) < 1e-12).all(axis=1) + 2 * (np.abs(ends - 1) < 1e-12).all(axis=1)
-    tagged = replace(mesh, face_tags={"boundary": sides.astype(int)})
+    tagged = with_sides(samples.voronoi(80, seed=2))
     hierarchy = agglomerate(tagged, n_parts=(20, 5))
     problem = Diffusion(kappa=2.0, source=0.0, dirichlet={1: 1.0}, neumann={2: 2.0})
     solver = PaperMultigrid(tolerance=1e-10, operators=operators)

@@ -94,6 +94,10 @@ def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> Non
         ("[kappa]\nmaterial = 1.0", "must be a table by a cell tag"),
         ("[kappa]", "kappa must name one cell tag, given none"),
         ("[source.material]\n1 = 1.0", "source.material has no number for 2"),
+        (
+            "[kappa.material]\n1 = 1\n2 = 1\n3 = 5",
+            "kappa.material speaks of 3; the tag's values in the mesh are: 1, 2",
+        ),
         ("[source.material]\nleft = 1.0", "'left' is not the value of a tag"),
         ("dirichlet = 0", "dirichlet must be a table by boundary tag, given 0"),
         ("[dirichlet]\n7 = 0", "dirichlet speaks of boundary tag 7; the mesh has: 1, 2, 3, 4 (it has the"),
@@ -114,6 +118,11 @@ def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> Non
 def test_bad_files_are_refused(tmp_path: Path, mesh: Mesh, text: str, message: str) -> None:
     with pytest.raises(FileError, match=re.escape(message)):
         read_problem(written(tmp_path, text), mesh)
+
+
+def test_a_folder_is_no_problem(tmp_path: Path, mesh: Mesh) -> None:
+    with pytest.raises(FileError, match=r"a folder; a problem is a .toml file or a name \(constant, sine\)"):
+        named_problem(str(tmp_path), mesh)
 
 
 def test_a_file_that_is_not_there_might_be_a_misspelt_name(mesh: Mesh) -> None:

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import eigsh, spsolve
 import agglo_core as agglo
 from agglo_core import AggloError, Mesh, MeshError, OptionError, samples
 from agglo_core.problem import Diffusion
-from agglo_polydg_mg.assembly import System, discretise
+from agglo_polydg_mg.assembly import System, cell_means, discretise, load
 from agglo_polydg_mg.norms import Errors, errors
 
 Array = NDArray[np.float64]
@@ -296,9 +296,34 @@ def test_faces_without_data_are_insulated() -> None:
     assert error(tagged(samples.squares(4)), 1, problem).l2 < 1e-12
 
 
-def test_neumann_data_alone_leave_u_zero_on_the_other_faces() -> None:
-    problem = Diffusion(source=2.0, neumann={3: 0.0}, exact=lambda x: x[:, 0] * (1 - x[:, 0]))
-    assert error(tagged(samples.squares(4)), 2, problem).l2 < 1e-12
+@pytest.mark.parametrize("neumann", [{3: 0.0}, {1: 1.0, 2: -1.0}])
+def test_fluxes_alone_hold_nothing(neumann: dict[int, float]) -> None:
+    with pytest.raises(OptionError, match=r"only up to a constant there; give a value on some boundary tag"):
+        discretise(tagged(samples.squares(4)), 2, Diffusion(neumann=neumann))
+
+
+def test_without_any_data_u_is_zero_on_the_whole_boundary() -> None:
+    mesh = tagged(samples.squares(4))
+    none, zero = (discretise(mesh, 2, Diffusion(dirichlet=each)) for each in ({}, {1: 0.0, 2: 0.0, 3: 0.0}))
+    assert abs(none.A - zero.A).max() == 0.0
+    assert (none.b == zero.b).all()
+
+
+def test_the_load_is_source_and_fluxes_without_dirichlet_data() -> None:
+    """u = 5 + 2x + y, κ = 3: ∫ 4 u + ∫ 6 u over the right side + ∫ ±3 u above and below."""
+    mesh = tagged(samples.voronoi(30, seed=4))
+    flux = {2: 6.0, 3: lambda x: np.where(x[:, 1] > 0.5, 3.0, -3.0)}
+    system = discretise(mesh, 1, held := Diffusion(3.0, 4.0, {1: lambda x: 5 + x[:, 1]}, flux))
+    u = system.basis.project(lambda x: 5 + 2 * x[:, 0] + x[:, 1])
+    assert load(system.basis, held) @ u == pytest.approx(4 * 6.5 + 6 * 7.5 + 3 * (7 - 6))
+    assert system.b @ u != pytest.approx(load(system.basis, held) @ u, rel=0.1)
+
+
+@pytest.mark.parametrize("kappa", [2.0, np.arange(1.0, 31.0), lambda x: 1 + x[:, 0]])
+def test_means_in_cells(kappa: object) -> None:
+    mesh = samples.voronoi(30, seed=4)
+    wanted = kappa(mesh.cell_centroids) if callable(kappa) else np.broadcast_to(kappa, 30)
+    np.testing.assert_allclose(cell_means(mesh, kappa), wanted)
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e5])
@@ -323,6 +348,9 @@ BAD: dict[str, tuple[dict[str, object], type[AggloError], str]] = {
     "source with NaN": ({"source": lambda x: x[:, 0] * np.nan}, OptionError, "source is nan"),
     "source with inf": ({"source": float("inf")}, OptionError, "source is inf"),
     "source of a wrong shape": ({"source": lambda x: x}, OptionError, "source returned the shape"),
+    "source in words": ({"source": "a"}, OptionError, "source must be a number, .* given 'a'"),
+    "kappa that fails": ({"kappa": lambda x: 1 / 0}, OptionError, "kappa failed for .*: ZeroDivisionError"),
+    "values in words": ({"source": lambda x: "a"}, OptionError, "source failed for .*: ValueError"),
     "all Neumann": ({"neumann": {0: 1.0}}, OptionError, "known only up to a constant"),
     "an unknown tag": ({"dirichlet": {7: 0.0}}, OptionError, r"tag 7; the boundary has the tags \[0\]"),
     "a tag twice": ({"dirichlet": {0: 0.0}, "neumann": {0: 0.0}}, OptionError, "give one of them"),

@@ -1,0 +1,60 @@
+"""When an iteration may stop: the size of a residual, which no contrast of the coefficient may hide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from agglo_core.arrays import Float
+
+__all__ = ["Gauge"]
+
+
+@dataclass(frozen=True, eq=False)
+class Gauge:
+    """Size of a residual ``r (n,)`` relative to the right-hand side ``b (n,)``.
+
+    Where the coefficient κ is constant it is ‖r‖ / ‖b‖. Otherwise it is the larger of two such ratios, since
+    rows of A are proportional to κ, and so is what Dirichlet data put into b:
+
+    - r and b are divided by the coefficient of the cell, so that cells of small κ count;
+    - r is taken as it is, and Dirichlet data are counted as if κ were everywhere its smallest value. An
+      island of large κ between cells of small κ is held by forces of their size: beside those of
+      Dirichlet data elsewhere at large κ, a wrong value of the whole island would not be seen.
+
+    Attributes
+    ----------
+    b : (n,) float
+    kappa : (n,) float, optional
+        Coefficient of the cell of each unknown; None where it is constant.
+    load : (n,) float, optional
+        b without what Dirichlet data put there; None if that is nothing.
+    """
+
+    b: Float
+    kappa: Float | None = None
+    load: Float | None = None
+
+    @cached_property
+    def _sizes(self) -> tuple[float, float]:
+        """What ‖r‖ and ‖r / κ‖ are held against."""
+        if self.kappa is None:
+            return float(np.linalg.norm(self.b)), 0.0
+        load = self.b if self.load is None else self.load
+        counted = load + (self.b - load) * (self.kappa.min() / self.kappa)
+        return float(np.linalg.norm(counted)), float(np.linalg.norm(self.b / self.kappa))
+
+    def __call__(self, r: Float) -> float:
+        """Relative size; 0 where r and b are 0."""
+        plain, scaled = self._sizes
+        size = _ratio(r, plain)
+        return size if self.kappa is None else max(size, _ratio(r / self.kappa, scaled))
+
+
+def _ratio(r: Float, size: float) -> float:
+    length = float(np.linalg.norm(r))
+    if size > 0.0:
+        return length / size
+    return float("inf") if length > 0.0 else 0.0
