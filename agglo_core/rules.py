@@ -115,6 +115,8 @@ def apportion(k: int, measures: Float, cells: Int) -> Int:
         )
     if k > cells.sum():
         raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")
+    if len(measures) == 1:
+        return frozen_int([k])
     share = measures if measures.sum() > 0 else cells
     ideal = k * share / share.sum()
     low, high = -float(k), float(k)
