@@ -144,6 +144,8 @@ def families(seeds: int) -> list[tuple[str, list[tuple[Mesh, dict[str, float]]]]
         "Voronoi 4k, 16-24 cells": ([samples.voronoi(4000, s) for s in fresh], 0.14),
         "Delaunay 4k, 60-100 cells": ([samples.random_triangles(2000, s) for s in fresh], 0.28),
         "Voronoi 4k, 60-100 cells": ([samples.voronoi(4000, s) for s in fresh], 0.28),
+        "Delaunay 4k, 300 cells": ([samples.random_triangles(2000, s) for s in fresh], 0.56),
+        "Voronoi 4k, 300 cells": ([samples.voronoi(4000, s) for s in fresh], 0.56),
     }
     rows = [
         (name, [(mesh, {"h_star": h * f}) for mesh in meshes for f in OCTAVE])
