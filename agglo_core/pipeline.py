@@ -213,8 +213,8 @@ def _member(kind: str, choice: Choice) -> tuple[Member, str | None]:
     """The component a choice stands for, and the name of the fallback it declared."""
     if isinstance(choice, str | tuple):
         name, options = (choice, {}) if isinstance(choice, str) else _named(kind, choice)
-        tool = default().build(kind, name, **options)
         record = default().record(kind, name)
+        tool = default().assemble(record, options)
         return Member(tool, describe(record)), record.component.fallback if record.component else None
     methods = {
         "bisector": ("bisect", "bisect_level", "partition"),

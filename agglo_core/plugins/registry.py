@@ -105,7 +105,10 @@ class Registry:
         OptionError
             If an option is not accepted; lists those that are.
         """
-        record = self.record(kind, name)
+        return self.assemble(self.record(kind, name), options)
+
+    def assemble(self, record: Record, options: Mapping[str, Any]) -> Any:
+        """Build the component of a record of this registry; raises as :meth:`build` does."""
         self._manager.trace.root.get("build")(describe(record), dict(options))
         return construct(record, options)
 
