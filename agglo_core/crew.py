@@ -249,7 +249,7 @@ def _sides(member: Member, level: Graph, seeds: UInt64) -> Int:
 
 def _one_sided(level: Graph, sides: Int) -> Int:
     ones = np.add.reduceat(sides, level.offsets[:-1])
-    return frozen_int(np.flatnonzero((ones == 0) | (ones == level.sizes)))
+    return frozen_int(((ones == 0) | (ones == level.sizes)).nonzero()[0])
 
 
 def _integers(member: Member, what: str, given: Any, n: int) -> Int:

@@ -98,9 +98,7 @@ def grow(graph: Graph, labels: Int, rule: Rule, crew: Crew, stage: int = 0) -> t
         going = np.flatnonzero(~finished)
         if nodes[0] > 0 or len(going) < len(nodes):  # else the blocks are the roots, as they stand
             with statistics.timed("split"):
-                rows, sizes = _rows(offsets, going)
-                take = order if len(rows) == len(order) else order[rows]
-                starts = np.concatenate(([0], np.cumsum(sizes)))
+                take, starts = _taken(order, offsets, going)
                 source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
         sides = _split(source, crew, seeds, rule.target)
@@ -120,6 +118,14 @@ def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
         return np.arange(offsets[-1]), sizes
     first = np.cumsum(sizes) - sizes
     return np.arange(sizes.sum()) + np.repeat(offsets[chosen] - first, sizes), sizes
+
+
+def _taken(order: Int, offsets: Int, chosen: Int) -> tuple[Int, Int]:
+    """What the chosen pieces hold, and where each starts."""
+    if len(chosen) == len(offsets) - 1:
+        return order, offsets
+    rows, sizes = _rows(offsets, chosen)
+    return order[rows], frozen_int(np.concatenate(([0], np.cumsum(sizes))))
 
 
 def _children(level: Graph, sides: Int) -> tuple[Int, Int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -46,6 +47,10 @@ class ByDiameter:
     h_star: float
     coarser: tuple[float, ...] = ()
 
+    @cached_property
+    def _limits(self) -> Float:
+        return frozen_float(np.sort((self.h_star, *self.coarser)) * (1 + ROUNDING))
+
     @property
     def target(self) -> Target:
         """What components are told."""
@@ -55,9 +60,10 @@ class ByDiameter:
         """Diameters, and whether each is small enough."""
         from agglo_core.kernels.geometry import compare_diameters
 
-        limits = frozen_float(np.sort((self.h_star, *self.coarser)) * (1 + ROUNDING))
         diameter = frozen_float(
-            compare_diameters(offsets, order, graph.vertex_offsets, graph.vertices, graph.points, limits)
+            compare_diameters(
+                offsets, order, graph.vertex_offsets, graph.vertices, graph.points, self._limits
+            )
         )
         return diameter, (diameter <= self.h_star * (1 + ROUNDING)) | (np.diff(offsets) == 1)
 
