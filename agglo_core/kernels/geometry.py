@@ -116,34 +116,35 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
 
 
 @kernel
-def _width_bounds(cells, vertex_offsets, vertices, points, box, enough):
-    """Two bounds of the largest vertex distance, from extents along the axes and, in a plane, diagonals.
+def _octagon(cells, vertex_offsets, vertices, points, enough):
+    """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
-    Both are infinite as soon as the lower one is known to exceed ``enough``.
+    Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
+    as soon as the lower one is known to exceed ``enough``.
     """
-    d = points.shape[1]
-    low, high = box
-    for k in range(len(low)):
-        low[k], high[k] = np.inf, -np.inf
-    lower = 0.0
+    x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
+    x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
     for i in range(len(cells)):
         for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
-            v = vertices[h]
-            for k in range(d):
-                low[k], high[k] = min(low[k], points[v, k]), max(high[k], points[v, k])
-            if d == 2:
-                rise, fall = points[v, 0] + points[v, 1], points[v, 0] - points[v, 1]
-                low[2], high[2] = min(low[2], rise), max(high[2], rise)
-                low[3], high[3] = min(low[3], fall), max(high[3], fall)
-        for k in range(d):
-            lower = max(lower, high[k] - low[k])
-        if lower > enough:
+            x, y = points[vertices[h], 0], points[vertices[h], 1]
+            x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+            u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
+        if max(x1 - x0, y1 - y0) > enough:
             return np.inf, np.inf
-    if d == 2:  # some of the four directions is within 22.5 degrees of that of the farthest pair
-        lower = max(lower, np.sqrt(0.5) * max(high[2] - low[2], high[3] - low[3]))
-        return lower, lower / np.cos(np.pi / 8.0)
-    upper = 0.0
-    for k in range(d):
+    lower = max(max(x1 - x0, y1 - y0), np.sqrt(0.5) * max(u1 - u0, v1 - v0))
+    return lower, lower / np.cos(np.pi / 8.0)
+
+
+@kernel
+def _box(cells, vertex_offsets, vertices, points, low, high):
+    """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
+    lower, upper = 0.0, 0.0
+    for k in range(len(low)):
+        low[k], high[k] = np.inf, -np.inf
+        for i in range(len(cells)):
+            for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
+                low[k], high[k] = min(low[k], points[vertices[h], k]), max(high[k], points[vertices[h], k])
+        lower = max(lower, high[k] - low[k])
         upper += (high[k] - low[k]) ** 2
     return lower, np.sqrt(upper)
 
@@ -152,17 +153,20 @@ def _width_bounds(cells, vertex_offsets, vertices, points, box, enough):
 def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
     """Like ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
 
-    Exact where a limit is near, a lower bound elsewhere, infinite beyond the last one: many times
+    Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times
     faster, as most blocks of a recursion are far larger than its targets.
     """
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
-    box = (np.empty(max(4, points.shape[1])), np.empty(max(4, points.shape[1])))
+    low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
     enough = limits[-1] * (1.0 + 1e-12)
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
-        lower, upper = _width_bounds(own, vertex_offsets, vertices, points, box, enough)
+        if points.shape[1] == 2:
+            lower, upper = _octagon(own, vertex_offsets, vertices, points, enough)
+        else:
+            lower, upper = _box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
