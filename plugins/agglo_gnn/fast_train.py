@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,9 +74,10 @@ def train_fast(
     except ImportError as error:
         raise PluginError(f"training needs torch: pip install 'agglo[train]' ({error})") from error
     from agglo_gnn.fast_validation import validate
+    from agglo_gnn.training import one_thread
 
     start = time.process_time()
-    with _one_thread():
+    with one_thread():
         data = gather(list(piece_levels(np.random.default_rng([seed, 2]), pieces)))
         values = {
             k: torch.tensor(v, dtype=torch.float32, requires_grad=True)
@@ -86,18 +86,6 @@ def train_fast(
         _fit(values, data, np.random.default_rng([seed, 3]), steps, start, progress)
         parameters = {key: value.detach().numpy().copy() for key, value in values.items()}
         return parameters, validate(parameters, initial_parameters(seed), validation)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    import torch
-
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _fit(

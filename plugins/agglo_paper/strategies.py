@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from agglo_core import AggloError, Hierarchy, Mesh, PluginError, agglomerate
@@ -99,8 +99,6 @@ def columns(registry: Registry | None = None) -> list[Strategy]:
 
 
 def _checked(strategy: Strategy, registry: Registry) -> Strategy:
-    from dataclasses import replace
-
     try:
         record = registry.record("bisector", strategy.bisector)
     except PluginError as error:
