@@ -14,17 +14,22 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from agglo_core.moved import watch_for_moved
+
 if TYPE_CHECKING:
-    from agglo_core import conformance, errors, functionals, interchange, plugins, samples
+    from agglo_core import conformance, errors, interchange, io, problems, registry, samples
+    from agglo_core import registry as plugins
+    from agglo_core.agglomeration import Pipeline, agglomerate
+    from agglo_core.draw import plot
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
-    from agglo_core.graph import Graph
+    from agglo_core.graph import Graph, functionals
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io import read, read_hierarchy, write
+    from agglo_core.measure import quality
     from agglo_core.mesh import Mesh
-    from agglo_core.pipeline import Pipeline, agglomerate
-    from agglo_core.plugins import Command, Component, Registry, hookimpl
+    from agglo_core.problems import Diffusion, Linear, Solution
     from agglo_core.protocols import Target
-    from agglo_core.report import quality
+    from agglo_core.registry import Command, Component, Registry, hookimpl
 
     __version__: str
 
@@ -32,15 +37,18 @@ __all__ = [
     "AggloError",
     "Command",
     "Component",
+    "Diffusion",
     "FileError",
     "Graph",
     "Hierarchy",
+    "Linear",
     "Mesh",
     "MeshError",
     "OptionError",
     "Pipeline",
     "PluginError",
     "Registry",
+    "Solution",
     "Target",
     "__version__",
     "agglomerate",
@@ -49,33 +57,49 @@ __all__ = [
     "functionals",
     "hookimpl",
     "interchange",
+    "io",
+    "plot",
     "plugins",
+    "problems",
     "quality",
     "read",
     "read_hierarchy",
+    "registry",
     "samples",
     "write",
 ]
 
 _HOME = {
+    "agglomeration": ("Pipeline", "agglomerate"),
     "errors": ("AggloError", "FileError", "MeshError", "OptionError", "PluginError"),
     "graph": ("Graph",),
     "hierarchy": ("Hierarchy",),
     "io": ("read", "read_hierarchy", "write"),
+    "measure": ("quality",),
     "mesh": ("Mesh",),
-    "pipeline": ("Pipeline", "agglomerate"),
-    "plugins": ("Command", "Component", "Registry", "hookimpl"),
+    "problems": ("Diffusion", "Linear", "Solution"),
     "protocols": ("Target",),
-    "report": ("quality",),
+    "registry": ("Command", "Component", "Registry", "hookimpl"),
 }
-_SUBMODULES = ("conformance", "errors", "functionals", "interchange", "plugins", "samples")
+_MODULES = {
+    "conformance": "conformance",
+    "errors": "errors",
+    "functionals": "graph.functionals",
+    "interchange": "interchange",
+    "io": "io",
+    "plot": "draw.plot",
+    "plugins": "registry",
+    "problems": "problems",
+    "registry": "registry",
+    "samples": "samples",
+}
 
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
         return _version()
-    if name in _SUBMODULES:
-        return import_module(f"agglo_core.{name}")
+    if name in _MODULES:
+        return import_module(f"agglo_core.{_MODULES[name]}")
     for module, names in _HOME.items():
         if name in names:
             return getattr(import_module(f"agglo_core.{module}"), name)
@@ -93,3 +117,6 @@ def _version() -> str:
         return version("agglo")
     except PackageNotFoundError:  # run from a source tree that is not installed
         return "0+unknown"
+
+
+watch_for_moved()

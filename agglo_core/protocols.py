@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from agglo_core.graph import Graph
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
-    from agglo_core.problem import Problem, Solution
+    from agglo_core.problems import Problem, Solution
 
 __all__ = [
     "Aiming",

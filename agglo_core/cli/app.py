@@ -13,18 +13,18 @@ from typing import NoReturn
 import click
 
 import agglo_core
-from agglo_core.cli.check import check
-from agglo_core.cli.compare import compare
+from agglo_core.cli.cmd_check import check
+from agglo_core.cli.cmd_compare import compare
+from agglo_core.cli.cmd_demo import demo
+from agglo_core.cli.cmd_mesh import mesh
+from agglo_core.cli.cmd_plugins import plugins
+from agglo_core.cli.cmd_quality import quality
+from agglo_core.cli.cmd_run import run
 from agglo_core.cli.console import notices
-from agglo_core.cli.demo import demo
-from agglo_core.cli.generate import mesh
-from agglo_core.cli.listing import plugins
-from agglo_core.cli.measure import quality
-from agglo_core.cli.run import run
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import AggloError, PluginError
-from agglo_core.plugins import CORE_COMMANDS, Record, default, describe
-from agglo_core.plugins.construct import resolve
+from agglo_core.registry import CORE_COMMANDS, Record, default, describe
+from agglo_core.registry.construct import resolve
 
 __all__ = ["app", "main"]
 

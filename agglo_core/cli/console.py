@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.plugins import default, hookimpl
+from agglo_core.registry import default, hookimpl
 
 if TYPE_CHECKING:
     from rich.status import Status

@@ -13,7 +13,7 @@ import click
 from agglo_core.errors import FileError, OptionError
 
 if TYPE_CHECKING:
-    from agglo_core.comparison import Run
+    from agglo_core.measure.comparison import Run
     from agglo_core.mesh import Mesh
 
 __all__ = ["check_outputs", "check_report", "refuse_solids", "write_outputs"]
@@ -49,7 +49,7 @@ def check_outputs(
 
 def check_report(report: Path) -> None:
     """Raise FileError unless a report can be written there, as far as can be seen."""
-    from agglo_core.webpage import check_page
+    from agglo_core.draw.webpage import check_page
 
     check_page(report)
 
@@ -89,12 +89,12 @@ def write_outputs(
     written = []
     done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
     if plot is not None:
-        from agglo_core.plot import draw
+        from agglo_core.draw.plot import draw
 
         draw(mesh, done, plot)
         written.append(plot)
     if report is not None:
-        from agglo_core.webpage import write_page
+        from agglo_core.draw.webpage import write_page
 
         write_page(report, mesh, runs)
         written.append(report)

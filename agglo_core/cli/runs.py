@@ -13,7 +13,7 @@ from agglo_core.cli.stopping import stopped_by
 from agglo_core.errors import AggloError, OptionError
 
 if TYPE_CHECKING:
-    from agglo_core.comparison import Run
+    from agglo_core.measure.comparison import Run
     from agglo_core.mesh import Mesh
 
 __all__ = ["LEVEL_KEYS", "attempt", "data", "execute", "level_data", "refuse_all_failed", "run_data", "show"]
@@ -25,8 +25,8 @@ _HEADS = ("target", "K", "UF", "CR", "CRc", "connected", "mean diam/h*", "second
 
 def execute(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run:
     """Warm up, agglomerate with the arguments ``given``, and measure; errors pass through."""
-    from agglo_core.comparison import timed_run
-    from agglo_core.pipeline import agglomerate
+    from agglo_core.agglomeration.pipeline import agglomerate
+    from agglo_core.measure.comparison import timed_run
 
     with progress(f"{name}: loading", quiet):
         _warm_up(given)
@@ -36,7 +36,7 @@ def execute(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run
 
 def attempt(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run:
     """The same for one run among others: its failure is a result."""
-    from agglo_core.comparison import Run
+    from agglo_core.measure.comparison import Run
 
     try:
         return execute(mesh, name, given, quiet)
@@ -49,7 +49,7 @@ def attempt(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run
 def _warm_up(given: Mapping[str, Any]) -> None:
     """Import packages and compile kernels on a tiny mesh: they must not be on the first run's clock."""
     from agglo_core import samples
-    from agglo_core.pipeline import agglomerate
+    from agglo_core.agglomeration.pipeline import agglomerate
 
     targets = ("h_star", "h_factor", "n_parts", "cells_per_part")
     counts = "n_parts" in given or "cells_per_part" in given
@@ -110,7 +110,7 @@ def show(title: str, runs: Sequence[Run], written: Sequence[Path] = (), only_fin
 
 
 def _cells(target: Mapping[str, Any], line: Mapping[str, Any]) -> list[str]:
-    from agglo_core.comparison import wanted
+    from agglo_core.measure.comparison import wanted
 
     shown = dict(line) | {"connected": f"{number(100.0 * line['connected'])} %"}
     return [wanted(target), *(_short(shown[key]) for key in _COLUMNS)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from agglo_core.conformance.pages import compliance_page, laws_page, own_results
+from agglo_core.conformance.reference_pages import compliance_page, laws_page, own_results
 
 
 def main(page: str) -> None:

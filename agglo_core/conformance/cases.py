@@ -14,7 +14,7 @@ from agglo_core.conformance import bench
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion, Linear
+from agglo_core.problems import Diffusion, Linear
 from agglo_core.protocols import Target
 
 __all__ = [

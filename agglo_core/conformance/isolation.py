@@ -19,7 +19,7 @@ from agglo_core.conformance.laws import all_laws
 from agglo_core.conformance.runner import Result, judge, laws_for
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import OptionError
-from agglo_core.plugins import Component
+from agglo_core.registry import Component
 
 __all__ = ["judge_apart", "main"]
 

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, splu
 from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion, Field, Linear, Problem, Solution
+from agglo_core.problems import Diffusion, Field, Linear, Problem, Solution
 
 __all__ = ["TwoPointFlux"]
 

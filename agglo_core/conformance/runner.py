@@ -11,7 +11,7 @@ from agglo_core.conformance.law import Broken, Law
 from agglo_core.conformance.laws import all_laws
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import OptionError
-from agglo_core.plugins.discovery import PLUGIN_FAILURES
+from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 __all__ = ["Result", "check", "judge", "laws_for"]
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from agglo_core.conformance.law import Broken
 from agglo_core.errors import OptionError, PluginError
-from agglo_core.plugins import KINDS, Component, Record, default, describe
-from agglo_core.plugins.construct import construct
-from agglo_core.plugins.declarations import faults
-from agglo_core.plugins.discovery import PLUGIN_FAILURES
-from agglo_core.plugins.records import unusable
+from agglo_core.registry import KINDS, Component, Record, default, describe
+from agglo_core.registry.construct import construct
+from agglo_core.registry.declarations import faults
+from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.records import unusable
 
 __all__ = ["METHODS", "Subject", "find", "subject_of"]
 

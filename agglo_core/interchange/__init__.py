@@ -11,10 +11,10 @@ Each function imports the other package when it is called.
 from __future__ import annotations
 
 from agglo_core.interchange.geojson import from_geojson, to_geojson
-from agglo_core.interchange.grids import to_pyvista
-from agglo_core.interchange.networks import graph_from_networkx, graph_to_networkx
-from agglo_core.interchange.polygons import mesh_to_shapely
-from agglo_core.interchange.rings import mesh_from_shapely
+from agglo_core.interchange.networkx_graphs import graph_from_networkx, graph_to_networkx
+from agglo_core.interchange.pyvista_grids import to_pyvista
+from agglo_core.interchange.shapely_in import mesh_from_shapely
+from agglo_core.interchange.shapely_out import mesh_to_shapely
 
 __all__ = [
     "from_geojson",

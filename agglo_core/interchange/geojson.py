@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.errors import MeshError
-from agglo_core.interchange.polygons import mesh_to_shapely
-from agglo_core.interchange.rings import mesh_from_shapely
-from agglo_core.io.levels import check_belongs
+from agglo_core.interchange.shapely_in import mesh_from_shapely
+from agglo_core.interchange.shapely_out import mesh_to_shapely
+from agglo_core.io.level_tags import check_belongs
 from agglo_core.io.tags import cell_data
 from agglo_core.mesh import Mesh
 

@@ -59,7 +59,7 @@ def read_hierarchy(path: str | PathLike[str]) -> tuple[Mesh, Hierarchy | None]:
     """
     mesh, hierarchy = _read(path, True)
     if hierarchy is None:
-        from agglo_core.io.levels import split_levels
+        from agglo_core.io.level_tags import split_levels
 
         with _naming(Path(path)):
             return split_levels(mesh)
@@ -90,7 +90,7 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
     check_writable(target)
     with _naming(target):
         if hierarchy is not None:
-            from agglo_core.io.levels import check_belongs
+            from agglo_core.io.level_tags import check_belongs
 
             check_belongs(mesh, hierarchy)
         suffix = target.suffix.lower()
@@ -103,7 +103,7 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
 
             write_npz(target, mesh, hierarchy)
         else:
-            from agglo_core.io.foreign_write import write_foreign
+            from agglo_core.io.meshlane_write import write_foreign
 
             write_foreign(target, mesh, hierarchy)
 
@@ -143,7 +143,7 @@ def _read(path: str | PathLike[str], merge_points: bool) -> tuple[Mesh, Hierarch
             from agglo_core.io.vtu_read import read_vtu
 
             return read_vtu(source, merge_points=merge_points), None
-        from agglo_core.io.foreign import read_foreign
+        from agglo_core.io.meshlane_read import read_foreign
 
         return read_foreign(source, merge_points=merge_points), None
 
@@ -172,7 +172,7 @@ def _check_written(mesh: object, hierarchy: object) -> None:
 def _check_suffix(path: Path, *, writing: bool) -> None:
     if path.suffix.lower() in (".vtu", ".npz"):
         return
-    from agglo_core.io.foreign import suffixes
+    from agglo_core.io.meshlane_read import suffixes
 
     known = [".vtu", ".npz", *suffixes(writing=writing)]
     if path.suffix.lower() not in known:

@@ -1,4 +1,4 @@
-"""What meshlane read, as cells; run as a program in a process of its own by :mod:`agglo_core.io.foreign`.
+"""What meshlane read, as cells; run as a program in a process of its own by ``agglo_core.io.meshlane_read``.
 
 meshlane prints, exits, and on some truncated files never ends: a process apart, with limits on its
 processor time and memory, contains all of that.
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
-from agglo_core.elements import Polyhedra, concatenate
 from agglo_core.errors import FileError
-from agglo_core.io.cells import Soup
+from agglo_core.io.soup import Soup
 from agglo_core.io.tags import tag_values
+from agglo_core.mesh.elements import Polyhedra, concatenate
 
 __all__ = ["main", "soup_from_meshlane"]
 

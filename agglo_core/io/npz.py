@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
-from agglo_core.io.soundness import check_arrays
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:

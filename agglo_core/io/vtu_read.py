@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.elements import Polyhedra, concatenate, gather, take_cells
 from agglo_core.errors import FileError
-from agglo_core.io.cells import Soup, mesh_from_soup, with_repairs
+from agglo_core.io.soup import Soup, mesh_from_soup, with_repairs
 from agglo_core.io.tags import BRIDGES, note_left_out, tag_values
 from agglo_core.io.vtu_arrays import TYPES, Document, parse
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, concatenate, gather, take_cells
 
 __all__ = ["read_vtu"]
 

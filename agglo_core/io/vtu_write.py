@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.elements import gather
 from agglo_core.io.atomic import staging
 from agglo_core.io.bridges import single_loops
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import gather
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy

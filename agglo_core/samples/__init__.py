@@ -16,10 +16,10 @@ from types import MappingProxyType
 
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.samples.brain import brain, brain_holes
+from agglo_core.samples.brain_section import brain, brain_holes
 from agglo_core.samples.clouds import random_triangles, voronoi
-from agglo_core.samples.grids import disconnected, hexagons, ring, squares, strip, triangles
 from agglo_core.samples.paper_grids import paper
+from agglo_core.samples.regular import disconnected, hexagons, ring, squares, strip, triangles
 from agglo_core.samples.solids import boxes, tetrahedra
 
 __all__ = [

@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
-from agglo_core.samples.grids import check_size
+from agglo_core.samples.regular import check_size
 
 __all__ = ["delaunay_mesh", "random_triangles", "voronoi", "voronoi_mesh"]
 

@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.samples.clouds import delaunay_mesh, voronoi_mesh
-from agglo_core.samples.grids import squares, triangles
+from agglo_core.samples.regular import squares, triangles
 
 __all__ = ["paper"]
 

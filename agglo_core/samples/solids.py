@@ -8,14 +8,14 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
-from agglo_core.samples.grids import check_size
+from agglo_core.samples.regular import check_size
 
 __all__ = ["boxes", "tetrahedra"]
 
 
 def boxes(n: int) -> Mesh:
     """Unit cube cut into ``n``³ cubes."""
-    from agglo_core.elements import polyhedra_from_elements
+    from agglo_core.mesh.elements import polyhedra_from_elements
 
     n = check_size(n, 1, "n", "boxes")
     points, corners = _cubes(n)
@@ -26,7 +26,7 @@ def boxes(n: int) -> Mesh:
 
 def tetrahedra(n: int) -> Mesh:
     """Unit cube cut into ``n``³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn)."""
-    from agglo_core.elements import polyhedra_from_elements
+    from agglo_core.mesh.elements import polyhedra_from_elements
 
     n = check_size(n, 1, "n", "tetrahedra")
     points, corners = _cubes(n)

@@ -20,7 +20,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="bisector",
             name="gnn_paper",
-            target="agglo_gnn.paper:PaperGNN",
+            target="agglo_gnn.paper_bisector:PaperGNN",
             requires=("torch", "safetensors"),
             promises={"deterministic": True, "invariant": True, "pickles": True},
             summary="The paper's graph neural network, or one of yours, in torch.",

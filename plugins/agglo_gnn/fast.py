@@ -35,7 +35,7 @@ class FastGNN:
 
     A block of at least 96 cells is laid on a raster in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
-    the one that costs least by :func:`agglo_core.sweep.sweep` is taken. Blocks of fewer than 400 cells,
+    the one that costs least by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
     or of equal cells, try their axes and diagonals as well, and the best of these directions turned
     by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
     32 cells on. Both sides are never empty, and no random numbers.

@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels import kernel
 from agglo_core.kernels.axes import half_circle, halvings, turned
-from agglo_core.kernels.sweep import (
+from agglo_core.kernels.thresholds import (
     NO_CUT,
     axes_block,
     centre_block,

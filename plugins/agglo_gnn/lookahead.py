@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from agglo_core.agglomeration.recursion import grow
+from agglo_core.agglomeration.rules import ByDiameter
+from agglo_core.agglomeration.run import Crew, Member
 from agglo_core.arrays import Float, Int, UInt64, frozen_int
-from agglo_core.crew import Crew, Member
-from agglo_core.defaults.fixers import ConnectivityFixer
-from agglo_core.defaults.refiners import InterfaceRefiner
-from agglo_core.driver import grow
+from agglo_core.components.fixers import ConnectivityFixer
+from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
+from agglo_core.graph.sweep import sweep
 from agglo_core.protocols import Target
-from agglo_core.rules import ByDiameter
-from agglo_core.sweep import sweep
 from agglo_gnn.features import see
 
 __all__ = ["look_ahead"]

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor, nn
 
 from agglo_core.arrays import Float
-from agglo_core.blocks import principal_frames
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
+from agglo_core.graph.blocks import principal_frames
 
 __all__ = ["ARCHITECTURE", "FEATURES", "Neighbours", "PaperNetwork", "expected_normalised_cut", "inorm"]
 
@@ -144,7 +144,7 @@ class PaperNetwork(nn.Module):
 def expected_normalised_cut(logits: Tensor, neighbours: Neighbours) -> Tensor:
     """The paper's loss of each block ``(n_blocks,)``: expected cut over expected volume, summed over k.
 
-    Edges count 1 and nodes their degree, as in :mod:`agglo_core.functionals`.
+    Edges count 1 and nodes their degree, as in :mod:`agglo_core.graph.functionals`.
     """
     Y = torch.softmax(logits, dim=1)
     degrees = neighbours.degrees(Y.dtype)

@@ -8,9 +8,9 @@ import numpy as np
 
 from agglo_core import samples
 from agglo_core.arrays import Float, Mask, UInt64, frozen_int
-from agglo_core.defaults.geometric import InertialBisection
-from agglo_core.defaults.refiners import InterfaceRefiner
-from agglo_core.defaults.sweep import SweepBisection
+from agglo_core.components.geometric import InertialBisection
+from agglo_core.components.refiners import InterfaceRefiner
+from agglo_core.components.straight_cuts import SweepBisection
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target

@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels import kernel
 from agglo_core.kernels.axes import planar_frame
-from agglo_core.kernels.sweep import centre_block
+from agglo_core.kernels.thresholds import centre_block
 
 __all__ = ["describe", "lay_raster", "raster_room", "to_frame"]
 

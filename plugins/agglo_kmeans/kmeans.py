@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
-from agglo_core.ordering import curve_order
+from agglo_core.graph.ordering import curve_order
 from agglo_core.protocols import Target
 
 __all__ = ["KMeans"]

@@ -12,7 +12,7 @@ from typing import Final
 from agglo_core import FileError, OptionError
 from agglo_core.io.atomic import staging
 from agglo_paper import brain, figures, multigrid, runtime, shapes, statistics
-from agglo_paper.front import front
+from agglo_paper.front_page import front
 from agglo_paper.grids import GRIDS
 from agglo_paper.plan import Plan, full, quick
 from agglo_paper.record import Page

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from agglo_core import AggloError, Hierarchy, Mesh, PluginError, agglomerate
-from agglo_core.plugins import Record, Registry, default
 from agglo_core.protocols import Partitioner
+from agglo_core.registry import Record, Registry, default
 
 __all__ = ["Strategy", "Targets", "columns", "paper_columns"]
 

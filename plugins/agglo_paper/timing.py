@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from agglo_core import AggloError, Graph, agglomerate, samples
-from agglo_core.ordering import curve_order
-from agglo_core.plugins import default
+from agglo_core.graph.ordering import curve_order
+from agglo_core.registry import default
 
 __all__ = ["time_one"]
 

@@ -10,7 +10,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="solver",
             name="polydg_mg_paper",
-            target="agglo_polydg_mg.paper:PaperMultigrid",
+            target="agglo_polydg_mg.paper_multigrid:PaperMultigrid",
             promises={"deterministic": True, "pickles": True},
             summary="The paper's V-cycle: PolyDG with additive Schwarz smoothing.",
         ),

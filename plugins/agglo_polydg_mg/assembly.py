@@ -16,7 +16,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion, Field
+from agglo_core.problems import Diffusion, Field
 from agglo_polydg_mg.basis import Basis, products
 from agglo_polydg_mg.boundary import boundary_faces, dirichlet_load, neumann_load
 from agglo_polydg_mg.penalty import face_penalty

@@ -17,7 +17,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Field
+from agglo_core.problems import Field
 from agglo_polydg_mg.checks import demand_count
 from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.problem import Diffusion, Field
+from agglo_core.problems import Diffusion, Field
 from agglo_polydg_mg.assembly import face_coefficients, positive
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces

@@ -14,7 +14,7 @@ from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion, Field, Linear, Problem
+from agglo_core.problems import Diffusion, Field, Linear, Problem
 from agglo_polydg_mg.assembly import System, cell_means, discretise, load
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.checks import demand_count, demand_positive, demand_truth

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from agglo_core.arrays import Float
+from agglo_core.draw.plot import save_figure
 from agglo_core.errors import FileError, OptionError
-from agglo_core.plot import save_figure
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.output import sampled
 

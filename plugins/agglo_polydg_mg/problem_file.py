@@ -31,7 +31,7 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion
+from agglo_core.problems import Diffusion
 
 __all__ = ["NAMED", "named_problem", "read_problem"]
 

@@ -15,7 +15,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import AggloError, MeshError, OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Field
+from agglo_core.problems import Field
 
 __all__ = [
     "Batch",

@@ -9,7 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
-from agglo_core.problem import Diffusion, Solution
+from agglo_core.problems import Diffusion, Solution
 from agglo_polydg_mg.assembly import load
 from agglo_polydg_mg.cycle import conjugate_gradients
 from agglo_polydg_mg.gauge import Gauge

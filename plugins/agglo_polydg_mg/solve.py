@@ -12,12 +12,12 @@ from typing import Any
 import click
 
 from agglo_core import OptionError, agglomerate
-from agglo_core.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
 from agglo_core.arrays import Float
+from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import check_writable
 from agglo_core.kernels import first_use
-from agglo_core.plugins import default
+from agglo_core.registry import default
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import Discretisation
 from agglo_polydg_mg.output import write_solution

@@ -13,8 +13,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from agglo_core.arrays import Float, Int
-from agglo_core.blocks import block_extents, block_shares, principal_frames
 from agglo_core.graph import Graph
+from agglo_core.graph.blocks import block_extents, block_shares, principal_frames
 
 __all__ = ["laplacian_modes"]
 

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, UInt64
-from agglo_core.blocks import (
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.graph.blocks import (
     block_extents,
     block_ranks,
     block_shares,
@@ -22,8 +24,6 @@ from agglo_core.blocks import (
     principal_frames,
     split_at_median,
 )
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
 from agglo_spectral.modes import laplacian_modes
 
 __all__ = ["Spectral"]

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core import Mesh, samples
-from agglo_core.problem import Diffusion
+from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import discretise
 from agglo_polydg_mg.penalty import face_penalty
 

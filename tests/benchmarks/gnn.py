@@ -32,9 +32,9 @@ from numpy.typing import NDArray
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, Target, samples
 from agglo_core.arrays import frozen_int
-from agglo_core.functionals import normalised_cut
-from agglo_core.ordering import curve_order
-from agglo_core.plugins import default
+from agglo_core.graph.functionals import normalised_cut
+from agglo_core.graph.ordering import curve_order
+from agglo_core.registry import default
 
 Labels = NDArray[np.int64]
 NAMES = ("kmeans", "sweep", "gnn")

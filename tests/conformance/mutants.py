@@ -14,10 +14,10 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, spsolve_triangular
 
 from agglo_core import Component, OptionError
+from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.conformance.laws.refiner import OBJECTIVES, loose_parts
 from agglo_core.conformance.reference import TwoPointFlux
-from agglo_core.defaults.fixers import ConnectivityFixer
-from agglo_core.problem import Diffusion, Linear
+from agglo_core.problems import Diffusion, Linear
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from agglo_core.arrays import frozen_int
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import cases, level_case, part_of_level, solids, tiny
 from agglo_core.conformance.laws.refiner import OBJECTIVES, loose_parts
+from agglo_core.conformance.questions import fingerprints, global_random
 from agglo_core.conformance.reference import TwoPointFlux
-from agglo_core.conformance.trial import fingerprints, global_random
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.plugins import KINDS
-from agglo_core.problem import Diffusion
+from agglo_core.problems import Diffusion
+from agglo_core.registry import KINDS
 
 
 def arrays_of(value):

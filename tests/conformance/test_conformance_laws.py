@@ -10,7 +10,7 @@ from agglo_core.conformance.law import Law
 from agglo_core.conformance.laws import all_laws, refiner
 from agglo_core.conformance.runner import judge, laws_for
 from agglo_core.conformance.subject import Subject, subject_of
-from agglo_core.plugins import KINDS, PROMISES
+from agglo_core.registry import KINDS, PROMISES
 
 
 def first_failure(subject: Subject) -> tuple[str, str]:

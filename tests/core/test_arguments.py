@@ -11,7 +11,7 @@ import click
 import pytest
 
 from agglo_core import FileError, OptionError, PluginError, agglomerate, samples, write
-from agglo_core.arguments import agglomeration_options, choice, load_mesh, parse_value, refuse_twins
+from agglo_core.cli.arguments import agglomeration_options, choice, load_mesh, parse_value, refuse_twins
 
 
 @click.command()
@@ -94,6 +94,8 @@ def test_a_mesh_is_a_file_or_a_sample(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_importing_it_loads_nothing_heavy() -> None:
-    source = "import sys, agglo_core.arguments; print([m for m in ('numpy', 'numba') if m in sys.modules])"
+    source = (
+        "import sys, agglo_core.cli.arguments; print([m for m in ('numpy', 'numba') if m in sys.modules])"
+    )
     answer = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"

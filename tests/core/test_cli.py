@@ -14,12 +14,13 @@ import numpy as np
 import pytest
 from command_line import Agglo
 
-from agglo_core import Hierarchy, Mesh, pipeline, samples, write
-from agglo_core.arguments import parse_spec
+from agglo_core import Hierarchy, Mesh, samples, write
+from agglo_core.agglomeration import pipeline
 from agglo_core.cli import main
+from agglo_core.cli.arguments import parse_spec
 from agglo_core.errors import MeshError, OptionError
-from agglo_core.plugins import CORE_COMMANDS, Command, Component, hookimpl
-from agglo_core.plugins import default as default_registry
+from agglo_core.registry import CORE_COMMANDS, Command, Component, hookimpl
+from agglo_core.registry import default as default_registry
 
 
 @click.command()

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from command_line import Agglo
 
-from agglo_core.arguments import split_specs
+from agglo_core.cli.arguments import split_specs
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph
-from agglo_core.plugins import Component, default, hookimpl
+from agglo_core.registry import Component, default, hookimpl
 
 
 class Stubborn:

@@ -15,7 +15,7 @@ from command_line import Agglo
 from agglo_core import io, samples
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph
-from agglo_core.plugins import Component, default, hookimpl
+from agglo_core.registry import Component, default, hookimpl
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def few(small: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bisectors and a ring."""
-    demo = importlib.import_module("agglo_core.cli.demo")
+    demo = importlib.import_module("agglo_core.cli.cmd_demo")
     monkeypatch.setattr(demo, "_bisectors", lambda quiet: ["kmeans", "inertial"])
 
 
@@ -89,7 +89,7 @@ def test_sizes_are_shares_of_the_diameter(agglo: Agglo, few: None, tmp_path: Pat
 
 
 def test_without_matplotlib_it_says_so(agglo: Agglo, few: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    demo = importlib.import_module("agglo_core.cli.demo")
+    demo = importlib.import_module("agglo_core.cli.cmd_demo")
     monkeypatch.setattr(demo, "find_spec", lambda name: None)
     code, _, err = agglo("demo")
     assert code == 0
@@ -132,7 +132,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 def test_the_brain_of_the_demo(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [name for name in active() if name in ("kmeans", "metis")]
-    monkeypatch.setattr(importlib.import_module("agglo_core.cli.demo"), "_bisectors", lambda quiet: names)
+    monkeypatch.setattr(importlib.import_module("agglo_core.cli.cmd_demo"), "_bisectors", lambda quiet: names)
     code, out, _ = agglo("demo", "--json", "--quiet")
     assert code == 0
     data = json.loads(out)

@@ -17,8 +17,8 @@ from agglo_core.cli import main
 from agglo_core.cli.runs import attempt
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import OptionError, PluginError
-from agglo_core.plugins import Command, hookimpl
-from agglo_core.plugins import default as default_registry
+from agglo_core.registry import Command, hookimpl
+from agglo_core.registry import default as default_registry
 
 Fail = Callable[[BaseException], tuple[int, str]]
 
@@ -118,7 +118,8 @@ def test_interrupts_are_found_behind_other_errors(fail: Fail) -> None:
 
 
 def test_an_interrupted_run_is_no_failed_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    from agglo_core import pipeline, samples
+    from agglo_core import samples
+    from agglo_core.agglomeration import pipeline
 
     errors: list[Exception] = [OptionError("in the warm-up"), OptionError("plain")]
 

@@ -10,7 +10,7 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import Component, OptionError, PluginError, hookimpl, samples
-from agglo_core.crew import Crew, Member, bisect_by_block, splitmix
+from agglo_core.agglomeration.run import Crew, Member, bisect_by_block, splitmix
 
 GRID = samples.squares(4)
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
+from agglo_core.agglomeration.rules import ByDiameter, ByQuota, apportion
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.rules import ByDiameter, ByQuota, apportion
 
 
 class Random:

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agglo_core.blocks import principal_frames, split_at_median
-from agglo_core.defaults.geometric import CoordinateBisection, InertialBisection
+from agglo_core.components.geometric import CoordinateBisection, InertialBisection
 from agglo_core.graph import Graph
+from agglo_core.graph.blocks import principal_frames, split_at_median
 
 BISECTORS = [CoordinateBisection(), InertialBisection()]
 

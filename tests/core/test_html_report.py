@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 from agglo_core import samples
-from agglo_core.comparison import Run, measure_levels
+from agglo_core.draw.plot import PALETTE, colouring
+from agglo_core.draw.webpage import write_page
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
+from agglo_core.measure.comparison import Run, measure_levels
 from agglo_core.mesh import Mesh
-from agglo_core.plot import PALETTE, colouring
-from agglo_core.webpage import write_page
 
 EVIL = '<b>&amp;</script><script>document.title = "taken"</script><!--title-->/*data*/'
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay
 
 import agglo_core as agglo
 from agglo_core import Mesh, Target, samples
-from agglo_core.defaults.refiners import InterfaceRefiner
+from agglo_core.components.refiners import InterfaceRefiner
 
 TARGETS = ({"n_parts": (8, 32)}, {"h_factor": (2.0, 4.0)})
 RIGID = ("renumbered", "rotated", "mirrored", "shifted", "far away", "scaled")

@@ -9,11 +9,11 @@ import meshlane
 import numpy as np
 import pytest
 
-from agglo_core.elements import polyhedra_from_elements
 from agglo_core.errors import AggloError, FileError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import polyhedra_from_elements
 
 POINTS = [[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1]]
 
@@ -83,9 +83,9 @@ def test_truncated(tmp_path: Path, keep: int) -> None:
 
 def test_readers_that_never_end_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """meshlane's TetGen reader loops for ever on a file of comments."""
-    from agglo_core.io import foreign
+    from agglo_core.io import meshlane_read
 
-    monkeypatch.setattr(foreign, "_SECONDS", 2)
+    monkeypatch.setattr(meshlane_read, "_SECONDS", 2)
     for suffix in (".node", ".ele"):
         (tmp_path / f"a{suffix}").write_text("# nothing\n")
     with pytest.raises(FileError, match="processor time"):

@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import agglo_core
-from agglo_core.elements import polyhedra_from_elements
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import check_writable, read, read_hierarchy, write
 from agglo_core.io.bridges import single_loops
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import polyhedra_from_elements
 
 # -- meshes ------------------------------------------------------------------------------------
 

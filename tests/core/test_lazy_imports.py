@@ -59,7 +59,7 @@ except SystemExit as done:
     [
         "import agglo_core",
         "from agglo_core import Command, Component, PluginError, Registry, hookimpl, plugins",
-        "import agglo_core; agglo_core.__version__; agglo_core.plugins.default().list()",
+        "import agglo_core; agglo_core.__version__; agglo_core.registry.default().list()",
     ],
 )
 def test_the_package_is_lazy(source: str) -> None:

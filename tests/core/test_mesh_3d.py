@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, Delaunay
 from scipy.spatial.distance import pdist
 
 from agglo_core import Mesh, MeshError, samples
-from agglo_core.elements import polyhedra_from_elements
+from agglo_core.mesh.elements import polyhedra_from_elements
 
 CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
 HEX = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]

@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist
 from shapely.affinity import scale
 
 from agglo_core import samples
-from agglo_core.defaults.metrics import (
+from agglo_core.components.metrics import (
     Cells,
     CentredCircleRatio,
     CircleRatio,
@@ -24,7 +24,7 @@ from agglo_core.defaults.metrics import (
 )
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.plugins import default
+from agglo_core.registry import default
 
 EVERY = {
     "UF": UniformityFactor(),

@@ -7,9 +7,9 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import FileError, OptionError, Pipeline, PluginError, samples
-from agglo_core.defaults.fixers import ConnectivityFixer
-from agglo_core.defaults.geometric import CoordinateBisection
-from agglo_core.defaults.refiners import InterfaceRefiner
+from agglo_core.components.fixers import ConnectivityFixer
+from agglo_core.components.geometric import CoordinateBisection
+from agglo_core.components.refiners import InterfaceRefiner
 
 MESH = samples.voronoi(60, seed=2)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from agglo_core import samples
+from agglo_core.draw.plot import colouring, draw
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.plot import colouring, draw
 
 matplotlib = pytest.importorskip("matplotlib")
 

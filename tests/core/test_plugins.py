@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from agglo_core.errors import AggloError, MeshError, OptionError, PluginError
-from agglo_core.plugins import Command, Component, Record, Registry, default, describe, hookimpl
+from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
 
 HALVES = Component("bisector", "halves", "halves_target:Halves")
 

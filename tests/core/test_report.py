@@ -10,8 +10,8 @@ import pytest
 from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
+from agglo_core.measure.agglomerates import quality, summary
 from agglo_core.mesh import Mesh
-from agglo_core.report import quality, summary
 
 
 class FirstCell:

@@ -13,11 +13,17 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull, cKDTree
 
 from agglo_core import samples
-from agglo_core.defaults.shapes import BoxRatio, Convexity, EdgeRatio, IsoperimetricQuotient, StarShapedness
+from agglo_core.components.shape_metrics import (
+    BoxRatio,
+    Convexity,
+    EdgeRatio,
+    IsoperimetricQuotient,
+    StarShapedness,
+)
 from agglo_core.errors import MeshError
 from agglo_core.kernels.shapes import box_ratios, convex_hulls
 from agglo_core.mesh import Mesh
-from agglo_core.plugins import default
+from agglo_core.registry import default
 
 EVERY = {
     "isoperimetric": IsoperimetricQuotient(),

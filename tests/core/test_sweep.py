@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 import agglo_core as agglo
 from agglo_core import OptionError, samples
-from agglo_core.defaults.sweep import SweepBisection
-from agglo_core.sweep import sweep
+from agglo_core.components.straight_cuts import SweepBisection
+from agglo_core.graph.sweep import sweep
 
 
 def cost(graph, sides):
@@ -132,7 +132,7 @@ def test_cuts_cost_no_more_than_those_of_two_means():
 
 
 def test_edges_of_a_block_are_listed_once():
-    from agglo_core.kernels.sweep import edge_room, edges_of_block
+    from agglo_core.kernels.thresholds import edge_room, edges_of_block
 
     mesh = samples.voronoi(60, 3)
     graph = mesh.graph.split(agglo.agglomerate(mesh, n_parts=4).levels[0])[0]

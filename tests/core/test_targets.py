@@ -7,7 +7,7 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.targets import resolve_targets
+from agglo_core.agglomeration.targets import resolve_targets
 
 GRID = samples.squares(4)
 

@@ -17,7 +17,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("safetensors")
 
 from agglo_gnn import custom, model_file, paper_data  # noqa: E402
-from agglo_gnn.paper import WEIGHTS, PaperGNN  # noqa: E402
+from agglo_gnn.paper_bisector import WEIGHTS, PaperGNN  # noqa: E402
 from agglo_gnn.paper_network import (  # noqa: E402
     Neighbours,
     PaperNetwork,

@@ -8,8 +8,8 @@ from math import sqrt
 import pytest
 
 from agglo_core import Hierarchy, agglomerate, samples
-from agglo_core.plugins import default
-from agglo_core.problem import Diffusion, Solution
+from agglo_core.problems import Diffusion, Solution
+from agglo_core.registry import default
 
 CONSTANT = Diffusion(source=8.0)  # what the published counts belong to; the text has a sine
 SETTINGS = [

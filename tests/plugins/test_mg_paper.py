@@ -13,8 +13,8 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from agglo_core import AggloError, Hierarchy, Mesh, MeshError, OptionError, agglomerate, samples
-from agglo_core.problem import Diffusion, Linear
-from agglo_polydg_mg.paper import PaperMultigrid
+from agglo_core.problems import Diffusion, Linear
+from agglo_polydg_mg.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.schwarz import Smoother, Solve
 

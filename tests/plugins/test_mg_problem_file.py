@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agglo_core import FileError, Mesh, agglomerate, samples
-from agglo_polydg_mg.paper import PaperMultigrid
+from agglo_polydg_mg.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.problem_file import named_problem, read_problem
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main
-from agglo_core.plugins import Registry, default
+from agglo_core.registry import Registry, default
 from agglo_paper.published import printed
 from agglo_paper.strategies import columns
 

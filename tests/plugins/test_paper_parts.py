@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from agglo_core import OptionError, PluginError, samples
-from agglo_core.plugins import Registry
+from agglo_core.registry import Registry
 from agglo_paper import figures, plan
 from agglo_paper.grids import FAMILIES, GRIDS, load, targets
 from agglo_paper.multigrid import TABLES

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agglo_core import FileError, Mesh, OptionError, read, samples
 from agglo_core.io.vtu_arrays import parse
-from agglo_core.problem import Diffusion
+from agglo_core.problems import Diffusion
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.evaluate import evaluate, locate
 from agglo_polydg_mg.norms import errors

@@ -17,7 +17,7 @@ from scipy.sparse.linalg import eigsh, spsolve
 
 import agglo_core as agglo
 from agglo_core import AggloError, Mesh, MeshError, OptionError, samples
-from agglo_core.problem import Diffusion
+from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import System, cell_means, discretise, load
 from agglo_polydg_mg.norms import Errors, errors
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core import Mesh, samples
-from agglo_core.problem import Diffusion
+from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import discretise
 from agglo_polydg_mg.basis import Basis, legendre, orders, slopes
 from agglo_polydg_mg.kernels import triangle_heights

@@ -6,8 +6,8 @@ import numpy as np
 
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import demand, law
+from agglo_core.conformance.questions import answer, in_words, plain
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, in_words, plain
 
 
 def _bisects(subject: Subject) -> bool:

@@ -11,8 +11,8 @@ from agglo_core.conformance import bench
 from agglo_core.conformance.cases import cases, level_case
 from agglo_core.conformance.law import Broken, demand, law
 from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.questions import plain
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import plain
 
 
 @law("fixer")

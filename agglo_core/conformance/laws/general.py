@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.questions import answer, fingerprints, questions
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, fingerprints, questions
 from agglo_core.errors import OptionError
-from agglo_core.plugins import KINDS
-from agglo_core.plugins.discovery import PLUGIN_FAILURES
+from agglo_core.registry import KINDS
+from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 _NO_OPTION = "no_such_option"
 

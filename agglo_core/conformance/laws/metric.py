@@ -12,8 +12,8 @@ from agglo_core.arrays import frozen_int
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, cases, tiny
 from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.questions import answer, in_words, plain
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, in_words, plain
 
 __all__ = ["HAND"]
 

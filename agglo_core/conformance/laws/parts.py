@@ -6,8 +6,8 @@ import numpy as np
 
 from agglo_core.conformance.cases import cases, level_case
 from agglo_core.conformance.law import demand, law
+from agglo_core.conformance.questions import answer, chunks, in_words, plain
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, chunks, in_words, plain
 
 
 @law("refiner", "fixer")

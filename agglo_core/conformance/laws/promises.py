@@ -13,12 +13,12 @@ from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, cases, level_case, seeds_for, solids
 from agglo_core.conformance.law import Broken, demand, law
 from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.questions import answer, chunks, in_words, plain, questions, same, settled, taken
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, chunks, in_words, plain, questions, same, settled, taken
 from agglo_core.mesh import Mesh
-from agglo_core.plugins import KINDS
-from agglo_core.plugins.discovery import PLUGIN_FAILURES
 from agglo_core.protocols import Target
+from agglo_core.registry import KINDS
+from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 _PARTS = (2, 3, 7)
 

@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from agglo_core.arrays import Int
 from agglo_core.conformance.cases import cases, level_case
 from agglo_core.conformance.law import demand, law
+from agglo_core.conformance.questions import answer, plain
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, plain
 from agglo_core.graph import Graph
 
 __all__ = ["OBJECTIVES", "PATIENCE", "loose_parts"]

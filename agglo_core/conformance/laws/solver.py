@@ -13,10 +13,10 @@ from agglo_core.arrays import Float
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, cases, laplacian, with_problem
 from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.questions import answer, questions, taken
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, questions, taken
 from agglo_core.errors import AggloError
-from agglo_core.problem import Diffusion, Linear, Solution
+from agglo_core.problems import Diffusion, Linear, Solution
 
 _CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from unfinished
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, level_case, part_of_level, solids, stripes, tiny
 from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.questions import answer, chunks, global_random, plain, questions, same, taken
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.trial import answer, chunks, global_random, plain, questions, same, taken
 from agglo_core.errors import AggloError
-from agglo_core.plugins import KINDS
-from agglo_core.report import quality
+from agglo_core.measure.agglomerates import quality
+from agglo_core.registry import KINDS
 
 
 @law(*KINDS)
@@ -127,7 +127,7 @@ def space_served_or_refused(subject: Subject) -> None:
 @law("bisector", "refiner", "fixer", "metric")
 def works_in_a_run(subject: Subject) -> None:
     """A run with it gives the parts asked for, all connected, or it measures the parts of one."""
-    from agglo_core.pipeline import agglomerate
+    from agglo_core.agglomeration.pipeline import agglomerate
 
     mesh = bench.grid(9, 7, jitter=0.2)
     tool = subject.build()

@@ -1,0 +1,124 @@
+"""Post-passes on a finished level: merge small parts, polish all interfaces at once.
+
+Both stay inside given blocks (in a recursion the parts of the next coarser level, in a k-way hierarchy the
+connected components) and never make a part miss its size target.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agglo_core.agglomeration.rules import ROUNDING
+from agglo_core.agglomeration.run import Crew
+from agglo_core.arrays import Float, Int, Mask, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import by_first_cell
+from agglo_core.protocols import Target
+
+__all__ = ["PostPass", "merge_parts"]
+
+
+@dataclass(frozen=True)
+class PostPass:
+    """Which post-passes to run."""
+
+    merge: bool
+    polish: bool
+
+    @property
+    def active(self) -> bool:
+        """Whether there is anything to do."""
+        return self.merge or self.polish
+
+    def apply(
+        self, graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, stage: int
+    ) -> Int:
+        """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
+        if self.merge and h_star is not None:
+            with crew.statistics.timed("merge"):
+                labels = merge_parts(graph, blocks, labels, h_star)
+        if self.polish:
+            with crew.statistics.timed("polish"):
+                labels = _polish(graph, blocks, labels, h_star, crew, stage)
+        return labels
+
+
+def merge_parts(graph: Graph, blocks: Int, labels: Int, h_star: float) -> Int:
+    """Merge neighbours whose union has a diameter of at most ``h_star``, roundest unions first.
+
+    A union is the rounder the larger the share of its parts' boundary that it hides. In each round
+    every part proposes its best neighbour; mutual proposals merge.
+    """
+    while True:
+        parts = graph.coarsen(labels)
+        owner = np.empty(parts.n, np.int64)
+        owner[labels] = blocks
+        row = everywhere = np.repeat(np.arange(parts.n), np.diff(parts.indptr))
+        column = parts.indices.astype(np.int64)
+        inside = np.flatnonzero((row < column) & (owner[row] == owner[column]))
+        row, column = row[inside], column[inside]
+        fits = _union_diameters(parts, row, column) <= h_star * (1 + ROUNDING)
+        row, column, shared = row[fits], column[fits], parts.interface[inside][fits]
+        if len(row) == 0:
+            return labels
+        outline = parts.boundary + np.bincount(everywhere, parts.interface, parts.n)
+        chosen = _mutual(row, column, shared / (outline[row] + outline[column]), parts.n)
+        target = np.arange(parts.n)
+        target[column[chosen]] = row[chosen]
+        labels = by_first_cell(target[labels])
+
+
+def _union_diameters(parts: Graph, row: Int, column: Int) -> Float:
+    from agglo_core.kernels.geometry import block_diameters
+
+    pairs = frozen_int(np.stack((row, column), axis=1).ravel())
+    offsets = frozen_int(np.arange(0, len(pairs) + 1, 2))
+    result: Float = block_diameters(offsets, pairs, parts.vertex_offsets, parts.vertices, parts.points)
+    return result
+
+
+def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
+    """Edges that both ends rank first (score, then edge number)."""
+    rank = np.empty(len(score), np.int64)
+    rank[np.argsort(score, kind="stable")] = np.arange(len(score))
+    best = np.full(n, -1)
+    np.maximum.at(best, row, rank)
+    np.maximum.at(best, column, rank)
+    mutual: Mask = (best[row] == rank) & (best[column] == rank)
+    return mutual
+
+
+def _polish(graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, stage: int) -> Int:
+    """One k-way pass of the post-refiners in each block; moves that break a promise are taken back."""
+    level, cells = graph.split(blocks)
+    before = labels[cells]
+    owner = np.empty(int(labels.max()) + 1, np.int64)
+    owner[labels] = blocks
+    by_block = np.argsort(owner, kind="stable")
+    first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
+    local = np.empty(len(owner), np.int64)
+    local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
+    seeds = crew.seeds(stage, level.n_blocks)
+    target = Target(parts=len(owner), h_star=h_star)
+    moved = crew.refine(level, frozen_int(local[before]), seeds, target, post=True)
+    after = by_block[first[level.block_ids] + moved]
+    result = np.empty(graph.n, np.int64)
+    result[cells] = _kept_promises(level, before, after, h_star)
+    return frozen_int(result)
+
+
+def _kept_promises(level: Graph, before: Int, after: Int, h_star: float | None) -> Int:
+    """Take back all moves in or out of parts that became disconnected or too wide, until none is."""
+    while True:
+        component = level.components(after)
+        pieces = np.zeros(int(component.max()) + 1, np.int64)
+        pieces[component] = after
+        bad = np.bincount(pieces, minlength=int(after.max()) + 1) > 1
+        if h_star is not None:
+            bad |= level.part_diameters(after) > h_star * (1 + ROUNDING)
+        back = (bad[after] | bad[before]) & (after != before)
+        if not back.any():
+            return after
+        after = np.where(back, before, after)

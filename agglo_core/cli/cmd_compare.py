@@ -1,0 +1,142 @@
+"""``agglo compare``: bisectors and methods side by side on one mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.cli.arguments import (
+    COMPONENT,
+    FILE,
+    agglomeration_options,
+    choice,
+    load_mesh,
+    refuse_twins,
+    split_specs,
+)
+from agglo_core.cli.console import explain_compilation, hush, number, print_json
+from agglo_core.cli.outputs import check_report, refuse_solids
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
+from agglo_core.registry import default
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from agglo_core.measure.comparison import Run
+    from agglo_core.mesh import Mesh
+
+__all__ = ["compare"]
+
+_METHODS = ("recursive", "kway")
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """One bisector by one method; ``lacks`` says why the bisector cannot, if so."""
+
+    name: str
+    spec: str
+    method: str
+    lacks: str
+
+
+@click.command(short_help="Compare bisectors and methods on a mesh.")
+@click.argument("source", metavar="MESH|SAMPLE")
+@click.option("--bisectors", metavar="LIST", help=f"{COMPONENT}, … (default: all that can be used).")
+@click.option("--methods", default="recursive", show_default=True, metavar="LIST", help="recursive, kway.")
+@agglomeration_options
+@click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+def compare(
+    source: str,
+    bisectors: str | None,
+    methods: str,
+    agglomeration: Mapping[str, Any],
+    report: Path | None,
+    as_json: bool,
+    quiet: bool,
+) -> int:
+    """Compare bisectors, in the order given, on a mesh file or a sample.
+
+    One that fails is a line of its own and makes the exit code 3; one that does not implement a method
+    is shown as such. Targets are those of agglo run.
+    """
+    if quiet:
+        hush()
+    plans = _plans(_bisectors(bisectors), _methods(methods))
+    if report is not None:
+        check_report(report)
+    mesh = load_mesh(source)
+    refuse_solids(mesh, source, {"--report": report})
+    if not quiet:
+        explain_compilation()
+    runs = [_carry_out(mesh, plan, agglomeration, quiet) for plan in plans]
+    refuse_all_failed(runs)
+    if report is not None:
+        from agglo_core.draw.webpage import write_page
+
+        write_page(report, mesh, runs)
+    if as_json:
+        done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
+        print_json(data(mesh, source, done))
+    elif not quiet:
+        title = f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
+        show(title, runs, [report] if report else [])
+    return 3 if any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True)) else 0
+
+
+def _bisectors(text: str | None) -> list[str]:
+    if text is None:
+        return [
+            record.name for record in default().list() if record.kind == "bisector" and record.state == "ok"
+        ]
+    specs = split_specs(text)
+    refuse_twins("--bisectors", specs)
+    return specs
+
+
+def _methods(text: str) -> list[str]:
+    methods = [method.strip() for method in text.split(",")]
+    unknown = [method for method in methods if method not in _METHODS]
+    if unknown:
+        raise click.UsageError(f"--methods: {unknown[0]!r} is none of {', '.join(_METHODS)}")
+    refuse_twins("--methods", methods)
+    return methods
+
+
+def _plans(specs: list[str], methods: list[str]) -> list[_Plan]:
+    """All combinations, bisector by bisector; components are built once, so that options are checked."""
+    plans = []
+    for spec in specs:
+        lacking = _lacking(spec)
+        for method in methods:
+            name = spec if len(methods) == 1 else f"{spec} {method}"
+            plans.append(_Plan(name, spec, method, lacking.get(method, "")))
+    return plans
+
+
+def _lacking(spec: str) -> dict[str, str]:
+    """Why a bisector cannot be used by a method, for those that it does not implement."""
+    from agglo_core.protocols import Bisector, LevelBisector, Partitioner
+
+    name, options = choice("bisector", spec)
+    tool = default().build("bisector", name, **options)
+    lacking = {}
+    if not isinstance(tool, Bisector | LevelBisector):
+        lacking["recursive"] = "not implemented: it cannot bisect"
+    if not isinstance(tool, Partitioner):
+        lacking["kway"] = "not implemented: it has no k-way partition"
+    return lacking
+
+
+def _carry_out(mesh: Mesh, plan: _Plan, given: Mapping[str, Any], quiet: bool) -> Run:
+    from agglo_core.measure.comparison import Run
+
+    if plan.lacks:
+        return Run(plan.name, None, error=plan.lacks)
+    chosen = {"bisector": choice("bisector", plan.spec), "method": plan.method}
+    return attempt(mesh, plan.name, {**given, **chosen}, quiet)

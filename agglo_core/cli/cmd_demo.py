@@ -1,0 +1,137 @@
+"""``agglo demo``: a human brain agglomerated by every bisector there is; what to see goes into a folder."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from agglo_core.cli.arguments import FILE
+from agglo_core.cli.console import explain_compilation, hush, number, print_json
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
+from agglo_core.errors import FileError, PluginError
+from agglo_core.registry import default
+
+if TYPE_CHECKING:
+    from agglo_core.measure.comparison import Run
+    from agglo_core.mesh import Mesh
+
+__all__ = ["demo"]
+
+_FIRST = ("kmeans", "metis")
+
+
+def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> float:
+    if not math.isfinite(value):  # NaN lies in every range of click's
+        raise click.BadParameter(f"{value} is not in the range 0<x<=1.", param=parameter)
+    return value
+
+
+@click.command(short_help="See a brain agglomerated by every bisector.")
+@click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
+@click.option(
+    "--diameter-fraction",
+    "factor",
+    type=click.FloatRange(0.0, 1.0, min_open=True),
+    callback=_fraction,
+    default=0.2,
+    show_default=True,
+    help="Largest agglomerate, over the diameter of the brain.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
+def demo(output: Path, factor: float, as_json: bool, quiet: bool) -> None:
+    """Agglomerate a coronal section of a human brain with every bisector that can be used.
+
+    The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
+    The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
+    """
+    if quiet:
+        hush()
+    names = _bisectors(quiet)
+    _check_folder(output)
+    from agglo_core import samples
+
+    mesh = samples.brain()
+    diameter = float(mesh.graph.diameters()[0])
+    if not quiet:
+        explain_compilation()
+    factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
+    sizes = tuple(diameter * each for each in factors)
+    runs = [attempt(mesh, name, {"bisector": name, "h_star": sizes}, quiet) for name in names]
+    refuse_all_failed(runs)
+    size = f"diameter D = {number(diameter)}"
+    note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
+    title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
+    written = [*_page_and_meshes(output, mesh, runs, note), *_pictures(output, mesh, runs, title, quiet)]
+    if as_json:
+        done = [run_data(run, run.name, "recursive") for run in runs]
+        print_json(data(mesh, "brain", done) | {"files": [str(file) for file in written]})
+    elif not quiet:
+        show(title, runs, only_finest=True)
+        click.echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
+
+
+def _bisectors(quiet: bool) -> list[str]:
+    """Names of the bisectors that can be used; those that lack a package are noted."""
+    records = [record for record in default().list() if record.kind == "bisector"]
+    for record in records:
+        if record.state == "needs" and not quiet:
+            click.echo(f"note: without {record.name}: it {record.reason}", err=True)
+    names = [record.name for record in records if record.state == "ok"]
+    if not names:
+        raise PluginError("there is no bisector that can be used: see agglo plugins")
+    return sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _check_folder(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise FileError(f"{folder} is a file; expected a folder to fill")
+    if not folder.exists() and not folder.parent.is_dir():
+        raise FileError(f"{folder}: there is no folder {folder.parent}")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise FileError(f"{folder}: the folder is not writable")
+
+
+def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[Run], note: str) -> list[Path]:
+    """The report, and mesh and levels of each run for ParaView; each file appears whole or not at all."""
+    from agglo_core.draw.webpage import write_page
+    from agglo_core.io import write
+
+    folder.mkdir(exist_ok=True)
+    page = folder / "report.html"
+    write_page(page, mesh, runs, note)
+    written = [page]
+    for run in runs:
+        if run.hierarchy is not None:
+            fine = folder / f"{run.name}.vtu"
+            write(fine, mesh, run.hierarchy)
+            levels = range(len(run.levels))
+            written += [fine, *(folder / f"{run.name}_level{place}.vtu" for place in levels)]
+    return written
+
+
+def _pictures(folder: Path, mesh: Mesh, runs: Sequence[Run], title: str, quiet: bool) -> list[Path]:
+    """One of each run, and the box plots; none without matplotlib, which is said."""
+    if find_spec("matplotlib") is None:
+        if not quiet:
+            click.echo(
+                "note: no pictures but those of report.html, for matplotlib is not installed: "
+                "pip install 'agglo[plot]'",
+                err=True,
+            )
+        return []
+    from agglo_core.draw.boxplot import draw_boxes
+    from agglo_core.draw.plot import draw
+
+    hierarchies = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
+    boxes = folder / "boxplots.png"
+    draw_boxes({run.name: run.levels[0].values for run in runs if run.levels}, boxes, title=title)
+    for name, hierarchy in hierarchies.items():
+        draw(mesh, {name: hierarchy}, folder / f"{name}.png")
+    return [boxes, *(folder / f"{name}.png" for name in hierarchies)]

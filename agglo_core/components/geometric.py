@@ -1,0 +1,40 @@
+"""Recursive coordinate and inertial bisection: the floor every other bisector must justify itself against."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Int, UInt64
+from agglo_core.graph import Graph
+from agglo_core.graph.blocks import TIE, block_extents, principal_frames, split_at_median
+
+__all__ = ["CoordinateBisection", "InertialBisection"]
+
+
+class CoordinateBisection:
+    """Halve each block across the longest side of the bounding box of its centroids.
+
+    Source: Berger and Bokhari, "A partitioning strategy for nonuniform problems on multiprocessors".
+    """
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
+        """Return the sides ``(n,)``; ``seeds`` are not needed."""
+        extents = block_extents(level, level.centroids)
+        longest = np.argmax(extents >= (1 - TIE) * extents.max(axis=1, keepdims=True), axis=1)
+        axes = (longest[:, None] + np.arange(level.dim)) % level.dim
+        coordinates = np.take_along_axis(level.centroids, axes[level.block_ids], axis=1)
+        return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
+
+
+class InertialBisection:
+    """Halve each block across its principal axis of inertia.
+
+    Axes of nearly isotropic blocks (squares, cubes) come from the fourth moments.
+
+    Source: Simon, "Partitioning of unstructured problems for parallel processing".
+    """
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
+        """Return the sides ``(n,)``; ``seeds`` are not needed."""
+        coordinates = principal_frames(level)[1]
+        return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])

@@ -1,0 +1,148 @@
+"""Shape metrics of 2-D agglomerates: 1 is best, 0 worst, and none depends on the cells inside.
+
+M. Attene et al., "Benchmark of polygon quality metrics for polytopal element methods" (2019) compares
+area with perimeter, kernel with area, and shortest with longest edge; convexity and the sides of a
+bounding box are common beside them.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.components.metrics import plane_agglomerates
+from agglo_core.mesh import Loops, Mesh
+
+__all__ = ["BoxRatio", "Convexity", "EdgeRatio", "IsoperimetricQuotient", "StarShapedness"]
+
+_STRAIGHT = 1e-8  # radians; rounded coordinates turn collinear edges by less
+
+Better = Literal["high", "low"]
+
+
+class IsoperimetricQuotient:
+    """Isoperimetric quotient 4π·area / perimeter²; 1 for a disc. Edges of holes count as perimeter."""
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Isoperimetric quotient ``(k,)``. 2-D only."""
+        coarse = plane_agglomerates(mesh, labels, "isoperimetric")
+        offsets, faces = coarse.cell_faces
+        perimeters = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
+        quotients: Float = 4.0 * np.pi * coarse.cell_measures / perimeters**2
+        return quotients
+
+
+class Convexity:
+    """Area over the area of the convex hull; 1 where convex."""
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Convexity ``(k,)``. 2-D only."""
+        coarse = plane_agglomerates(mesh, labels, "convexity")
+        return np.minimum(coarse.cell_measures / _hulls(coarse)[0], 1.0)  # by rounding it may exceed 1
+
+
+class StarShapedness:
+    """Area of the kernel, the points that see the whole agglomerate, over its area.
+
+    0 where the agglomerate is not star-shaped; holes, loose parts and parts that only touch make it so.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Star-shapedness ``(k,)``. 2-D only."""
+        from agglo_core.kernels.shapes import kernel_areas
+
+        coarse = plane_agglomerates(mesh, labels, "star_shapedness")
+        hulls = _hulls(coarse)[1:]
+        areas = kernel_areas(coarse.local_points, *coarse.boundary_loops, *hulls)
+        shares: Float = np.clip(areas / coarse.cell_measures, 0.0, 1.0)  # rounding may lead beyond
+        return shares
+
+
+class BoxRatio:
+    """Short side over long side of the narrowest rectangle, in any direction, around the agglomerate.
+
+    The narrowest, not the one of least area: that one is not unique (for an acute triangle the boxes on
+    all three sides have the same area), so rounding would decide the ratio. Among equally narrow ones the
+    shortest counts.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Box ratio ``(k,)``. 2-D only."""
+        from agglo_core.kernels.shapes import box_ratios
+
+        coarse = plane_agglomerates(mesh, labels, "box_ratio")
+        ratios: Float = np.minimum(box_ratios(coarse.local_points, *_hulls(coarse)[1:]), 1.0)
+        return ratios
+
+
+class EdgeRatio:
+    """Shortest over longest straight edge of the boundary.
+
+    Fine edges in line (turning by less than 1e-8 rad) count as one edge, so that the value describes the
+    agglomerate and not the cells along its boundary; inner boundaries count too.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Edge ratio ``(k,)``. 2-D only."""
+        coarse = plane_agglomerates(mesh, labels, "edge_ratio")
+        points, corners = coarse.local_points, _corners(coarse)
+        lengths = np.hypot(*_edges(points, corners))
+        starts = corners.loop_offsets[corners.cell_offsets[:-1]]
+        shortest, longest = np.minimum.reduceat(lengths, starts), np.maximum.reduceat(lengths, starts)
+        ratios: Float = shortest / longest
+        return ratios
+
+
+def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
+    """Areas ``(n_cells,)`` of the convex hulls, and their vertices as CSR, counter-clockwise."""
+    from agglo_core.kernels.shapes import convex_hulls
+
+    areas, offsets, vertices = convex_hulls(mesh.local_points, *mesh.cell_vertices)
+    return frozen_float(areas), frozen_int(offsets), frozen_int(vertices)
+
+
+def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
+    """Components of the vectors from each vertex of the loops to the next, ``(n,)`` each."""
+    following = np.append(loops.vertices[1:], 0)
+    following[loops.loop_offsets[1:] - 1] = loops.vertices[loops.loop_offsets[:-1]]
+    x, y = points.T
+    return x[following] - x[loops.vertices], y[following] - y[loops.vertices]
+
+
+def _corners(mesh: Mesh) -> Loops:
+    """Boundary loops without the vertices where they go straight on."""
+    loops = mesh.boundary_loops
+    x, y = _edges(mesh.local_points, loops)
+    before = np.arange(-1, len(x) - 1)
+    before[loops.loop_offsets[:-1]] = loops.loop_offsets[1:] - 1
+    cross, dot = x[before] * y - y[before] * x, x[before] * x + y[before] * y
+    corner = np.abs(cross) > _STRAIGHT * dot
+    kept = np.append(0, np.cumsum(corner))
+    return Loops(loops.cell_offsets, kept[loops.loop_offsets], loops.vertices[corner])

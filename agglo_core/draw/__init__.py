@@ -1,0 +1,1 @@
+"""Pictures of meshes and levels, box plots, and the report as one web page."""

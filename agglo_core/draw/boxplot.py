@@ -1,0 +1,93 @@
+"""Box plots of quality metrics, run by run, as the paper compares its methods."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float
+from agglo_core.draw.plot import PALETTE, save_figure
+from agglo_core.errors import OptionError
+
+__all__ = ["draw_boxes"]
+
+_TITLES = {"UF": "uniformity factor UF", "CR": "circle ratio CR", "CRc": "circle ratio CRc, centred"}
+
+
+def draw_boxes(
+    runs: Mapping[str, Mapping[str, Float]],
+    path: str | os.PathLike[str],
+    metrics: Sequence[str] = ("UF", "CR"),
+    title: str = "",
+) -> None:
+    """Draw one panel a metric with one box a run, and write the picture.
+
+    Boxes span the quartiles, whiskers reach 1.5 boxes further, the line is the median, the diamond the
+    mean.
+
+    Parameters
+    ----------
+    runs : mapping of run name to (mapping of metric to (k,) float)
+        At least one.
+    path : path
+        The suffix chooses the format.
+    metrics : sequence of str
+        Values in [0, 1].
+    title : str
+        Above the panels.
+
+    Raises
+    ------
+    OptionError
+        Without matplotlib, or with no run to draw.
+    FileError
+        If the file cannot be written, or its suffix is unknown.
+    """
+    if not runs:
+        raise OptionError("nothing to draw: no run is given")
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
+
+    width = 1.4 + max(2.6, 0.75 * len(runs))
+    figure = Figure(figsize=(len(metrics) * width, 4.2), dpi=160)
+    figure.set_layout_engine("constrained", w_pad=0.1, h_pad=0.1)
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, fontsize=10)
+    panels = figure.subplots(1, len(metrics), sharey=True, squeeze=False)[0]
+    for axis, metric in zip(panels, metrics, strict=True):
+        _boxes(axis, {name: values[metric] for name, values in runs.items()})
+        axis.set_title(_TITLES.get(metric, metric), fontsize=10)
+    save_figure(figure, Path(path))
+
+
+def _boxes(axis: Any, values: Mapping[str, Float]) -> None:
+    drawn = axis.boxplot(
+        list(values.values()),
+        widths=0.6,
+        patch_artist=True,
+        showmeans=True,
+        medianprops={"color": "#222222", "linewidth": 1.4},
+        meanprops={"marker": "D", "markersize": 4, "markerfacecolor": "white", "markeredgecolor": "#222222"},
+        flierprops={"marker": ".", "markersize": 3, "markeredgecolor": "#777777"},
+    )
+    for place, box in enumerate(drawn["boxes"]):
+        box.set_facecolor(PALETTE[place % len(PALETTE)])
+    steep = sum(map(len, values)) > 40
+    axis.set_xticks(
+        np.arange(1, len(values) + 1),
+        list(values),
+        rotation=30 if steep else 0,
+        ha="right" if steep else "center",
+        fontsize=9,
+    )
+    axis.set_ylim(-0.02, 1.02)
+    axis.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axis.set_axisbelow(True)

@@ -1,0 +1,5 @@
+"""The tree of splits, and the coarse levels cut from it."""
+
+from agglo_core.hierarchy.levels import Hierarchy, Tree, by_first_cell
+
+__all__ = ["Hierarchy", "Tree", "by_first_cell"]

@@ -1,0 +1,45 @@
+"""To pyvista: the grid that ParaView opens."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.errors import OptionError
+from agglo_core.io import write
+from agglo_core.io.level_tags import check_belongs
+from agglo_core.io.tags import cell_data
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["to_pyvista"]
+
+
+def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
+    """``pyvista.UnstructuredGrid`` of the cells, polygons or polyhedra, in their order.
+
+    Cell data are the cell tags and, with a hierarchy, the labels ``level_0``, ``level_1``, …. It goes
+    through a VTU file in a temporary folder, so it is the grid that ParaView opens: a cell with holes
+    is a polygon with bridges, which VTK does not fill; colour the fine mesh by ``level_i`` instead.
+
+    Raises
+    ------
+    OptionError
+        If pyvista is not installed.
+    MeshError
+        If the hierarchy belongs to another mesh, or a cell tag has a name that VTU cannot hold.
+    """
+    try:
+        import pyvista
+    except ImportError as error:
+        raise OptionError(f"to_pyvista needs pyvista: pip install pyvista ({error})") from error
+    if hierarchy is not None:
+        check_belongs(mesh, hierarchy)
+    with TemporaryDirectory(prefix="agglo") as folder:
+        path = Path(folder) / "mesh.vtu"
+        write(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy)))
+        return pyvista.read(path)

@@ -1,0 +1,246 @@
+"""From shapely polygons to a mesh: rings of numbered vertices, made to share vertices with neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.polygons import compact_points, name_cells, note_repairs
+
+if TYPE_CHECKING:
+    from shapely import MultiPolygon, Polygon
+
+__all__ = ["mesh_from_shapely"]
+
+_POLYGON, _MULTIPOLYGON = 3, 6  # shapely.GeometryType
+
+
+class _Rings(NamedTuple):
+    """Ring r of cell ``cells[r]`` is ``vertices[offsets[r]:offsets[r + 1]]``, the cell on its left."""
+
+    offsets: Int
+    vertices: Int
+    cells: Int
+
+    @property
+    def owners(self) -> Int:
+        """Ring of each vertex."""
+        return frozen_int(np.repeat(np.arange(len(self.cells)), np.diff(self.offsets)))
+
+    @property
+    def followers(self) -> Int:
+        """Next vertex along the ring of each one."""
+        place = np.arange(1, len(self.vertices) + 1)
+        place[self.offsets[1:] - 1] = self.offsets[:-1]
+        return frozen_int(self.vertices[place])
+
+    def with_vertices(self, vertices: ArrayLike, owners: ArrayLike) -> _Rings:
+        """The same rings with other vertices, given with the ring of each (ascending)."""
+        count = np.bincount(np.asarray(owners), minlength=len(self.cells))
+        return _Rings(frozen_int(np.concatenate(([0], np.cumsum(count)))), frozen_int(vertices), self.cells)
+
+
+def mesh_from_shapely(
+    polygons: Iterable[Polygon | MultiPolygon],
+    *,
+    cell_tags: Mapping[str, ArrayLike] | None = None,
+    tolerance: float = 0.0,
+    strict: bool = False,
+    name: str = "",
+) -> Mesh:
+    """Mesh whose cell i is polygon i, holes and all.
+
+    A MultiPolygon is one cell of several pieces, as :func:`mesh_to_shapely` writes a disconnected
+    agglomerate. To make each piece a cell, split first and keep its origin as a tag::
+
+        pieces, item = shapely.get_parts(polygons, return_index=True)
+        mesh = mesh_from_shapely(pieces, cell_tags={"item": item})
+
+    Parameters
+    ----------
+    polygons : n polygons
+        A list, an array, a geopandas column. Vertices at equal coordinates become one; vertices that
+        lie on a neighbour's edge without being listed there are inserted, and counted in ``repairs``.
+    cell_tags : mapping of name to (n,) integers, optional
+    tolerance : float
+        Distance, in the units of the coordinates, within which two vertices are one, and a vertex
+        lies on an edge. Rounding of the last few binary digits is always allowed for.
+    strict : bool
+        Also refuse polygons that overlap, and narrow gaps that the tolerance did not close.
+
+    Raises
+    ------
+    MeshError
+        Naming items: not a polygon, empty, invalid (with shapely's reason), in 3-D, equal to another,
+        an edge with more than two cells, a ring smaller than the tolerance.
+    """
+    items = _checked_items(polygons)
+    points, rings = _rings(items)
+    reach = max(float(tolerance), 16 * float(np.spacing(np.abs(points).max())))
+    used, vertices, _ = compact_points(points, rings.vertices, True)
+    points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
+    rings, merged = _merge_near(points, rings, reach)
+    rings, hanging = _insert_hanging(points, rings, reach)
+    used, vertices, _ = compact_points(points, rings.vertices, False)
+    points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
+    face_vertices, face_cells, overlaps = _faces(rings, points, items)
+    flat = np.flatnonzero(np.bincount(face_cells.ravel() + 1, minlength=len(items) + 1)[1:] == 0)
+    if len(flat):
+        raise MeshError(f"{name_cells(flat)}: nothing is left of it at the tolerance {reach:g}")
+    repairs = {
+        "close points merged": merged,
+        "hanging vertices inserted": hanging,
+        "overlapping edges left apart": overlaps,
+    }
+    mesh = Mesh(
+        points=points,
+        face_offsets=frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
+        face_vertices=face_vertices.ravel(),
+        face_cells=face_cells,
+        cell_tags={key: np.array(values) for key, values in (cell_tags or {}).items()},
+        repairs=note_repairs(repairs),
+        name=name,
+    )
+    _check_result(mesh, strict)
+    return mesh
+
+
+def _checked_items(polygons: Any) -> NDArray[np.object_]:
+    """The polygons as an object array, or MeshError naming the first that is none."""
+    import shapely
+
+    if isinstance(polygons, shapely.Geometry):
+        raise MeshError(f"expected a list of polygons, given one {polygons.geom_type}; see shapely.get_parts")
+    items = np.fromiter(polygons, dtype=object)
+    if not len(items):
+        raise MeshError("the mesh is empty: no polygons were given")
+    alien = np.flatnonzero(~shapely.is_geometry(items))
+    if len(alien):
+        kind = type(items[alien[0]]).__name__
+        raise MeshError(f"{name_cells(alien)}: expected shapely polygons, given {kind}")
+    other = np.flatnonzero(~np.isin(shapely.get_type_id(items), (_POLYGON, _MULTIPOLYGON)))
+    if len(other):
+        kind = items[other[0]].geom_type
+        raise MeshError(f"{name_cells(other)}: expected a Polygon or MultiPolygon, given a {kind}")
+    empty = np.flatnonzero(shapely.is_empty(items))
+    if len(empty):
+        raise MeshError(f"{name_cells(empty)}: empty")
+    invalid = np.flatnonzero(~shapely.is_valid(items))
+    if len(invalid):
+        reason = shapely.is_valid_reason(items[invalid[0]])
+        raise MeshError(f"{name_cells(invalid)}: invalid, {reason}; shapely.make_valid may mend it")
+    return items
+
+
+def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
+    """A point for each vertex of each ring, and the rings: shells counter-clockwise, holes clockwise."""
+    import shapely
+
+    solid = shapely.has_z(items)
+    if solid.any():
+        z = shapely.get_coordinates(items[solid], include_z=True)[:, 2]
+        if not np.ptp(z) == 0:  # NaN included
+            raise MeshError(
+                f"polygons in 3-D are a surface, which is not supported: z runs from {z.min():g} to "
+                f"{z.max():g}; shapely.force_2d drops it"
+            )
+    tidy = shapely.orient_polygons(shapely.remove_repeated_points(items))
+    parts, item = shapely.get_parts(tidy, return_index=True)
+    loops, part = shapely.get_rings(parts, return_index=True)
+    points, owner = shapely.get_coordinates(loops, return_index=True)
+    inner = np.append(owner[1:] == owner[:-1], False)  # the last point of a ring repeats its first
+    rings = _Rings(frozen_int([0]), frozen_int([]), frozen_int(item[part]))
+    return frozen_float(points[inner]), rings.with_vertices(np.arange(inner.sum()), owner[inner])
+
+
+def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
+    """Rings whose vertices closer than ``reach`` are one, and how many points that makes unused."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    if not len(pairs):
+        return rings, 0
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    count, group = connected_components(links, directed=False)
+    first = np.unique(group, return_index=True)[1]
+    rings = rings._replace(vertices=frozen_int(first[group[rings.vertices]]))
+    kept = rings.vertices != rings.followers
+    rings = rings.with_vertices(rings.vertices[kept], rings.owners[kept])
+    short = np.flatnonzero(np.diff(rings.offsets) < 3)
+    if len(short):
+        cells = np.unique(rings.cells[short])
+        raise MeshError(f"{name_cells(cells)}: a ring is smaller than the tolerance {reach:g}")
+    return rings, len(points) - int(count)
+
+
+def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
+    """Rings that list every vertex on their edges, and how many they missed.
+
+    Only edges that no neighbour walks the other way can miss one.
+    """
+    import shapely
+
+    tail, head, n = rings.vertices, rings.followers, len(points)
+    alone = np.flatnonzero(~np.isin(tail * n + head, head * n + tail))
+    tree = shapely.STRtree(shapely.linestrings(np.stack((points[tail[alone]], points[head[alone]]), axis=1)))
+    vertex, place = tree.query(shapely.points(points), predicate="dwithin", distance=reach)
+    edge = alone[place]
+    along = points[head[edge]] - points[tail[edge]]
+    ahead = ((points[vertex] - points[tail[edge]]) * along).sum(axis=1)
+    inside = (vertex != tail[edge]) & (vertex != head[edge]) & (ahead > 0) & (ahead < (along**2).sum(axis=1))
+    order = np.flatnonzero(inside)[np.lexsort((ahead[inside], edge[inside]))]
+    vertices = np.insert(tail, edge[order] + 1, vertex[order])
+    owners = np.insert(rings.owners, edge[order] + 1, rings.owners[edge[order]])
+    return rings.with_vertices(vertices, owners), len(order)
+
+
+def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[Int, Int, int]:
+    """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
+    import shapely
+
+    from agglo_core.kernels.faces import match_half_edges
+
+    face_vertices, face_rings, double, (a, b, *sharing) = match_half_edges(
+        rings.offsets, rings.vertices, len(points)
+    )
+    if a >= 0:
+        raise MeshError(
+            f"{name_cells(np.unique(rings.cells[sharing]))} overlap: more than two share the edge "
+            f"from {points[a].tolist()} to {points[b].tolist()}"
+        )
+    pairs = rings.cells[double]
+    twins = np.flatnonzero(shapely.equals(items[pairs[:, 0]], items[pairs[:, 1]]))
+    if len(twins):
+        raise MeshError(f"{name_cells(pairs[twins[0]])} are the same polygon")
+    face_cells = np.append(rings.cells, -1)[face_rings]
+    kept = face_cells[:, 0] != face_cells[:, 1]  # rings of one cell closer than the tolerance
+    return frozen_int(face_vertices[kept]), frozen_int(face_cells[kept]), len(double)
+
+
+def _check_result(mesh: Mesh, strict: bool) -> None:
+    """Raise MeshError unless every cell has positive area and (strict) none overlap."""
+    flat = np.flatnonzero(~(mesh.cell_measures > 0))
+    if len(flat):
+        raise MeshError(f"{name_cells(flat)}: zero area")
+    if not strict:
+        return
+    import shapely
+
+    from agglo_core.interchange.shapely_out import mesh_to_shapely
+
+    wrong = shapely.coverage_invalid_edges(mesh_to_shapely(mesh))
+    cells = np.flatnonzero(~shapely.is_empty(wrong))
+    if len(cells):
+        a, b = shapely.get_coordinates(wrong[cells[0]])[:2].tolist()
+        raise MeshError(
+            f"{name_cells(cells)}: an overlap or a narrow gap with a neighbour, "
+            f"first along the edge from {a} to {b} of cell {cells[0]}"
+        )

@@ -1,0 +1,70 @@
+"""Whether the arrays of a stored mesh are a mesh: the file may have been written by other hands."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Int
+from agglo_core.errors import FileError
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.geometry3d import sum_by
+from agglo_core.mesh.polygons import name_cells
+
+__all__ = ["check_arrays"]
+
+_CLOSED = 1e-6  # a gap in the surface of a cell, over its area
+
+
+def check_arrays(mesh: Mesh) -> None:
+    """Raise FileError unless indices are within their range and the faces of every cell close."""
+    _check_ranges(mesh)
+    open_ = _unbalanced(mesh) if mesh.dim == 2 else _gaping(mesh)
+    if len(open_):
+        raise FileError(f"{name_cells(open_)}: the faces do not close")
+    flat = np.flatnonzero(~(mesh.cell_measures > 0))
+    if len(flat):
+        raise FileError(f"{name_cells(flat)}: no positive measure; the faces are turned inside out")
+
+
+def _check_ranges(mesh: Mesh) -> None:
+    offsets, cells = mesh.face_offsets, mesh.face_cells
+    if not len(cells) or cells.shape[1] != 2 or offsets[0] != 0 or (np.diff(offsets) < mesh.dim).any():
+        raise FileError("array 'face_offsets' or 'face_cells' is corrupt")
+    if mesh.dim == 2 and (np.diff(offsets) != 2).any():
+        raise FileError("array 'face_offsets': faces of a 2-D mesh have two vertices")
+    if mesh.face_vertices.min() < 0 or mesh.face_vertices.max() >= mesh.n_points:
+        raise FileError(f"array 'face_vertices' uses points outside 0..{mesh.n_points - 1}")
+    if cells[:, 0].min() < 0 or cells[:, 1].min() < -1 or mesh.n_cells > cells.size:
+        raise FileError("array 'face_cells' holds wrong cell numbers")
+    if (cells[:, 0] == cells[:, 1]).any():
+        raise FileError("array 'face_cells' holds a face with the same cell on both sides")
+    if (np.bincount(cells[cells >= 0], minlength=mesh.n_cells) == 0).any():
+        raise FileError("array 'face_cells' leaves out cells")
+    if not np.isfinite(mesh.points).all():
+        raise FileError("array 'points' holds coordinates that are not finite")
+
+
+def _unbalanced(mesh: Mesh) -> Int:
+    """Plane cells with a vertex that their edges do not enter as often as they leave it."""
+    owner, neighbour = mesh.face_cells.T
+    inner = neighbour >= 0
+    tail, head = mesh.face_pairs.T
+    cell = np.concatenate((owner, owner, neighbour[inner], neighbour[inner]))
+    vertex = np.concatenate((tail, head, head[inner], tail[inner]))
+    way = np.ones(len(cell), np.int32)
+    way[len(owner) : 2 * len(owner)] = way[len(cell) - int(inner.sum()) :] = -1
+    shape = (mesh.n_cells, mesh.n_points)
+    balance = sparse.csr_array(sparse.coo_array((way, (cell, vertex)), shape=shape))
+    return np.unique(np.repeat(np.arange(mesh.n_cells), np.diff(balance.indptr))[balance.data != 0])
+
+
+def _gaping(mesh: Mesh) -> Int:
+    """Solid cells whose outward face vectors do not sum to nothing."""
+    owner, neighbour = mesh.face_cells.T
+    inner = neighbour >= 0
+    vector = mesh.face_normals * mesh.face_measures[:, None]
+    cell = np.concatenate((owner, neighbour[inner]))
+    gap = np.linalg.norm(sum_by(cell, np.concatenate((vector, -vector[inner])), mesh.n_cells), axis=1)
+    size = np.bincount(cell, np.concatenate((mesh.face_measures, mesh.face_measures[inner])))
+    return np.flatnonzero(~(gap <= _CLOSED * size))

@@ -1,0 +1,116 @@
+"""Every other format through meshlane, behind one adapter that turns all its failures into FileError."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.soup import Soup, mesh_from_soup
+from agglo_core.io.tags import note_left_out
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra
+
+__all__ = ["read_foreign", "suffixes"]
+
+_SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
+_READ_ONLY, _WRITE_ONLY = (".foam",), (".svg",)
+_MEMORY, _MEMORY_PER_BYTE = 8 << 30, 400
+
+
+def suffixes(*, writing: bool) -> list[str]:
+    """Suffixes that meshlane reads, or reads and writes."""
+    from meshlane import extension_to_filetypes
+
+    left_out = {".vtu", ".npz", *_WRITE_ONLY, *(_READ_ONLY if writing else ())}
+    return sorted(
+        suffix for suffix in extension_to_filetypes if suffix.count(".") == 1 and suffix not in left_out
+    )
+
+
+def read_foreign(path: Path, *, merge_points: bool) -> Mesh:
+    """Mesh of any file that meshlane reads; integer cell data and cell sets become tags.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh.
+    """
+    _check_end(path)
+    soup, sets, left = _soup(path)
+    mesh = mesh_from_soup(soup, merge_points=merge_points, weak=False, name=path.stem)
+    return note_left_out(_without_empty_sets(mesh, sets), left)
+
+
+def _check_end(path: Path) -> None:
+    """Refuse a Gmsh file without its end: cut inside the last number it would still be read."""
+    with open(path, "rb") as file:
+        if file.read(11) != b"$MeshFormat":
+            return
+        file.seek(max(0, path.stat().st_size - 200))
+        last = file.read().rstrip().rpartition(b"\n")[2]
+    if not last.startswith(b"$End"):
+        raise FileError("truncated: the last line of a Gmsh file begins with $End")
+
+
+def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
+    """Cells that meshlane finds in a process apart; names of tags that are sets, and of data left out."""
+    size = path.stat().st_size
+    seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
+    with tempfile.TemporaryDirectory(prefix="agglo-") as folder:
+        target = os.path.join(folder, "cells.npz")
+        command = [sys.executable, "-P", "-m", "agglo_core.io.meshlane_soup"]
+        search = os.pathsep.join(part for part in sys.path if part)
+        try:
+            done = subprocess.run(
+                [*command, str(path.absolute()), target, str(seconds), str(memory)],
+                env={**os.environ, "PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1"},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                timeout=20 * seconds,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            raise FileError(f"meshlane did not read it within {20 * seconds} s") from None
+        if done.returncode < 0:
+            raise FileError(
+                f"meshlane did not read it within {seconds} s of processor time, or crashed "
+                f"(signal {-done.returncode}): the file is probably truncated"
+            )
+        if done.returncode:
+            reason = done.stdout.decode(errors="replace").strip()
+            raise FileError(f"meshlane cannot read it: {reason[:300] or 'no reason given'}")
+        return _load(target)
+
+
+def _load(target: str) -> tuple[Soup, set[str], list[str]]:
+    with np.load(target, allow_pickle=False) as arrays:
+        names = json.loads(arrays["names"].tobytes())
+        solids = (frozen_int(arrays[key]) for key in ("cell_offsets", "loop_offsets", "loops"))
+        soup = Soup(
+            frozen_float(arrays["points"]),
+            frozen_int(arrays["types"]),
+            frozen_int(arrays["offsets"]),
+            frozen_int(arrays["vertices"]),
+            Polyhedra(*solids),
+            {name: frozen_int(arrays[f"tag_{i}"]) for i, name in enumerate(names["tags"])},
+        )
+        return soup, set(names["sets"]), names["left"]
+
+
+def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
+    """Without the tags of sets that hold no cell, or no face: a set lives in one dimension."""
+    cell_tags, face_tags = (
+        {name: values for name, values in tags.items() if name not in names or (values == 1).any()}
+        for tags in (mesh.cell_tags, mesh.face_tags)
+    )
+    return replace(mesh, cell_tags=cell_tags, face_tags=face_tags)

@@ -1,0 +1,209 @@
+"""Cells as files hold them (a list of VTK types with nodes) to a Mesh; what is left out is counted."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import FileError, MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import (
+    CORNERS,
+    Polyhedra,
+    concatenate,
+    gather,
+    polyhedra_from_elements,
+    take_cells,
+)
+from agglo_core.mesh.polygons import name_cells
+
+__all__ = ["Soup", "mesh_from_soup"]
+
+_log = logging.getLogger("agglo")
+
+# VTK types by shape. Nodes beyond the corners (quadratic, Lagrange, Bézier cells) come after them.
+_SHAPES: Mapping[str, tuple[int, ...]] = {
+    "tetra": (10, 24, 71, 78),
+    "hexahedron": (12, 25, 29, 33, 72, 79),
+    "voxel": (11,),
+    "wedge": (13, 26, 31, 32, 73, 80),
+    "pyramid": (14, 27, 37, 74, 81),
+}
+_POLYGON, _PIXEL, _QUADRATIC_POLYGON, _POLYHEDRON = 7, 8, 36, 42
+_TRIANGLES, _QUADS = (5, 22, 34, 69, 76), (9, 23, 28, 30, 70, 77)
+_LINES, _OTHER_LINES, _POINTS = (3, 21, 35, 68, 75), (4,), (0, 1, 2)
+_VOXEL = (0, 1, 3, 2, 4, 5, 7, 6)  # as a hexahedron
+
+
+class Soup(NamedTuple):
+    """Cells of any kinds in the order of the file.
+
+    Cell c has the VTK type ``types[c]`` and the nodes ``vertices[offsets[c]:offsets[c + 1]]``;
+    polyhedra (type 42) take the rows of ``solids`` in turn instead.
+    """
+
+    points: Float  # (n_points, 2 or 3)
+    types: Int  # (n,)
+    offsets: Int  # (n + 1,)
+    vertices: Int
+    solids: Polyhedra
+    tags: Mapping[str, Int]  # name -> (n,)
+
+
+def mesh_from_soup(soup: Soup, *, merge_points: bool, weak: bool, name: str) -> Mesh:
+    """Mesh of the cells of the highest dimension; those one lower become face tags, the rest go.
+
+    Raises
+    ------
+    FileError
+        For cells of a type that is not supported or that have too few nodes.
+    MeshError
+        As :meth:`Mesh.from_polygons` and :meth:`Mesh.from_polyhedra`.
+    """
+    dims, corners = _tables()
+    kind = np.where((soup.types >= 0) & (soup.types < 256), soup.types, 255)
+    unknown = np.flatnonzero(dims[kind] < 0)
+    if len(unknown):
+        raise FileError(f"{name_cells(unknown)}: VTK cell type {soup.types[unknown[0]]} is not supported")
+    sizes = _corner_counts(soup, corners[kind])
+    dim = int(max(dims[kind].max(initial=0), 2))
+    cells = np.flatnonzero(dims[kind] == dim)
+    if not len(cells):
+        raise MeshError(f"the mesh is empty: it has no 2-D or 3-D cells ({len(soup.types)} of other kinds)")
+    tags = {key: values[cells] for key, values in soup.tags.items()}
+    if dim == 2:
+        mesh = Mesh.from_polygons(
+            soup.points,
+            _loops(soup, sizes, cells),
+            cell_tags=tags,
+            merge_points=merge_points,
+            weak=weak,
+            name=name,
+        )
+    else:
+        solids = _solids(soup, cells)
+        mesh = Mesh.from_polyhedra(soup.points, solids, cell_tags=tags, merge_points=merge_points, name=name)
+    facets = np.flatnonzero(dims[kind] == dim - 1) if soup.tags else np.empty(0, np.int64)
+    facets = facets[~np.isin(soup.types[facets], _OTHER_LINES)]
+    face_tags, kept = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
+    straightened = int((sizes < np.diff(soup.offsets))[cells].sum())
+    repairs = {
+        "higher-order cells reduced to their corners": straightened,
+        "lower-dimensional cells dropped": len(soup.types) - len(cells) - kept,
+        "lower-dimensional cells kept as face tags": kept,
+    }
+    return with_repairs(replace(mesh, face_tags=face_tags), repairs)
+
+
+def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
+    """The mesh with more repairs recorded, those that happened at all; each is logged."""
+    found = {text: count for text, count in repairs.items() if count}
+    for text, count in found.items():
+        _log.info("%s: %d", text, count)
+    return replace(mesh, repairs={**found, **mesh.repairs}) if found else mesh
+
+
+def _tables() -> tuple[Int, Int]:
+    """Dimension (−1: not supported) and corner count (0: all nodes) of each VTK type 0..255."""
+    dims, corners = np.full(256, -1), np.zeros(256, np.int64)
+    for types, dim, count in (
+        (_POINTS, 0, 0),
+        (_LINES, 1, 2),
+        (_OTHER_LINES, 1, 0),
+        (_TRIANGLES, 2, 3),
+        ((*_QUADS, _PIXEL), 2, 4),
+        ((_POLYGON, _QUADRATIC_POLYGON), 2, 0),
+        ((_POLYHEDRON,), 3, 0),
+        *((types, 3, CORNERS.get(shape, 8)) for shape, types in _SHAPES.items()),
+    ):
+        dims[list(types)], corners[list(types)] = dim, count
+    return frozen_int(dims), frozen_int(corners)
+
+
+def _corner_counts(soup: Soup, corners: Int) -> Int:
+    sizes = np.diff(soup.offsets)
+    few = np.flatnonzero(sizes < corners)
+    if len(few):
+        c = int(few[0])
+        raise FileError(
+            f"cell {c} of VTK type {soup.types[c]} has {sizes[c]} nodes, expected {corners[c]} or more"
+        )
+    sizes = np.where(corners > 0, corners, sizes)
+    return frozen_int(np.where(soup.types == _QUADRATIC_POLYGON, sizes // 2, sizes))
+
+
+def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
+    """Corner loops of the chosen 2-D cells (or lines) as CSR."""
+    offsets = np.concatenate(([0], np.cumsum(sizes[cells])))
+    rank = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes[cells])
+    pixel = np.repeat(soup.types[cells] == _PIXEL, sizes[cells])
+    rank = np.where(pixel & (rank >= 2), 5 - rank, rank)
+    return frozen_int(offsets), frozen_int(soup.vertices[np.repeat(soup.offsets[cells], sizes[cells]) + rank])
+
+
+def _solids(soup: Soup, cells: Int) -> Polyhedra:
+    """The 3-D cells as half-faces, in the order of the file."""
+    parts, found = [soup.solids], [np.flatnonzero(soup.types == _POLYHEDRON)]
+    for shape, types in _SHAPES.items():
+        own = np.flatnonzero(np.isin(soup.types, types))
+        order = np.asarray(_VOXEL) if shape == "voxel" else np.arange(CORNERS[shape])
+        element = "hexahedron" if shape == "voxel" else shape
+        nodes = soup.vertices[soup.offsets[own][:, None] + order]
+        parts.append(polyhedra_from_elements({element: nodes}))
+        found.append(own)
+    place = np.empty(len(soup.types), np.int64)
+    place[np.concatenate(found)] = np.arange(len(cells))
+    return take_cells(concatenate(parts), frozen_int(place[cells]))
+
+
+def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> tuple[dict[str, Int], int]:
+    """Tags of the cells that lie on faces of the mesh (−1 on all other faces), and how many lie there.
+
+    Points are matched by coordinates, because building the mesh renumbers them.
+    """
+    if not len(facets):
+        return {}, 0
+    given = soup.points[:, : mesh.dim]
+    point = _row_numbers(np.concatenate((mesh.points, given)) + 0.0)
+    face = _match(
+        mesh.face_offsets, point[mesh.face_vertices], loops[0], point[mesh.n_points :][loops[1]], len(facets)
+    )
+    kept = np.flatnonzero(face >= 0)
+    if not len(kept):
+        return {}, 0
+    tags = {}
+    for name, values in soup.tags.items():
+        tags[name] = np.full(mesh.n_faces, -1)
+        tags[name][face[kept]] = values[facets[kept]]
+    return tags, len(kept)
+
+
+def _match(offsets: Int, vertices: Int, loop_offsets: Int, loop_vertices: Int, n: int) -> Int:
+    """Face with the same vertices as each loop, or −1."""
+    face = np.full(n, -1)
+    loop_sizes, face_sizes = np.diff(loop_offsets), np.diff(offsets)
+    for size in np.unique(loop_sizes):
+        own, faces = np.flatnonzero(loop_sizes == size), np.flatnonzero(face_sizes == size)
+        rows = [
+            np.sort(vertices[gather(offsets, faces)[1]].reshape(-1, size), axis=1),
+            np.sort(loop_vertices[gather(loop_offsets, own)[1]].reshape(-1, size), axis=1),
+        ]
+        number = _row_numbers(np.concatenate(rows))
+        owner = np.full(number.max(initial=-1) + 1, -1)
+        owner[number[: len(faces)]] = faces
+        face[own] = owner[number[len(faces) :]]
+    return frozen_int(face)
+
+
+def _row_numbers(rows: Float | Int) -> Int:
+    """A number for each distinct row."""
+    order = np.lexsort(rows.T)
+    new = np.concatenate(([True], (np.diff(rows[order], axis=0) != 0).any(axis=1)))[: len(rows)]
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return frozen_int(number)

@@ -1,0 +1,73 @@
+"""Runs side by side: what each made of a mesh, measured agglomerate by agglomerate, and how long it took."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.measure.agglomerates import Level, measure_levels
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["Level", "Run", "measure_levels", "timed_run", "wanted"]
+
+_WORDS = {
+    "h_factor": "h ≤ {:g} h0",
+    "h_star": "h ≤ {:.4g}",
+    "cells_per_part": "{:g} cells each",
+    "n_parts": "{} parts",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One way to agglomerate a mesh and what came of it.
+
+    Attributes
+    ----------
+    name : str
+        Bisector as the user wrote it, and the method where runs differ in it.
+    hierarchy : Hierarchy or None
+        None if the run failed.
+    levels : sequence of Level
+        Finest first.
+    seconds : float
+        Wall clock of the agglomeration alone.
+    error : str
+        Why the run failed, if it did.
+    """
+
+    name: str
+    hierarchy: Hierarchy | None
+    levels: Sequence[Level] = ()
+    seconds: float = 0.0
+    error: str = ""
+
+
+def timed_run(mesh: Mesh, name: str, agglomerated: Callable[[], Hierarchy]) -> Run:
+    """Agglomerate on the clock, then measure the levels.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    name : str
+    agglomerated : callable
+        Agglomerates ``mesh``; what it raises passes through.
+    """
+    _ = mesh.graph  # shared by all runs: not on the first one's clock
+    start = time.perf_counter()
+    hierarchy = agglomerated()
+    seconds = time.perf_counter() - start
+    return Run(name, hierarchy, measure_levels(mesh, hierarchy), seconds)
+
+
+def wanted(target: Mapping[str, Any]) -> str:
+    """A target in the words it was asked in: ``h ≤ 4 h0``, ``16 parts``; – if unknown."""
+    for name, form in _WORDS.items():
+        if target.get(name) is not None:
+            return form.format(target[name])
+    return f"{target['parts']} parts" if "parts" in target else "–"

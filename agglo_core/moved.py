@@ -1,0 +1,77 @@
+"""Dotted names of version 0.1 that still lead to what they meant: importing one gives today's module.
+
+``from agglo_core.plot import draw`` goes on working, with a DeprecationWarning that says where ``draw`` is.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import MappingProxyType, ModuleType
+
+__all__ = ["MOVED", "watch_for_moved"]
+
+MOVED = MappingProxyType(
+    {
+        "arguments": "cli.arguments",
+        "blocks": "graph.blocks",
+        "boxplot": "draw.boxplot",
+        "comparison": "measure.comparison",
+        "defaults": "components",
+        "defaults.fixers": "components.fixers",
+        "defaults.geometric": "components.geometric",
+        "defaults.metrics": "components.metrics",
+        "defaults.refiners": "components.refiners",
+        "defaults.shapes": "components.shape_metrics",
+        "defaults.sweep": "components.straight_cuts",
+        "elements": "mesh.elements",
+        "functionals": "graph.functionals",
+        "ordering": "graph.ordering",
+        "pipeline": "agglomeration.pipeline",
+        "plot": "draw.plot",
+        "plugins": "registry",
+        "problem": "problems",
+        "report": "measure.agglomerates",
+        "sweep": "graph.sweep",
+        "webpage": "draw.webpage",
+    }
+)
+"""Old name to new name, both within ``agglo_core``."""
+
+_PACKAGE = __package__ + "."
+
+
+class _Moved(Loader):
+    """Gives the module of the new name as that of the old one."""
+
+    def __init__(self, new: str) -> None:
+        self._module = import_module(new)
+        self._spec = self._module.__spec__
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        return self._module
+
+    def exec_module(self, module: ModuleType) -> None:
+        module.__spec__ = self._spec  # importing under the old name has replaced it
+
+
+class _Finder(MetaPathFinder):
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        new = MOVED.get(fullname.removeprefix(_PACKAGE)) if fullname.startswith(_PACKAGE) else None
+        if new is None:
+            return None
+        message = f"{fullname} is now {_PACKAGE}{new}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return ModuleSpec(fullname, _Moved(_PACKAGE + new), is_package=True)
+
+
+def watch_for_moved() -> None:
+    """Let imports of old names find what they mean, once per process."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.append(_Finder())

@@ -1,0 +1,245 @@
+"""The registry: plugins in, records and components out."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+import os
+import sys
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import pluggy
+
+from agglo_core.errors import PluginError
+from agglo_core.registry.construct import construct
+from agglo_core.registry.declarations import KINDS, Command, Component, Hooks, faults
+from agglo_core.registry.discovery import PLUGIN_FAILURES, Found, attach, detach, installed, raised
+from agglo_core.registry.records import Record, describe, with_conflicts, with_requirements
+
+__all__ = ["Registry", "default"]
+
+Records = list[Record]
+Declared = list[Component | Command]
+
+
+@dataclass(frozen=True, eq=False)
+class _Plugin:
+    name: str
+    distribution: str
+    plugin: object
+    records: tuple[Record, ...]
+
+
+class Registry:
+    """Components and commands by name, with the state of each.
+
+    States are computed when asked for, so that the order of registration never matters.
+
+    Attributes
+    ----------
+    hook : pluggy.HookRelay
+        The hooks themselves; :meth:`level_done` calls the watchers one by one.
+    """
+
+    def __init__(self) -> None:
+        self._manager = pluggy.PluginManager("agglo")
+        self._manager.add_hookspecs(Hooks)
+        self._plugins: list[_Plugin] = []
+        self._blocked: dict[str, str] = {}
+        self.hook = self._manager.hook
+
+    def register(self, plugin: object, name: str, *, distribution: str = "", version: str = "") -> None:
+        """Add a module or object with hooks; if it is broken it is listed as such, with the reason.
+
+        Raises
+        ------
+        PluginError
+            If a plugin of that name and distribution is registered already.
+        """
+        if any(p.name == name and p.distribution == distribution for p in self._plugins):
+            raise PluginError(f"a plugin {name!r} is registered already; unregister it first")
+        origin = Record(None, name, distribution, version)
+        if name in self._blocked:
+            self._add(origin, plugin, [], self._blocked[name])
+            return
+        declared, problem = attach(self._manager, plugin, f"{name} ({distribution or 'by hand'})")
+        self._add(origin, plugin, declared, problem)
+
+    def unregister(self, name: str) -> None:
+        """Take out every plugin of that name, whatever its state."""
+        leaving = [p for p in self._plugins if p.name == name]
+        if not leaving:
+            raise PluginError(f"no plugin {name!r} is registered; registered: {self._names()}")
+        for plugin in leaving:
+            detach(self._manager, plugin.plugin)
+            self._plugins.remove(plugin)
+
+    def block(self, name: str, reason: str = "blocked by the program") -> None:
+        """Make a plugin unusable, whether it is registered already or will be."""
+        self._blocked[name] = reason
+        for plugin in self._plugins:
+            if plugin.name == name:
+                detach(self._manager, plugin.plugin)
+
+    def list(self) -> Records:
+        """Every component with its state, and every plugin that failed as a whole; never fails."""
+        return [record for record in self._records() if record.command is None]
+
+    def commands(self) -> Records:
+        """Every command of the plugins, with its state."""
+        return [record for record in self._records() if record.command is not None]
+
+    def build(self, kind: str, name: str, /, **options: Any) -> Any:
+        """Build a component; ``name`` may be qualified as ``plugin/name`` (or ``distribution/name``).
+
+        Raises
+        ------
+        PluginError
+            If it is unknown, not ok, or misbehaves; names component, plugin, distribution, version.
+        OptionError
+            If an option is not accepted; lists those that are.
+        """
+        return self.assemble(self.record(kind, name), options)
+
+    def assemble(self, record: Record, options: Mapping[str, Any]) -> Any:
+        """Build the component of a record of this registry; raises as :meth:`build` does."""
+        self._manager.trace.root.get("build")(describe(record), dict(options))
+        return construct(record, options)
+
+    def record(self, kind: str, name: str) -> Record:
+        """The record a name stands for, whatever its state; ``kind`` may also be ``"command"``.
+
+        Raises
+        ------
+        PluginError
+            If there is none; lists those there are, the closest first.
+        """
+        if kind not in (*KINDS, "command"):
+            raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
+        qualifier, _, plain = name.rpartition("/")
+        records = self._records(lambda r: r.kind == kind and r.name == plain, settled=not qualifier)
+        if qualifier:
+            records = [r for r in records if qualifier in (r.plugin, r.distribution)]
+            records = [r for r in records if r.in_tree] or records
+        usable = [r for r in records if r.declared] or records
+        if len(usable) > 1 and qualifier:
+            raise PluginError(f"{kind} {name!r} may be {' or '.join(map(describe, usable))}: unregister one")
+        if usable:
+            return usable[0]
+        raise PluginError(self._unknown(kind, name))
+
+    def level_done(self, info: Mapping[str, Any]) -> None:
+        """Tell every watcher how far a run has come.
+
+        One that raises is named in a warning and not called again: whoever only watches cannot end a
+        run.
+        """
+        self._manager.trace.root.get("level")(dict(info))
+        for watcher in self.hook.agglo_level_done.get_hookimpls():
+            try:
+                watcher.function(*(info for _ in watcher.argnames))
+            except PLUGIN_FAILURES as error:
+                message = "plugin %r stopped watching: agglo_level_done() raised %s"
+                logging.getLogger("agglo").warning(message, watcher.plugin_name, raised(error))
+                detach(self._manager, watcher.plugin)
+
+    def discover(self, environ: Mapping[str, str] = os.environ) -> None:
+        """Load every installed plugin but those ``AGGLO_BLOCK`` and ``AGGLO_ONLY`` keep out."""
+        if environ.get("AGGLO_TRACE"):
+            self._manager.trace.root.setwriter(sys.stderr.write)
+            self._manager.enable_tracing()
+        blocked, only = _names(environ, "AGGLO_BLOCK"), _names(environ, "AGGLO_ONLY")
+        found = list(installed())
+        names = {each.name for each in found}
+        for unknown in sorted((blocked | only) - names):
+            logging.getLogger("agglo").warning(
+                "AGGLO_BLOCK or AGGLO_ONLY names %r, which is no installed plugin", unknown
+            )
+        for name in sorted(names):
+            if name in blocked:
+                self.block(name, "blocked by AGGLO_BLOCK")
+            elif only and name not in only:
+                self.block(name, "not listed in AGGLO_ONLY")
+        for each in found:
+            self._load(each)
+
+    def _load(self, found: Found) -> None:
+        trace, point = self._manager.trace.root, found.entry_point
+        trace.get("load")(found.name, found.distribution, found.version)
+        origin = Record(None, found.name, found.distribution, found.version)
+        if found.name in self._blocked:
+            self._add(origin, None, [], self._blocked[found.name])
+            return
+        if point is None:
+            self._add(origin, None, [], "the entry_points.txt of its distribution is malformed")
+            return
+        try:
+            with redirect_stdout(sys.stderr):  # what a plugin prints must not spoil our output
+                plugin = point.load()
+        except PLUGIN_FAILURES as error:
+            trace.get("failed")(traceback.format_exc())
+            self._add(origin, None, [], f"importing {point.value!r} raised {raised(error)}")
+            return
+        with redirect_stdout(sys.stderr):
+            declared, problem = attach(self._manager, plugin, f"{found.name} ({found.distribution})")
+        self._add(origin, plugin, declared, problem)
+
+    def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:
+        records = [_of(origin, each) for each in declared]
+        times = Counter(f"{r.kind} {r.name}" for r in records)
+        for place, (record, each) in enumerate(zip(records, declared, strict=True)):
+            own = list(faults(each))
+            if times[f"{record.kind} {record.name}"] > 1:
+                own.append(f"{record.kind} {record.name!r} is declared more than once by this plugin")
+            if reason := problem or "; ".join(own):
+                records[place] = replace(record, state="broken", reason=reason)
+        if problem and not records:
+            records.append(replace(origin, state="broken", reason=problem))
+        self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
+
+    def _records(self, wanted: Callable[[Record], bool] = lambda _: True, *, settled: bool = True) -> Records:
+        found = (record for plugin in self._plugins for record in plugin.records if wanted(record))
+        records = [with_requirements(self._unblocked(record)) for record in found]
+        return with_conflicts(records) if settled else records
+
+    def _unblocked(self, record: Record) -> Record:
+        reason = self._blocked.get(record.plugin)
+        return record if reason is None else replace(record, state="blocked", reason=reason)
+
+    def _names(self) -> str:
+        return ", ".join(sorted({plugin.name for plugin in self._plugins})) or "none"
+
+    def _unknown(self, kind: str, name: str) -> str:
+        records = self._records()
+        states = {r.name: "" if r.state == "ok" else f" ({r.state})" for r in records if r.kind == kind}
+        close = difflib.get_close_matches(name, states, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        available = ", ".join(f"{each}{state}" for each, state in sorted(states.items())) or "none"
+        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in records if r.kind == "plugin")
+        return f"no {kind} is named {name!r}{hint}; available: {available}" + (
+            f"; plugins that cannot be used: {failed}" if failed else ""
+        )
+
+
+def _of(origin: Record, declared: Component | Command) -> Record:
+    if isinstance(declared, Component):
+        return replace(origin, component=declared)
+    return replace(origin, command=declared)
+
+
+def _names(environ: Mapping[str, str], variable: str) -> set[str]:
+    return {name.strip() for name in environ.get(variable, "").split(",") if name.strip()}
+
+
+@cache
+def default() -> Registry:
+    """The registry of this process, which discovers the installed plugins on first use."""
+    registry = Registry()
+    registry.discover()
+    return registry

@@ -1,0 +1,125 @@
+"""Finding installed plugins and reading what they declare; whatever goes wrong becomes a reason."""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+
+import pluggy
+
+from agglo_core.registry.declarations import Command, Component, Hooks
+
+__all__ = ["GROUP", "PLUGIN_FAILURES", "Found", "attach", "detach", "installed", "raised"]
+
+GROUP = "agglo"
+PLUGIN_FAILURES = (Exception, SystemExit)
+"""What a plugin's code may raise without taking the program down."""
+
+_HOOKS = tuple(name for name in vars(Hooks) if name.startswith("agglo_"))
+
+
+@dataclass(frozen=True)
+class Found:
+    """An entry point of an installed distribution, not yet loaded; None if its file is malformed."""
+
+    name: str
+    entry_point: metadata.EntryPoint | None
+    distribution: str
+    version: str
+
+
+def installed() -> Iterator[Found]:
+    """Yield the entry points of the group ``agglo``, each distribution once, in the order of sys.path.
+
+    ``importlib.metadata.entry_points`` would raise on one malformed file of any distribution.
+    """
+    seen = set()
+    for distribution in metadata.distributions():
+        try:
+            text = distribution.read_text("entry_points.txt") or ""
+        except ValueError:  # not UTF-8: nothing of ours
+            continue
+        name = str(distribution.metadata["Name"]) if f"[{GROUP}]" in text else ""
+        key = name.lower().replace("_", "-").replace(".", "-")
+        if not name or key in seen:
+            continue
+        seen.add(key)
+        version = str(distribution.metadata["Version"] or "")
+        try:
+            points = [point for point in distribution.entry_points if point.group == GROUP]
+        except (TypeError, ValueError):  # a line without '='
+            yield Found(name, None, name, version)
+            continue
+        for point in points:
+            yield Found(point.name, point, name, version)
+
+
+def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[list[Component | Command], str]:
+    """Register a plugin's hooks and return what it declares, and why it is broken (or ``""``).
+
+    A broken plugin does not stay registered: none of its hooks will be called.
+    """
+    if manager.is_registered(plugin):
+        return [], f"it is the same object as plugin {manager.get_name(plugin)!r}"
+    try:
+        if problem := _misnamed(manager, plugin):
+            return [], problem
+        manager.register(plugin, key)
+    except PLUGIN_FAILURES as error:
+        detach(manager, plugin)
+        return [], f"its hooks cannot be registered: {raised(error)}"
+    declared, problem = _declared(manager, plugin)
+    if problem:
+        detach(manager, plugin)
+    return declared, problem
+
+
+def detach(manager: pluggy.PluginManager, plugin: object) -> None:
+    """Take a plugin's hooks out of the manager, if they are in."""
+    if manager.is_registered(plugin):
+        manager.unregister(plugin)
+
+
+def raised(error: BaseException) -> str:
+    """``ValueError: message`` of an exception."""
+    return f"{type(error).__name__}: {error}".rstrip(": ")
+
+
+def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
+    """Why a hook of the plugin would never be called: misspelt, unmarked, or none at all."""
+    found = 0
+    for name in dir(plugin):
+        marks = manager.parse_hookimpl_opts(plugin, name)
+        if marks is None and not (name.startswith("agglo_") and inspect.isroutine(getattr(plugin, name))):
+            continue
+        hook = (marks and marks.get("specname")) or name
+        if hook not in _HOOKS and not (marks and marks.get("optionalhook")):
+            close = difflib.get_close_matches(hook, _HOOKS, n=1)
+            hint = f" (did you mean {close[0]!r}?)" if close else ""
+            return f"hook {hook!r} is not known{hint}; accepted: {', '.join(_HOOKS)}"
+        if marks is None:
+            return f"{hook} is not marked with @hookimpl (from agglo_core import hookimpl)"
+        found += 1
+    return "" if found else f"it implements no hook; accepted: {', '.join(_HOOKS)}"
+
+
+def _declared(manager: pluggy.PluginManager, plugin: object) -> tuple[list[Component | Command], str]:
+    found: list[Component | Command] = []
+    for hook, kind in (("agglo_components", Component), ("agglo_commands", Command)):
+        for implementation in getattr(manager.hook, hook).get_hookimpls():
+            if implementation.plugin is not plugin:
+                continue
+            try:
+                answer = implementation.function()
+            except PLUGIN_FAILURES as error:
+                return found, f"{hook}() raised {raised(error)}"
+            if not isinstance(answer, list | tuple):
+                return found, f"{hook}() returned {answer!r:.60}, expected a list of {kind.__name__}"
+            for position, item in enumerate(answer):
+                if not isinstance(item, kind):
+                    return found, f"{hook}()[{position}] is {item!r:.60}, expected a {kind.__name__}"
+                found.append(item)
+    return found, ""

@@ -1,0 +1,156 @@
+"""What the registry knows of each declaration: its origin, its state, the reason."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib import metadata
+from importlib.util import find_spec
+from typing import Literal
+
+from agglo_core.registry.declarations import CORE_COMMANDS, Command, Component
+
+__all__ = ["Record", "State", "describe", "unusable", "with_conflicts", "with_requirements"]
+
+State = Literal["ok", "needs", "broken", "conflict", "blocked"]
+
+_PROJECTS = {"sklearn": "scikit-learn"}  # import names that differ from the name pip knows
+
+
+@dataclass(frozen=True)
+class Record:
+    """A declared component or command and where it stands; a plugin that failed as a whole has neither.
+
+    Attributes
+    ----------
+    component : Component or None
+    plugin, distribution, version : str
+        Entry-point name and its distribution; the last two are empty if registered by hand.
+    state : str
+        ``ok``, ``needs`` (packages, listed in ``missing``), ``broken``, ``conflict`` or ``blocked``.
+    reason : str
+        Why it is not ok.
+    """
+
+    component: Component | None
+    plugin: str
+    distribution: str = ""
+    version: str = ""
+    state: State = "ok"
+    reason: str = ""
+    missing: tuple[str, ...] = ()
+    command: Command | None = None
+
+    @property
+    def kind(self) -> str:
+        """Kind of the component, ``"command"``, or ``"plugin"`` for a plugin that failed as a whole."""
+        if self.component is not None:
+            return self.component.kind
+        return "plugin" if self.command is None else "command"
+
+    @property
+    def name(self) -> str:
+        """Name of the component or command; of the plugin if it failed as a whole."""
+        declared = self.component or self.command
+        return self.plugin if declared is None else declared.name
+
+    @property
+    def in_tree(self) -> bool:
+        """Whether it belongs to the ``agglo`` distribution itself, whose names are reserved."""
+        return re.sub(r"[-_.]+", "-", self.distribution).lower() == "agglo"
+
+    @property
+    def declared(self) -> bool:
+        """Whether it stands for one component or command that may hold a name."""
+        return self.kind != "plugin" and self.state in ("ok", "needs")
+
+
+def describe(record: Record) -> str:
+    """Label of a record in messages: ``bisector 'halves' (plugin 'halves', distribution my-dist 0.3)``."""
+    origin = f"distribution {record.distribution} {record.version}".strip()
+    if not record.distribution:
+        origin = "registered by hand"
+    if record.kind == "plugin":
+        return f"plugin {record.plugin!r} ({origin})"
+    return f"{record.kind} {record.name!r} (plugin {record.plugin!r}, {origin})"
+
+
+def unusable(record: Record) -> str:
+    """State and reason of a record that is not ok, the state once: reasons of ``needs`` begin with it."""
+    return record.reason if record.state == "needs" else f"{record.state}: {record.reason}"
+
+
+def with_requirements(record: Record) -> Record:
+    """The record as ``needs`` if a module it requires cannot be found (nothing is imported)."""
+    if record.component is None or record.state != "ok":
+        return record
+    missing = tuple(name for name in record.component.requires if not _importable(name))
+    if not missing:
+        return record
+    reason = f"needs {', '.join(missing)}, not installed here; try: {_remedy(record, missing)}"
+    return replace(record, state="needs", reason=reason, missing=missing)
+
+
+def _importable(name: str) -> bool:
+    top = name.partition(".")[0]  # looking for a submodule would import its package
+    try:
+        return find_spec(top) is not None
+    except (ImportError, ValueError):
+        return sys.modules.get(top) is not None
+
+
+def _remedy(record: Record, missing: Sequence[str]) -> str:
+    """The install line: the plugin's own extra, another one that brings what is missing, or the packages."""
+    wanted = {_PROJECTS.get(name, name) for name in missing}
+    extras = _extras(record.distribution)
+    own = extras.get(record.plugin)
+    bringing = [extra for extra, names in extras.items() if wanted <= names]
+    if own is not None and (not own or record.plugin in bringing):
+        return f"pip install '{record.distribution}[{record.plugin}]'"
+    if bringing:
+        smallest = min(bringing, key=lambda extra: len(extras[extra]))
+        return f"pip install '{record.distribution}[{smallest}]'"
+    return f"pip install {' '.join(sorted(wanted))}"
+
+
+def _extras(distribution: str) -> dict[str, set[str]]:
+    """Projects each extra of a distribution brings, in the order of its metadata; none if unknown."""
+    try:
+        lines = metadata.metadata(distribution)
+    except (metadata.PackageNotFoundError, ValueError):
+        return {}
+    extras: dict[str, set[str]] = {name: set() for name in lines.get_all("Provides-Extra") or []}
+    for line in lines.get_all("Requires-Dist") or []:
+        found = re.match(r"([\w.-]+).*;.*extra == ['\"]([\w.-]+)['\"]", line)
+        if found and found[2] in extras:
+            extras[found[2]].add(re.sub(r"[-_.]+", "-", found[1]).lower())
+    return extras
+
+
+def with_conflicts(records: Sequence[Record]) -> list[Record]:
+    """The records, those whose name another one holds or claims turned to ``conflict``."""
+    rivals: dict[tuple[str, str], list[Record]] = defaultdict(list)
+    for record in records:
+        if record.declared:
+            rivals[record.kind, record.name].append(record)
+    return [_settle(r, rivals[r.kind, r.name]) if r.declared else r for r in records]
+
+
+def _settle(record: Record, rivals: list[Record]) -> Record:
+    """In-tree declarations hold their names; strangers who share one all lose it."""
+    owners = [rival for rival in rivals if rival.in_tree] or rivals
+    if record.command is not None and not record.in_tree and record.name in CORE_COMMANDS:
+        reason = "the name is reserved for agglo's own command"
+    elif owners == [record]:
+        return record
+    elif record in owners:
+        others = ", ".join(describe(owner) for owner in owners if owner is not record)
+        reason = f"the name is also declared by {others}"
+    else:
+        reason = f"the name is reserved for {describe(owners[0])}"
+    twins = [rival for rival in rivals if rival.plugin == record.plugin]
+    qualifier = record.plugin if len(twins) == 1 else record.distribution
+    return replace(record, state="conflict", reason=f"{reason}; use '{qualifier}/{record.name}'")

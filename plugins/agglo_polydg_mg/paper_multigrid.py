@@ -1,0 +1,145 @@
+"""The paper's solver: a stationary V-cycle with additive Schwarz smoothing (paper, section 5)."""
+
+from __future__ import annotations
+
+import time
+from typing import Literal
+
+import numpy as np
+
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Problem, Solution
+from agglo_polydg_mg.checks import chosen, demand_count, demand_fraction, demand_name, demand_truth
+from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
+from agglo_polydg_mg.operators import Chain, Discretisation, make_chain
+from agglo_polydg_mg.schwarz import (
+    COARSE_SOLVERS,
+    SMOOTHERS,
+    SmootherMaker,
+    SolveMaker,
+    block_jacobi,
+    correction,
+    damped_jacobi,
+)
+from agglo_polydg_mg.transfer import chosen_levels
+
+__all__ = ["PaperMultigrid"]
+
+
+class PaperMultigrid:
+    """V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
+
+    How residuals are measured where the coefficient is not constant, so that no contrast hides them, tells
+    :class:`~agglo_polydg_mg.gauge.Gauge`.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    smoothing_steps : int
+        Before and after each coarse correction.
+    levels : int, optional
+        How many of mesh, level 0, 1, … to use; by default all. The last one is solved directly.
+    tolerance : float
+    max_iterations : int
+    penalty : float
+        Constant C of the penalty of jumps.
+    scaled_basis : bool
+        Scale the basis by the size of each cell's bounding box. The paper does not.
+    operators : "rediscretised" or "inherited"
+        Coarse matrices: discretised on the agglomerates as in the paper, or Pᵀ A P. Those of a
+        :class:`~agglo_core.problems.Linear` problem are inherited in any case.
+    smoother : "schwarz", "block_jacobi" or callable
+        Conjugate gradients preconditioned by additive Schwarz as in the paper, damped Jacobi, or what makes
+        one from the same arguments as :func:`~agglo_polydg_mg.schwarz.schwarz`.
+    schwarz_coarse : bool
+        Whether the Schwarz preconditioner has a coarse space, the next level. Blocks and coarse matrix
+        of this preconditioner are inherited whatever ``operators`` says, as in the paper's experiments.
+    coarse_solver : "lu", "dense" or callable
+        Sparse or dense direct solver, or what makes one from a matrix.
+
+    Notes
+    -----
+    The paper's smoother makes the cycle a nonlinear map: it does not serve as a preconditioner of
+    conjugate gradients.
+    """
+
+    def __init__(
+        self,
+        degree: int = 1,
+        smoothing_steps: int = 3,
+        levels: int | None = None,
+        tolerance: float = 1e-6,
+        max_iterations: int = 2000,
+        penalty: float = 10.0,
+        scaled_basis: bool = False,
+        operators: Literal["rediscretised", "inherited"] = "rediscretised",
+        smoother: str | SmootherMaker = "schwarz",
+        schwarz_coarse: bool = True,
+        coarse_solver: str | SolveMaker = "lu",
+    ) -> None:
+        demand_count("smoothing_steps", smoothing_steps, 1)
+        demand_count("max_iterations", max_iterations, 1)
+        if levels is not None:
+            demand_count("levels", levels, 2)
+        demand_fraction("tolerance", tolerance)
+        demand_name("operators", operators, ("rediscretised", "inherited"))
+        demand_truth("schwarz_coarse", schwarz_coarse)
+        self.discretisation = Discretisation(degree, penalty, scaled_basis)
+        self.smoothing_steps, self.levels = smoothing_steps, levels
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+        self.inherited = operators == "inherited"
+        self.smoother = chosen("smoother", smoother, SMOOTHERS)
+        self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
+        self.schwarz_coarse = schwarz_coarse
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
+        """Solve by V-cycles; ``converged`` and ``reason`` say how it ended.
+
+        Raises
+        ------
+        OptionError
+            If problem and hierarchy do not fit, no level is coarser than the mesh, or data are not finite.
+        MeshError
+            For a mesh in 3-D, or of cells or agglomerates that overlap themselves.
+        """
+        times = [time.perf_counter()]
+        labels = chosen_levels(hierarchy, self.levels)
+        chain = make_chain(problem, hierarchy, labels, self.discretisation, self.inherited)
+        times.append(time.perf_counter())
+        try:
+            step = self._cycle(chain)
+        except np.linalg.LinAlgError as error:
+            times.append(time.perf_counter())
+            history = unsolved(chain.b, str(error))
+        else:
+            times.append(time.perf_counter())
+            how_long = (self.tolerance, self.max_iterations)
+            history = stationary(chain.finest, chain.b, step, *how_long, chain.gauge)
+        times.append(time.perf_counter())
+        return Solution(
+            x=history.x,
+            A=chain.finest,
+            b=chain.b,
+            operators=list(zip(chain.A, [*chain.P, None], strict=True)),
+            residuals=history.residuals,
+            converged=history.converged,
+            reason=history.reason,
+            iterations=history.iterations,
+            seconds=dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True)),
+        )
+
+    def _cycle(self, chain: Chain) -> Step:
+        """One V-cycle, ``(b, x)`` to a better x."""
+        direct = self.coarse_solver
+        schwarz = self.smoother is not damped_jacobi
+        matrices = chain.inherited if schwarz else chain.A  # the paper preconditions by inherited ones
+        levels = []
+        for level, P in enumerate(chain.P):
+            local = block_jacobi(matrices[level], chain.width)
+            wanted = schwarz and self.schwarz_coarse
+            coarse = correction(P, direct(matrices[level + 1])) if wanted else None
+            A = chain.A[level]
+            levels.append(Level(A, P, self.smoother(A, local, coarse, self.smoothing_steps)))
+        coarsest = direct(chain.A[-1])
+        return lambda b, x: v_cycle(levels, coarsest, b, x)
