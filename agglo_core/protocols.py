@@ -1,5 +1,7 @@
 """What each kind of component must offer. Nobody inherits anything: having the method is enough.
 
+Which kinds there are, and what is checked of them, stands in :mod:`agglo_core.registry.kinds`.
+
 A *part* is a (block, label) pair: labels are local to their block. A *level* is a block-diagonal
 :class:`~agglo_core.graph.Graph` whose blocks are the pieces of one recursion depth. The law every
 component obeys: **a level is its blocks** — what happens to one block never depends on the others.
@@ -7,31 +9,44 @@ component obeys: **a level is its blocks** — what happens to one block never d
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int, UInt64
+from agglo_core.arrays import Float, Int, Mask, UInt64
 
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
-    from agglo_core.problems import Problem, Solution
+    from agglo_core.problems import MultigridLevel, Problem, Solution
 
 __all__ = [
+    "Admitting",
     "Aiming",
     "Bisector",
     "ConnectivityFixer",
+    "Constraint",
+    "Finishing",
+    "Forbidding",
+    "Format",
+    "HierarchyFormat",
+    "IncrementalMetric",
     "LevelBisector",
     "Partitioner",
+    "ProblemKind",
     "QualityMetric",
     "Refiner",
+    "Section",
     "Sides",
+    "Smoother",
     "Solver",
     "Target",
+    "WritableFormat",
 ]
 
 Sides = NDArray[Any]
@@ -135,11 +150,132 @@ class QualityMetric(Protocol):
 
 
 @runtime_checkable
+class IncrementalMetric(Protocol):
+    """Optional: a metric that can tell what a move would change, so that refiners can pursue it.
+
+    Its objective is the sum of the values over all parts, in the direction of ``better``.
+    """
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Return by how much the sum of values changes ``(q,)`` if cell i alone moves to part i.
+
+        ``labels (n,)`` number the parts of all blocks through, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
+        """
+        ...
+
+
+@runtime_checkable
+class Format(Protocol):
+    """Reads meshes from files of one format.
+
+    ``suffixes`` are in small letters with their dot; ``lossless`` says whether what is written is read
+    back to the last bit, hierarchy included.
+    """
+
+    suffixes: tuple[str, ...]
+    lossless: bool
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of an existing file; an AggloError says why it is refused."""
+        ...
+
+
+@runtime_checkable
+class WritableFormat(Protocol):
+    """Optional: a format that is also written."""
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write the mesh, and the hierarchy if given; an AggloError says what the format cannot hold."""
+        ...
+
+
+@runtime_checkable
+class HierarchyFormat(Protocol):
+    """Optional: a format that keeps hierarchies as they are, targets and statistics included."""
+
+    def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
+        """Return the mesh of an existing file and the hierarchy stored with it, if any."""
+        ...
+
+
+@runtime_checkable
+class ProblemKind(Protocol):
+    """A record of what is to be solved: a frozen class whose ``kind`` is the name it is declared by."""
+
+    kind: ClassVar[str]
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
+        """Return the problem a TOML table describes; relative file names start from ``folder``.
+
+        An AggloError names the key that is wrong.
+        """
+        ...
+
+    @classmethod
+    def example(cls, mesh: Mesh) -> Self:
+        """Return a small problem on any mesh that has one solution: what laws and solvers are tried on."""
+        ...
+
+
+@runtime_checkable
+class Smoother(Protocol):
+    """What a level of a multigrid method is smoothed by."""
+
+    def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
+        """Return ``smooth(b, x)``, which gives a better x ``(n,)`` of A x = b."""
+        ...
+
+
+@runtime_checkable
+class Forbidding(Protocol):
+    """A constraint on pairs of neighbours."""
+
+    def forbidden(self, graph: Graph) -> Mask:
+        """Return ``(m,)``, for each CSR entry of the graph whether its two cells may not share a part."""
+        ...
+
+
+@runtime_checkable
+class Admitting(Protocol):
+    """A constraint on finished parts."""
+
+    def admissible(self, graph: Graph, labels: Int) -> Mask:
+        """Return ``(k,)``, for each part of ``labels (n,)`` whether it may be."""
+        ...
+
+
+@runtime_checkable
+class Finishing(Protocol):
+    """A constraint on when a piece is done."""
+
+    def finished(self, graph: Graph, pieces: Int) -> Mask:
+        """Return ``(B,)``, for each piece of ``pieces (n,)`` whether it must not be split further."""
+        ...
+
+
+Constraint = Forbidding | Admitting | Finishing
+"""A constraint offers any of the three."""
+
+
+@runtime_checkable
+class Section(Protocol):
+    """A section of the report."""
+
+    title: str
+
+    def html(self, mesh: Mesh, runs: Sequence[Any]) -> str:
+        """Return a fragment of HTML about the runs (:class:`agglo_core.measure.Run`) on a mesh."""
+        ...
+
+
+@runtime_checkable
 class Solver(Protocol):
     """Solves a problem with the help of a hierarchy of coarse meshes.
 
-    One that promises ``symmetric`` also has ``aspreconditioner(problem, hierarchy)``, which returns a
-    ``scipy.sparse.linalg.LinearOperator``.
+    ``accepts``, if there, lists the kinds of problem it takes; ``discretisation``, if there, tells what
+    its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
+    has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

@@ -4,30 +4,34 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
+from agglo_core.agglomeration.choices import (
+    Choice,
+    choice_from_table,
+    fallback_member,
+    member,
+    short_name,
+)
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
-from agglo_core.agglomeration.run import Crew, Member
+from agglo_core.agglomeration.run import Crew
 from agglo_core.agglomeration.targets import Levels, Numbers, resolve_targets
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.errors import AggloError, FileError, OptionError, PluginError
+from agglo_core.errors import FileError, OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.hierarchy import Hierarchy, by_first_cell
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
-from agglo_core.registry import default, describe
+from agglo_core.registry import default
 
 __all__ = ["Choice", "Pipeline", "agglomerate"]
-
-Choice = str | tuple[str, Mapping[str, Any]] | Any
-"""A component: its name, its name with options, or an object that has the method of its kind."""
 
 Method = Literal["recursive", "kway"]
 
@@ -107,12 +111,12 @@ class Pipeline:
         chosen = dict(table)
         for key in ("bisector", "fixer"):
             if key in chosen:
-                chosen[key] = _from_table(file, key, chosen[key])
+                chosen[key] = choice_from_table(file, key, chosen[key])
         for key in ("refiners", "post_refiners"):
             if key in chosen:
                 if not isinstance(chosen[key], list):
                     raise FileError(f"{file}: {key} must be a list")
-                chosen[key] = tuple(_from_table(file, key, each) for each in chosen[key])
+                chosen[key] = tuple(choice_from_table(file, key, each) for each in chosen[key])
         return cls(**chosen)
 
     def run(self, mesh: Mesh | Graph) -> Hierarchy:
@@ -144,7 +148,7 @@ class Pipeline:
             labels,
             levels.asked,
             self.nested or len(labels) == 1,
-            asdict(crew.statistics) | {"bisector": _short(self.bisector), "method": self.method},
+            asdict(crew.statistics) | {"bisector": short_name(self.bisector), "method": self.method},
         )
 
     def _needs_mesh_size(self) -> bool:
@@ -161,7 +165,7 @@ class Pipeline:
         return [recursive_levels(graph, each, crew, post)[0] for each in alone]
 
     def _crew(self) -> Crew:
-        bisector, fallback = _member("bisector", self.bisector)
+        bisector, fallback = member("bisector", self.bisector)
         tool = bisector.tool
         bisects = isinstance(tool, LevelBisector | Bisector)
         if self.method == "kway" and not isinstance(tool, Partitioner):
@@ -170,62 +174,14 @@ class Pipeline:
             raise OptionError(f"{bisector.title} cannot bisect; use method='kway'")
         return Crew(
             bisector=bisector,
-            refiners=[_member("refiner", choice)[0] for choice in self.refiners],
-            post_refiners=[_member("refiner", choice)[0] for choice in self.post_refiners],
-            fixer=_member("fixer", self.fixer)[0],
-            finisher=bisector if bisects else _member("bisector", "inertial")[0],
-            fallback=_fallback(bisector, fallback),
+            refiners=[member("refiner", choice)[0] for choice in self.refiners],
+            post_refiners=[member("refiner", choice)[0] for choice in self.post_refiners],
+            fixer=member("fixer", self.fixer)[0],
+            finisher=bisector if bisects else member("bisector", "inertial")[0],
+            fallback=fallback_member(bisector, fallback),
             watch=default().level_done,
             seed=self.seed,
         )
-
-
-def _fallback(bisector: Member, name: str | None) -> Member | None:
-    if name is None:
-        return None
-    try:
-        return _member("bisector", name)[0]
-    except AggloError as error:
-        raise PluginError(f"{bisector.title} declares the fallback {name!r}: {error}") from error
-
-
-def _from_table(file: Path, key: str, value: Any) -> Choice:
-    if isinstance(value, str):
-        return value
-    if isinstance(value, dict) and isinstance(value.get("name"), str):
-        return value["name"], {option: each for option, each in value.items() if option != "name"}
-    raise FileError(f"{file}: {key} must be a name or a table with a name, not {value!r}")
-
-
-def _short(choice: Choice) -> str:
-    if isinstance(choice, str):
-        return choice
-    return choice[0] if isinstance(choice, tuple) else type(choice).__name__
-
-
-def _named(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
-        return choice[0], choice[1]
-    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {choice!r}")
-
-
-def _member(kind: str, choice: Choice) -> tuple[Member, str | None]:
-    """The component a choice stands for, and the name of the fallback it declared."""
-    if isinstance(choice, str | tuple):
-        name, options = (choice, {}) if isinstance(choice, str) else _named(kind, choice)
-        record = default().record(kind, name)
-        tool = default().assemble(record, options)
-        return Member(tool, describe(record)), record.component.fallback if record.component else None
-    methods = {
-        "bisector": ("bisect", "bisect_level", "partition"),
-        "refiner": ("refine",),
-        "fixer": ("fix",),
-    }[kind]
-    if isinstance(choice, type) or not any(callable(getattr(choice, each, None)) for each in methods):
-        raise OptionError(
-            f"{choice!r} is no {kind}: it needs a name or an object with {' or '.join(methods)}"
-        )
-    return Member(choice, f"{kind} {type(choice).__name__}"), getattr(choice, "fallback", None)
 
 
 def agglomerate(

@@ -24,7 +24,8 @@ import click
 
 from agglo_core.errors import FileError, OptionError
 from agglo_core.registry import default
-from agglo_core.registry.construct import resolve
+from agglo_core.registry.construct import checked_options, resolve
+from agglo_core.registry.options import Text
 
 if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
@@ -32,13 +33,11 @@ if TYPE_CHECKING:
 __all__ = [
     "COMPONENT",
     "FILE",
-    "Value",
     "agglomeration_options",
     "choice",
     "load_mesh",
     "numbers",
     "parse_spec",
-    "parse_value",
     "refuse_twins",
     "split_specs",
 ]
@@ -46,9 +45,7 @@ __all__ = [
 COMPONENT = "NAME[:opt=val,…]"
 """Metavar of an option that names a component."""
 FILE = click.Path(path_type=Path)
-Value = int | float | bool | str | None
 
-_WORDS = {"true": True, "false": False, "none": None}
 _SAMPLE = re.compile(r"[A-Za-z_]\w*(:[^/\\]*)?")
 _TARGETS = {
     "h_star": "--h-star",
@@ -88,20 +85,8 @@ def load_mesh(text: str) -> Mesh:
         ) from error
 
 
-def parse_value(text: str) -> Value:
-    """An integer, a number, true, false or none if ``text`` reads as one; else the text itself."""
-    if text.lower() in _WORDS:
-        return _WORDS[text.lower()]
-    for number in (int, float):
-        try:
-            return number(text)
-        except ValueError:
-            continue
-    return text
-
-
-def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
-    """Split ``"metis:ufactor=30,contig=true"`` into its name and options.
+def parse_spec(text: str) -> tuple[str, dict[str, Text]]:
+    """Split ``"metis:ufactor=30,contig=true"`` into its name and options, each as it was typed.
 
     Raises
     ------
@@ -111,14 +96,14 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
     name, _, rest = text.partition(":")
     if not name.strip():
         raise OptionError(f"{text!r} has no name; expected NAME or NAME:option=value,…")
-    options: dict[str, Value] = {}
+    options: dict[str, Text] = {}
     for item in rest.split(",") if rest else ():
         option, equals, value = (part.strip() for part in item.partition("="))
         if not equals or not option.isidentifier() or not value:
             raise OptionError(f"{item!r} in {text!r} is not of the form option=value")
         if option in options:
             raise OptionError(f"{text!r} gives {option!r} twice")
-        options[option] = parse_value(value)
+        options[option] = Text(value)
     return name.strip(), options
 
 
@@ -137,11 +122,19 @@ def split_specs(text: str) -> list[str]:
     return specs
 
 
-def choice(kind: str, spec: str) -> tuple[str, dict[str, Value]]:
-    """Name and options of a component that can be used, or PluginError."""
+def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
+    """Name and options of a component that can be used, each option as its type wants it.
+
+    Raises
+    ------
+    PluginError
+        If there is no such component, or it cannot be used.
+    OptionError
+        For an option that it does not have, or a value that does not fit.
+    """
     name, options = parse_spec(spec)
-    resolve(default().record(kind, name))
-    return name, options
+    record = default().record(kind, name)
+    return name, checked_options(record, resolve(record), options)
 
 
 def refuse_twins(flag: str, specs: Sequence[str]) -> None:

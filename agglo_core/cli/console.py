@@ -55,7 +55,7 @@ def hush() -> None:
 
 def explain_compilation() -> None:
     """Say on stderr why the first run on a machine takes longer, if this is the first."""
-    from agglo_core.kernels import first_use
+    from agglo_core.kernels.first_run import first_use
 
     if first_use():
         click.echo("note: compiling the numerical kernels, once on this machine (about a minute)", err=True)

@@ -12,6 +12,7 @@ Three fronts on the same laws::
 """
 
 from agglo_core.conformance.front import conformance
-from agglo_core.conformance.runner import Result, check
+from agglo_core.conformance.judging import Result
+from agglo_core.conformance.runner import check
 
 __all__ = ["Result", "check", "conformance"]

@@ -145,7 +145,8 @@ def level() -> Graph:
     mesh = grid(80, _BIG + _SMALL, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 80)
     small = 1 + (row - _BIG) // 4 * 20 + column // 4
-    return mesh.graph.split(np.where(row < _BIG, 0, small))[0]
+    graph: Graph = mesh.graph.split(np.where(row < _BIG, 0, small))[0]
+    return graph
 
 
 def changed(mesh: Mesh, change: str) -> tuple[Mesh, Int]:

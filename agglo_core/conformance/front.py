@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from agglo_core.conformance.judging import judge, laws_for
 from agglo_core.conformance.laws import all_laws
-from agglo_core.conformance.runner import judge, laws_for
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import AggloError, OptionError
 

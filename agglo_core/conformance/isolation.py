@@ -15,11 +15,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from typing import IO, Any
 
+from agglo_core.conformance.judging import Result, judge, laws_for
 from agglo_core.conformance.laws import all_laws
-from agglo_core.conformance.runner import Result, judge, laws_for
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import OptionError
 from agglo_core.registry import Component
+from agglo_core.registry.options import Text
 
 __all__ = ["judge_apart", "main"]
 
@@ -115,7 +116,9 @@ def _failed(name: str, message: str) -> Result:
 
 def _task(subject: Subject) -> dict[str, Any]:
     """What another process needs to find the component again."""
+    texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
     task = {"kind": subject.kind, "options": dict(subject.options), "promises": dict(subject.declared)}
+    task["texts"] = texts
     record, given = subject.record, subject.given
     if record is not None and record.component is not None:
         if record.distribution:
@@ -135,7 +138,8 @@ def _found(task: dict[str, Any]) -> Subject:
         given = importlib.import_module(module)
         for part in qualname.split("."):
             given = getattr(given, part)
-    return subject_of(given, task["kind"], options=task["options"], promises=task["promises"])
+    options = task["options"] | {name: Text(task["options"][name]) for name in task["texts"]}
+    return subject_of(given, task["kind"], options=options, promises=task["promises"])
 
 
 def main() -> None:

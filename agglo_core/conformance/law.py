@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import cleandoc
-from typing import TYPE_CHECKING
+from typing import Final
 
-if TYPE_CHECKING:
-    from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.subject import Subject
 
-__all__ = ["Broken", "Law", "demand", "law"]
+__all__ = ["ASKED", "Law", "law"]
 
-
-class Broken(Exception):
-    """A law that does not hold; the message says what was seen and what to do about it."""
+ASKED: Final = ("bisector", "refiner", "fixer", "metric", "solver")
+"""Kinds whose components are asked the questions of :mod:`agglo_core.conformance.cases`."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +58,3 @@ def law(
 ) -> Callable[[Callable[[Subject], None]], Law]:
     """Turn a function of a subject into a law for components of these kinds."""
     return lambda judge: Law(kinds, promise, when, judge)
-
-
-def demand(holds: object, message: str) -> None:
-    """Raise :class:`Broken` with the message unless ``holds``."""
-    if not holds:
-        raise Broken(message)

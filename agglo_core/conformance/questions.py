@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core.conformance.cases import Case, cases
-from agglo_core.conformance.law import Broken
-from agglo_core.conformance.subject import METHODS, Subject
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.problems import Solution
 from agglo_core.protocols import Target
+from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 __all__ = [
@@ -155,7 +156,7 @@ def global_random(seed: int) -> Iterator[Callable[[], bool]]:
 
 def _ask(kind: str, tool: Any, case: Case) -> Any:
     if kind != "bisector":
-        return getattr(tool, METHODS[kind][0])(*case.given)
+        return getattr(tool, KINDS[kind].methods[0])(*case.given)
     graph, seeds = case.given
     if hasattr(tool, "bisect_level"):
         return tool.bisect_level(graph, seeds)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from agglo_core.conformance.judging import Result
 from agglo_core.conformance.law import Law
 from agglo_core.conformance.laws import all_laws
-from agglo_core.conformance.runner import Result, check
+from agglo_core.conformance.runner import check
 from agglo_core.registry import KINDS, Component, default
 
 __all__ = ["compliance_page", "laws_page", "own_components", "own_results"]
@@ -52,7 +53,7 @@ def compliance_page(results: Mapping[tuple[str, str], Sequence[Result]]) -> str:
 def own_components() -> list[Component]:
     """Components of the agglo distribution itself, whatever their state, by kind."""
     own = [record.component for record in default().list() if record.in_tree and record.component]
-    return sorted(own, key=lambda component: KINDS.index(component.kind))
+    return sorted(own, key=lambda component: list(KINDS).index(component.kind))
 
 
 def own_results() -> dict[tuple[str, str], list[Result]]:

@@ -6,24 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from agglo_core.conformance.law import Broken
+from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS, Component, Record, default, describe
 from agglo_core.registry.construct import construct
 from agglo_core.registry.declarations import faults
 from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.kinds import kind_of_methods
 from agglo_core.registry.records import unusable
 
-__all__ = ["METHODS", "Subject", "find", "subject_of"]
-
-METHODS: Mapping[str, tuple[str, ...]] = {
-    "bisector": ("bisect_level", "bisect", "partition"),
-    "refiner": ("refine",),
-    "fixer": ("fix",),
-    "metric": ("measure",),
-    "solver": ("solve",),
-}
-"""The methods of each kind, the preferred first."""
+__all__ = ["Subject", "find", "subject_of"]
 
 
 @dataclass(frozen=True)
@@ -147,8 +139,8 @@ def _declared(
 
 
 def _kind_of(component: object) -> str:
-    for kind, methods in METHODS.items():
-        if any(callable(getattr(component, method, None)) for method in methods):
-            return kind
-    wanted = ", ".join(method for methods in METHODS.values() for method in methods)
-    raise OptionError(f"{component!r:.60} is no component: it has none of the methods {wanted}")
+    kind = kind_of_methods(component)
+    if kind is None:
+        wanted = ", ".join(method for each in KINDS.values() for method in each.methods)
+        raise OptionError(f"{component!r:.60} is no component: it has none of the methods {wanted}")
+    return kind

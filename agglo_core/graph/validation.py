@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from agglo_core.arrays import frozen
+from agglo_core.arrays import Float, Index, Int, frozen
 from agglo_core.errors import MeshError
 
-if TYPE_CHECKING:
-    from agglo_core.graph import Graph
+__all__ = ["GraphArrays", "check_graph", "copied"]
 
-__all__ = ["check_graph", "copied"]
+
+class GraphArrays(Protocol):
+    """The arrays of a :class:`~agglo_core.graph.Graph`, which this module need not know."""
+
+    @property
+    def n(self) -> int: ...
+    @property
+    def n_blocks(self) -> int: ...
+    @property
+    def indptr(self) -> Int: ...
+    @property
+    def indices(self) -> Index: ...
+    @property
+    def vertex_offsets(self) -> Int: ...
+    @property
+    def vertices(self) -> Index: ...
+    @property
+    def points(self) -> Float: ...
+    @property
+    def data(self) -> Mapping[str, NDArray[Any]]: ...
+    def to_scipy(self) -> sparse.csr_array[Any, Any]: ...
 
 
 def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
@@ -36,7 +56,7 @@ def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
     return frozen(array, dtype)
 
 
-def check_graph(graph: Graph) -> None:
+def check_graph(graph: GraphArrays) -> None:
     """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
     n, m, d = graph.n, len(graph.indices), graph.points.shape[-1]
     if n == 0:
@@ -60,7 +80,7 @@ def check_graph(graph: Graph) -> None:
     _check_vertices(graph)
 
 
-def _check_vertices(graph: Graph) -> None:
+def _check_vertices(graph: GraphArrays) -> None:
     total = len(graph.vertices)
     for key, count, end in (
         ("vertex_offsets", graph.n + 1, total),
@@ -75,7 +95,7 @@ def _check_vertices(graph: Graph) -> None:
         raise MeshError("points must be finite")
 
 
-def _check_edges(graph: Graph) -> None:
+def _check_edges(graph: GraphArrays) -> None:
     n, m = graph.n, len(graph.indices)
     rising = len(graph.indptr) == n + 1 and graph.indptr[0] == 0 and (np.diff(graph.indptr) >= 0).all()
     if not rising or graph.indptr[-1] != m:

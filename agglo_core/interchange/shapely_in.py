@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.polygons import compact_points, name_cells, note_repairs
+from agglo_core.mesh.checks import compact_points, name_cells, note_repairs
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon

@@ -8,8 +8,8 @@ from scipy import sparse
 from agglo_core.arrays import Int
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import name_cells
 from agglo_core.mesh.geometry3d import sum_by
-from agglo_core.mesh.polygons import name_cells
 
 __all__ = ["check_arrays"]
 

@@ -12,6 +12,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError, MeshError
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import name_cells
 from agglo_core.mesh.elements import (
     CORNERS,
     Polyhedra,
@@ -20,7 +21,6 @@ from agglo_core.mesh.elements import (
     polyhedra_from_elements,
     take_cells,
 )
-from agglo_core.mesh.polygons import name_cells
 
 __all__ = ["Soup", "mesh_from_soup"]
 

@@ -4,52 +4,6 @@ Signatures are compiled on first use and cached on disk, so the first run on a f
 slower. Inputs are read-only arrays, outputs are fresh: every kernel has one signature.
 """
 
-from __future__ import annotations
+from agglo_core.kernels.compiling import kernel
 
-import logging
-from collections.abc import Callable
-from functools import cache
-from pathlib import Path
-from typing import Any
-
-import numba
-
-__all__ = ["first_use", "kernel"]
-
-_log = logging.getLogger("agglo")
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-
-
-def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
-    """Compile ``function`` with numba on first call, from the disk cache where one can be written.
-
-    ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run.
-    """
-    if function is None:
-        return lambda inner: kernel(inner, reorder_sums=reorder_sums)
-    options = _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError as error:  # numba's word for "no cache folder is writable"
-        if "cache" not in str(error):
-            raise
-        _warn_unwritable()
-        return numba.njit(**options)(function)
-
-
-@cache  # once per process
-def _warn_unwritable() -> None:
-    _log.warning(
-        "no folder for compiled kernels is writable: they are compiled anew in each run; "
-        "set NUMBA_CACHE_DIR to a folder that is"
-    )
-
-
-def first_use() -> bool:
-    """Whether the kernels of the recursion are not compiled on disk yet (the first run takes longer)."""
-    from agglo_core.kernels.graphs import permute_graph
-
-    if permute_graph.signatures:
-        return False
-    folder = permute_graph.stats.cache_path  # None where no folder is writable
-    return folder is None or not any(Path(folder).glob("graphs.permute_graph-*.nbi"))
+__all__ = ["kernel"]

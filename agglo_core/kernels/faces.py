@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels import kernel
+from agglo_core.kernels.compiling import kernel
 
 __all__ = ["cell_faces", "chain_loops", "check_polygons", "match_half_edges"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels import kernel
+from agglo_core.kernels.compiling import kernel
 
 __all__ = ["broken_blocks", "child_order", "components", "dual_graph", "permute_graph", "take_rows"]
 

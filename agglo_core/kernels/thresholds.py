@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels import kernel
 from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
+from agglo_core.kernels.compiling import kernel
 
 __all__ = [
     "NO_CUT",

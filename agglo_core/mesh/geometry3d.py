@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
-
-if TYPE_CHECKING:
-    from agglo_core.mesh import Mesh
 
 __all__ = ["face_moments", "polyhedron_moments", "polyhedron_vertices", "pyramid_moments", "sum_by"]
 
@@ -39,13 +34,15 @@ def sum_by(groups: Int, values: Float, n: int) -> Float:
     return np.stack(columns, axis=1)
 
 
-def polyhedron_moments(mesh: Mesh) -> tuple[Float, Float]:
-    """Volumes and centroids by the divergence theorem: pyramids over the faces."""
-    vector, centre = face_moments(mesh.local_points, mesh.face_offsets, mesh.face_vertices)
-    offsets, faces = mesh.cell_faces
-    cells = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
-    sign = np.where(mesh.face_cells[faces, 0] == cells, 1.0, -1.0)
-    return pyramid_moments(cells, vector[faces] * sign[:, None], centre[faces], mesh.n_cells)
+def polyhedron_moments(
+    points: Float, face_offsets: Int, face_vertices: Int, face_cells: Int, offsets: Int, faces: Int
+) -> tuple[Float, Float]:
+    """Volumes and centroids by the divergence theorem: pyramids over the ``faces`` of each cell."""
+    vector, centre = face_moments(points, face_offsets, face_vertices)
+    n = len(offsets) - 1
+    cells = np.repeat(np.arange(n), np.diff(offsets))
+    sign = np.where(face_cells[faces, 0] == cells, 1.0, -1.0)
+    return pyramid_moments(cells, vector[faces] * sign[:, None], centre[faces], n)
 
 
 def pyramid_moments(cells: Int, vector: Float, centre: Float, n: int) -> tuple[Float, Float]:
@@ -60,13 +57,15 @@ def pyramid_moments(cells: Int, vector: Float, centre: Float, n: int) -> tuple[F
     return frozen_float(total), frozen_float(apex + moment / safe)
 
 
-def polyhedron_vertices(mesh: Mesh) -> tuple[Int, Index]:
-    """Distinct vertices of each cell as CSR."""
-    offsets, faces = mesh.cell_faces
-    sizes = np.diff(mesh.face_offsets)[faces]
+def polyhedron_vertices(
+    face_offsets: Int, face_vertices: Int, offsets: Int, faces: Int, n_points: int
+) -> tuple[Int, Index]:
+    """Distinct vertices of each cell as CSR; cell c has ``faces[offsets[c]:offsets[c + 1]]``."""
+    n = len(offsets) - 1
+    sizes = np.diff(face_offsets)[faces]
     start = np.cumsum(sizes) - sizes
-    take = np.arange(sizes.sum()) + np.repeat(mesh.face_offsets[faces] - start, sizes)
-    cells = np.repeat(np.repeat(np.arange(mesh.n_cells), np.diff(offsets)), sizes)
-    keys = np.unique(cells * mesh.n_points + mesh.face_vertices[take])
-    counts = np.bincount(keys // mesh.n_points, minlength=mesh.n_cells)
-    return frozen_int(np.concatenate(([0], np.cumsum(counts)))), frozen_index(keys % mesh.n_points)
+    take = np.arange(sizes.sum()) + np.repeat(face_offsets[faces] - start, sizes)
+    cells = np.repeat(np.repeat(np.arange(n), np.diff(offsets)), sizes)
+    keys = np.unique(cells * n_points + face_vertices[take])
+    counts = np.bincount(keys // n_points, minlength=n)
+    return frozen_int(np.concatenate(([0], np.cumsum(counts)))), frozen_index(keys % n_points)

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import chain, combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
-from agglo_core.mesh import Mesh, box_centre
+from agglo_core.mesh.checks import (
+    box_centre,
+    check_indices,
+    check_offsets,
+    check_points,
+    compact_points,
+    name_cells,
+    note_repairs,
+    whole_numbers,
+)
 
-__all__ = [
-    "build_polygons",
-    "check_indices",
-    "check_offsets",
-    "check_points",
-    "compact_points",
-    "name_cells",
-    "note_repairs",
-    "whole_numbers",
-]
+__all__ = ["Faces", "build_polygons"]
 
-_log = logging.getLogger("agglo")
 _FAULTS = {  # by the codes of kernels.faces
     1: "a repeated vertex",
     2: "zero area",
@@ -34,84 +32,14 @@ _FAULTS = {  # by the codes of kernels.faces
 }
 
 
-def name_cells(cells: ArrayLike) -> str:
-    """``cell 3`` or ``cells 3, 8, 12, … (40 in all)`` for messages."""
-    array = np.atleast_1d(cells)
-    shown = ", ".join(str(int(cell)) for cell in array[:5])
-    if len(array) == 1:
-        return f"cell {shown}"
-    return f"cells {shown}" + (f", … ({len(array)} in all)" if len(array) > 5 else "")
+class Faces(NamedTuple):
+    """A checked mesh, face by face, as :class:`~agglo_core.mesh.Mesh` holds it; repairs are counted."""
 
-
-def check_points(points: ArrayLike) -> Float:
-    """Finite ``(n, 2 or 3)`` float copy, or MeshError naming the point."""
-    try:
-        array = frozen_float(np.array(points, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise MeshError(f"points must be numbers of shape (n_points, d): {error}") from None
-    if array.ndim != 2 or array.shape[1] not in (2, 3):
-        raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {array.shape}")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if len(bad):
-        raise MeshError(f"point {bad[0]} is not finite: {array[bad[0]].tolist()} ({len(bad)} such points)")
-    return array
-
-
-def check_offsets(offsets: Int, total: int, what: str) -> None:
-    """Raise MeshError unless offsets rise from 0 to ``total``."""
-    if len(offsets) == 0 or offsets[0] != 0 or offsets[-1] != total or (np.diff(offsets) < 0).any():
-        raise MeshError(f"{what} offsets must rise from 0 to {total}, the number of entries they cut")
-
-
-def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
-    """Raise MeshError unless every vertex of cell c, ``offsets[c]:offsets[c + 1]``, is in 0..n_points−1."""
-    bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
-    if len(bad):
-        owner = int(np.searchsorted(offsets, bad[0], side="right")) - 1
-        raise MeshError(f"cell {owner} uses point {vertices[bad[0]]}, but there are {n_points} points")
-
-
-def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int, dict[str, int]]:
-    """Numbers of the points in use (equal ones merged if asked), vertices renumbered to them, repairs."""
-    merged = 0
-    if merge:
-        vertices, merged = _merge_equal(points, vertices)
-    used = np.zeros(len(points), bool)
-    used[vertices] = True
-    kept = int(used.sum())
-    repairs = {"equal points merged": merged, "orphan points dropped": len(points) - kept - merged}
-    number = np.cumsum(used) - 1
-    renumbered = vertices if kept == len(points) else frozen_int(number[vertices])
-    return frozen_int(np.flatnonzero(used)), renumbered, repairs
-
-
-def _merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
-    """Vertices renumbered so that exactly equal points are one; and how many points that makes unused."""
-    points = points + 0.0  # -0.0 equals 0.0
-    order = np.lexsort(points.T)
-    new = np.concatenate(([True], (np.diff(points[order], axis=0) != 0).any(axis=1)))
-    first = np.minimum.reduceat(order, np.flatnonzero(new))
-    target = np.empty(len(points), np.int64)
-    target[order] = first[np.cumsum(new) - 1]
-    return frozen_int(target[vertices]), len(points) - len(first)
-
-
-def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
-    """The repairs that happened, each logged."""
-    found = {text: count for text, count in repairs.items() if count}
-    for text, count in found.items():
-        _log.info("%s: %d", text, count)
-    return found
-
-
-def whole_numbers(values: Any, what: str) -> Int:
-    """One-dimensional integers, or MeshError."""
-    array = np.asarray(values)
-    if array.size and array.dtype.kind not in "iu":
-        raise MeshError(f"{what} must hold integers, not {array.dtype}")
-    if array.ndim != 1:
-        raise MeshError(f"{what} must be one-dimensional, not of shape {array.shape}")
-    return frozen_int(array)
+    points: Float
+    face_offsets: Int
+    face_vertices: Int
+    face_cells: Int
+    repairs: dict[str, int]
 
 
 def _as_csr(cells: Any) -> tuple[Int, Int]:
@@ -143,16 +71,8 @@ def _plane(points: Float) -> Float:
     return frozen_float(points[:, :2])
 
 
-def build_polygons(
-    points: ArrayLike,
-    cells: Any,
-    cell_tags: Mapping[str, ArrayLike],
-    merge_points: bool,
-    weak: bool,
-    strict: bool,
-    name: str,
-) -> Mesh:
-    """What :meth:`Mesh.from_polygons` does."""
+def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool) -> Faces:
+    """Faces of polygons given as vertex loops; arguments and errors are those of ``Mesh.from_polygons``."""
     offsets, vertices = _as_csr(cells)
     points = check_points(points)
     check_offsets(offsets, len(vertices), "cell")
@@ -168,18 +88,15 @@ def build_polygons(
     vertices, repairs["clockwise cells reversed"] = _orient(local, offsets, vertices, weak)
     face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, weak, strict)
     repairs["overlapping edges left apart"] = overlaps
-    mesh = Mesh(
-        points=points,
-        face_offsets=frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
-        face_vertices=face_vertices.ravel(),
-        face_cells=face_cells,
-        cell_tags={key: np.array(values) for key, values in cell_tags.items()},
-        repairs=note_repairs(repairs),
-        name=name,
-    )
     if strict:
-        _check_coverage(mesh, offsets, vertices)
-    return mesh
+        _check_coverage(points, local, offsets, vertices)
+    return Faces(
+        points,
+        frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
+        frozen_int(face_vertices.ravel()),
+        face_cells,
+        note_repairs(repairs),
+    )
 
 
 def _orient(local: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int, int]:
@@ -231,18 +148,18 @@ def _refuse_twins(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int]]) -
             raise MeshError(f"cells {first} and {second} are duplicates: they have the same vertices")
 
 
-def _check_coverage(mesh: Mesh, offsets: Int, vertices: Int) -> None:
+def _check_coverage(points: Float, local: Float, offsets: Int, vertices: Int) -> None:
     """Strict check: no two cells overlap, no vertex hangs on a neighbour's edge without being listed."""
     import shapely
 
     rings = shapely.linearrings(
-        mesh.local_points[_closed(offsets, vertices)],
+        local[_closed(offsets, vertices)],
         indices=np.repeat(np.arange(len(offsets) - 1), np.diff(offsets) + 1),
     )
     wrong = shapely.coverage_invalid_edges(shapely.polygons(rings))
     cells = np.flatnonzero(~shapely.is_empty(wrong))
     if len(cells):
-        a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + mesh.origin).tolist()
+        a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + box_centre(points)).tolist()
         raise MeshError(
             f"{name_cells(cells)} overlap a neighbour or touch it at an unlisted vertex, "
             f"first along the edge from {a} to {b} of cell {cells[0]}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import combinations
 from typing import Any, NoReturn
 
@@ -13,9 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
-from agglo_core.mesh import Mesh, box_centre
-from agglo_core.mesh.geometry3d import face_moments, pyramid_moments, sum_by
-from agglo_core.mesh.polygons import (
+from agglo_core.mesh.checks import (
+    box_centre,
     check_indices,
     check_offsets,
     check_points,
@@ -24,20 +22,16 @@ from agglo_core.mesh.polygons import (
     note_repairs,
     whole_numbers,
 )
+from agglo_core.mesh.geometry3d import face_moments, pyramid_moments, sum_by
+from agglo_core.mesh.polygons import Faces
 
 __all__ = ["build_polyhedra"]
 
 _CLOSED = 1e-9  # of a cell's surface: what its area vectors may add up to
 
 
-def build_polyhedra(
-    points: ArrayLike,
-    cells: Any,
-    cell_tags: Mapping[str, ArrayLike],
-    merge_points: bool,
-    name: str,
-) -> Mesh:
-    """What :meth:`Mesh.from_polyhedra` does."""
+def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
+    """Faces of polyhedra given as loops; arguments and errors are those of ``Mesh.from_polyhedra``."""
     points = check_points(points)
     if points.shape[1] != 3:
         raise MeshError(f"polyhedra need points of shape (n_points, 3), not {points.shape}")
@@ -56,15 +50,8 @@ def build_polyhedra(
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
     sides = np.where(neighbour >= 0, cell_of[neighbour], -1)
-    return Mesh(
-        points=points,
-        face_offsets=keep_offsets,
-        face_vertices=keep_vertices,
-        face_cells=np.stack((cell_of[owner], sides), axis=1),
-        cell_tags={key: np.array(values) for key, values in cell_tags.items()},
-        repairs=note_repairs(repairs),
-        name=name,
-    )
+    face_cells = frozen_int(np.stack((cell_of[owner], sides), axis=1))
+    return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs))
 
 
 def _as_csr(cells: Any) -> tuple[Int, Int, Int]:

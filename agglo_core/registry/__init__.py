@@ -19,7 +19,8 @@ out, ``AGGLO_TRACE=1`` writes each loading, build and hook call to stderr.
 """
 
 from agglo_core.registry.catalogue import Registry, default
-from agglo_core.registry.declarations import CORE_COMMANDS, KINDS, PROMISES, Command, Component, hookimpl
+from agglo_core.registry.declarations import CORE_COMMANDS, Command, Component, hookimpl
+from agglo_core.registry.kinds import KINDS, PROMISES, Kind
 from agglo_core.registry.records import Record, State, describe
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "PROMISES",
     "Command",
     "Component",
+    "Kind",
     "Record",
     "Registry",
     "State",

@@ -18,8 +18,9 @@ import pluggy
 
 from agglo_core.errors import PluginError
 from agglo_core.registry.construct import construct
-from agglo_core.registry.declarations import KINDS, Command, Component, Hooks, faults
+from agglo_core.registry.declarations import Command, Component, Hooks, faults
 from agglo_core.registry.discovery import PLUGIN_FAILURES, Found, attach, detach, installed, raised
+from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.records import Record, describe, with_conflicts, with_requirements
 
 __all__ = ["Registry", "default"]

@@ -1,27 +1,20 @@
-"""From a record to an object: import the target, check the options, build, check the methods."""
+"""From a record to an object: import the target, check the options, build, check what its kind needs."""
 
 from __future__ import annotations
 
 import difflib
-import inspect
 from collections.abc import Mapping
-from functools import lru_cache, reduce
+from functools import reduce
 from importlib import import_module
 from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
+from agglo_core.registry.kinds import KINDS
+from agglo_core.registry.options import Text, convert, options_of, parse_value
 from agglo_core.registry.records import Record, describe, unusable
 
-__all__ = ["construct", "resolve"]
-
-_ANY_OF = {
-    "bisector": ("bisect", "bisect_level", "partition"),
-    "refiner": ("refine",),
-    "fixer": ("fix",),
-    "metric": ("measure",),
-    "solver": ("solve",),
-}
+__all__ = ["checked_options", "construct", "resolve"]
 
 
 def resolve(record: Record) -> Any:
@@ -59,54 +52,50 @@ def construct(record: Record, options: Mapping[str, Any]) -> Any:
     target = resolve(record)
     if not callable(target):
         raise PluginError(f"{describe(record)}: its target is {target!r:.60}, expected a class or a factory")
-    _check_options(record, target, options)
+    chosen = checked_options(record, target, options)
     try:
-        built = target(**options)
+        built = target(**chosen)
     except AggloError:
         raise
     except PLUGIN_FAILURES as error:
-        given = ", ".join(f"{name}={value!r}" for name, value in options.items()) or "no options"
+        given = ", ".join(f"{name}={value!r}" for name, value in chosen.items()) or "no options"
         raise PluginError(f"{describe(record)} could not be built with {given}: {raised(error)}") from error
-    _check_methods(record, built)
+    _check_border(record, built)
     return built
 
 
-def _check_options(record: Record, target: Any, options: Mapping[str, Any]) -> None:
-    parameters = _parameters(target) if isinstance(target, type) else _look_up(target)
-    if parameters is None or any(p.kind is p.VAR_KEYWORD for p in parameters):
-        return
-    named = [p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
-    accepted = [p.name for p in named]
+def checked_options(record: Record, target: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options as the target takes them.
+
+    Raises
+    ------
+    OptionError
+        If one is unknown, missing or of another type; lists what is accepted.
+    """
+    known = options_of(target)
+    if known is None:
+        return {name: parse_value(v) if isinstance(v, Text) else v for name, v in options.items()}
+    accepted = {option.name: option for option in known}
     for name in options:
         if name not in accepted:
             close = difflib.get_close_matches(name, accepted, n=1)
             hint = f" (did you mean {close[0]!r}?)" if close else ""
             listed = ", ".join(accepted) or "none"
             raise OptionError(f"{describe(record)} has no option {name!r}{hint}; accepted: {listed}")
-    lacking = [p.name for p in named if p.default is p.empty and p.name not in options]
+    lacking = [option.name for option in known if option.required and option.name not in options]
     if lacking:
         raise OptionError(f"{describe(record)} needs a value for {', '.join(lacking)}")
+    return {name: convert(accepted[name], value, describe(record)) for name, value in options.items()}
 
 
-def _look_up(target: Any) -> tuple[inspect.Parameter, ...] | None:
-    """What a class or factory takes; None for one written in C that does not tell: it checks itself."""
-    try:
-        return tuple(inspect.signature(target).parameters.values())
-    except (TypeError, ValueError):
-        return None
-
-
-@lru_cache(maxsize=256)
-def _parameters(target: type) -> tuple[inspect.Parameter, ...] | None:
-    return _look_up(target)  # takes longer than to build most components, so once for each class
-
-
-def _check_methods(record: Record, built: Any) -> None:
-    methods = _ANY_OF[record.kind]
-    if not any(callable(getattr(built, method, None)) for method in methods):
-        wanted = " or ".join(f"{method}(…)" for method in methods)
+def _check_border(record: Record, built: Any) -> None:
+    """Raise PluginError unless what was built has what its kind needs."""
+    kind = KINDS[record.kind]
+    if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):
+        wanted = " or ".join(f"{method}(…)" for method in kind.methods)
         raise PluginError(f"{describe(record)} built {built!r:.60}, which has no method {wanted}")
-    if record.kind == "refiner" and not isinstance(getattr(built, "objective", None), str):
-        raise PluginError(
-            f"{describe(record)} built {built!r:.60}, which has no attribute 'objective' (a name)"
-        )
+    for name, type_ in kind.attributes.items():
+        if not isinstance(getattr(built, name, None), type_):
+            raise PluginError(
+                f"{describe(record)} built {built!r:.60}, which has no attribute {name!r} ({type_.__name__})"
+            )

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import pluggy
 
+from agglo_core.registry.kinds import KINDS, PROMISES
+
 __all__ = [
     "CORE_COMMANDS",
-    "KINDS",
-    "PROMISES",
     "Command",
     "Component",
     "Hooks",
@@ -20,17 +20,6 @@ __all__ = [
     "hookimpl",
 ]
 
-KINDS: Final = ("bisector", "refiner", "fixer", "metric", "solver")
-PROMISES: Final = (
-    "deterministic",
-    "invariant",
-    "connected",
-    "balanced",
-    "kway",
-    "3d",
-    "pickles",
-    "symmetric",
-)
 CORE_COMMANDS: Final = ("demo", "run", "compare", "quality", "mesh", "plugins", "check")
 """Names of agglo's own commands, which no plugin can take."""
 
@@ -46,7 +35,7 @@ class Component:
     Attributes
     ----------
     kind : str
-        One of ``bisector``, ``refiner``, ``fixer``, ``metric``, ``solver``.
+        One of :data:`~agglo_core.registry.kinds.KINDS`.
     name : str
         An identifier; users choose the component by it.
     target : str
@@ -54,7 +43,7 @@ class Component:
     requires : tuple of str
         Top-level modules that must be importable, as in ``import NAME``.
     promises : mapping of str to bool or float
-        Properties the component vouches for, of those in :data:`PROMISES`.
+        Properties the component vouches for, of those in :data:`~agglo_core.registry.kinds.PROMISES`.
     summary : str
         One line for listings.
     fallback : str, optional

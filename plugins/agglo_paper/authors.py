@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from agglo_paper.plan import Plan
 from agglo_paper.published import printed
 from agglo_paper.record import Cell, Row, Table
-from agglo_paper.shapes import cell, unit
+from agglo_paper.shape_tables import cell, unit
 from agglo_paper.store import Results, Unit
 from agglo_paper.strategies import Strategy
 

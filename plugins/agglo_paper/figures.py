@@ -17,7 +17,7 @@ from agglo_paper.grids import load, targets
 from agglo_paper.plan import Plan
 from agglo_paper.record import Cell
 from agglo_paper.runtime import KINDS, curves
-from agglo_paper.shapes import repeats, unit
+from agglo_paper.shape_tables import repeats, unit
 from agglo_paper.store import Results
 from agglo_paper.strategies import Strategy
 

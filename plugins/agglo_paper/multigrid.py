@@ -11,7 +11,7 @@ import numpy as np
 from agglo_paper.plan import Plan
 from agglo_paper.published import band, judged, number, printed
 from agglo_paper.record import Cell, Page, Row, Table
-from agglo_paper.shapes import notes, repeats
+from agglo_paper.shape_tables import notes, repeats
 from agglo_paper.store import Data, Results, Unit
 from agglo_paper.strategies import Strategy
 from agglo_paper.work import SETTINGS, SOLVER, count, plain

@@ -104,7 +104,7 @@ def load(basis: Basis, problem: Diffusion) -> Float:
 
 
 def _matrix(basis: Basis, kappa: Field, on_faces: Float, sigma: Float) -> sparse.bsr_array:
-    from agglo_polydg_mg.kernels import face_blocks
+    from agglo_polydg_mg.face_kernels import face_blocks
 
     mesh, degree = basis.mesh, basis.degree
     rule = degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]

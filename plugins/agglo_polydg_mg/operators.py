@@ -17,8 +17,8 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Field, Linear, Problem
 from agglo_polydg_mg.assembly import System, cell_means, discretise, load
 from agglo_polydg_mg.basis import Basis, project_between
-from agglo_polydg_mg.checks import demand_count, demand_positive, demand_truth
 from agglo_polydg_mg.gauge import Gauge
+from agglo_polydg_mg.option_checks import demand_count, demand_positive, demand_truth
 from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Problem, Solution
-from agglo_polydg_mg.checks import chosen, demand_count, demand_fraction, demand_name, demand_truth
 from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import Chain, Discretisation, make_chain
+from agglo_polydg_mg.option_checks import chosen, demand_count, demand_fraction, demand_name, demand_truth
 from agglo_polydg_mg.schwarz import (
     COARSE_SOLVERS,
     SMOOTHERS,

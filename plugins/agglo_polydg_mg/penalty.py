@@ -35,7 +35,7 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = 10.0, natural: Int |
     OptionError
         If ``constant`` is not positive.
     """
-    from agglo_polydg_mg.kernels import triangle_heights
+    from agglo_polydg_mg.face_kernels import triangle_heights
 
     if not (math.isfinite(constant) and constant > 0):
         raise OptionError(f"the penalty constant must be positive; given {constant!r}")

@@ -8,9 +8,9 @@ import numpy as np
 
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Problem, Solution
-from agglo_polydg_mg.checks import demand_count, demand_fraction
 from agglo_polydg_mg.cycle import conjugate_gradients
 from agglo_polydg_mg.operators import Discretisation, fine_system
+from agglo_polydg_mg.option_checks import demand_count, demand_fraction
 
 __all__ = ["PlainCG"]
 

@@ -16,7 +16,7 @@ from agglo_core.arrays import Float
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import check_writable
-from agglo_core.kernels import first_use
+from agglo_core.kernels.first_run import first_use
 from agglo_core.registry import default
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import Discretisation

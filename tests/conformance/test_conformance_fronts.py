@@ -14,8 +14,8 @@ from conformance.mutants import Dies, HangsWhenBuilt, ListOfSides, SwapsSides
 from agglo_core import Component, OptionError, PluginError
 from agglo_core.cli import main
 from agglo_core.conformance import check, conformance
+from agglo_core.conformance.judging import laws_for
 from agglo_core.conformance.laws import all_laws
-from agglo_core.conformance.runner import laws_for
 from agglo_core.conformance.subject import subject_of
 
 PLUGIN = """

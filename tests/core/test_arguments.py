@@ -11,7 +11,8 @@ import click
 import pytest
 
 from agglo_core import FileError, OptionError, PluginError, agglomerate, samples, write
-from agglo_core.cli.arguments import agglomeration_options, choice, load_mesh, parse_value, refuse_twins
+from agglo_core.cli.arguments import agglomeration_options, choice, load_mesh, refuse_twins
+from agglo_core.registry.options import parse_value
 
 
 @click.command()

@@ -448,7 +448,7 @@ def test_every_kernel_has_one_signature_in_the_plane() -> None:
 PERMUTE = """
 import numpy as np
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
-from agglo_core.kernels import first_use
+from agglo_core.kernels.first_run import first_use
 from agglo_core.kernels.graphs import permute_graph
 
 def permute():

@@ -19,7 +19,7 @@ from agglo_paper.grids import FAMILIES, GRIDS, load, targets
 from agglo_paper.multigrid import TABLES
 from agglo_paper.published import Band, band, judge, judged, printed
 from agglo_paper.record import Cell, Page, Row, Table
-from agglo_paper.shapes import ratio
+from agglo_paper.shape_tables import ratio
 from agglo_paper.statistics import Paired
 from agglo_paper.store import Store, Unit, versions
 from agglo_paper.strategies import columns

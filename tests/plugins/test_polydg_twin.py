@@ -18,7 +18,7 @@ from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import discretise
 from agglo_polydg_mg.basis import Basis, legendre, orders, slopes
-from agglo_polydg_mg.kernels import triangle_heights
+from agglo_polydg_mg.face_kernels import triangle_heights
 from agglo_polydg_mg.penalty import face_penalty
 from agglo_polydg_mg.quadrature import inside, moments, weighted_moments
 

@@ -9,10 +9,11 @@ import numpy as np
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import cases, level_case
-from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.law import law
 from agglo_core.conformance.laws.refiner import loose_parts
 from agglo_core.conformance.questions import plain
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
 
 
 @law("fixer")
@@ -21,7 +22,7 @@ def parts_connected(subject: Subject) -> None:
     for case in [*cases("fixer"), level_case("fixer")]:
         pieces = loose_parts(case.given[0], plain(subject, subject.build(), case))
         loose = [part for part in pieces if pieces[part] > 1]
-        demand(
+        require(
             not loose,
             f"on {case.name}: {len(loose)} parts are still in pieces, as part {loose and loose[0][1]} of "
             f"block {loose and loose[0][0]}: give every piece but the largest to a neighbouring part",
@@ -35,7 +36,7 @@ def connected_left_alone(subject: Subject) -> None:
         graph, labels = case.given
         if max(loose_parts(graph, labels).values()) == 1:
             changed = np.flatnonzero(plain(subject, subject.build(), case) != labels)
-            demand(
+            require(
                 not len(changed),
                 f"on {case.name}: nothing was broken, yet {len(changed)} cells changed their part: return "
                 "labels where every part is connected",
@@ -48,7 +49,7 @@ def fixed_once(subject: Subject) -> None:
     for case in [*cases("fixer"), level_case("fixer")]:
         once = frozen_int(plain(subject, subject.build(), case))
         twice = plain(subject, subject.build(), replace(case, given=(case.given[0], once)))
-        demand(
+        require(
             np.array_equal(once, twice),
             f"on {case.name}: fixing its own result changed it again: leave connected parts alone",
         )

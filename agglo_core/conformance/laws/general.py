@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.questions import answer, fingerprints, questions
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import OptionError
 from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
@@ -24,7 +25,7 @@ def builds(subject: Subject) -> None:
     try:
         subject.make(**{_NO_OPTION: 1})
     except (OptionError, TypeError) as error:
-        demand(
+        require(
             subject.record is None or subject.name in str(error),
             f"the error {str(error)!r:.60} does not name {subject.name!r}: whoever reads it has many",
         )
@@ -40,22 +41,20 @@ def builds(subject: Subject) -> None:
 @law(*KINDS)
 def promises_can_be_kept(subject: Subject) -> None:
     """It promises only what some law of its kind can check."""
-    from agglo_core.conformance.laws import all_laws
-
-    known = {law.promise for law in all_laws() if subject.kind in law.kinds and law.promise}
+    known = set(KINDS[subject.kind].promises)
     empty = sorted(set(subject.declared) - known)
-    demand(
+    require(
         not empty,
         f"promise {', '.join(empty)} means nothing for a {subject.kind}: leave it out "
-        f"(there are {', '.join(sorted(known))})",
+        f"(there are {', '.join(sorted(known)) or 'none'})",
     )
 
 
-@law(*KINDS)
+@law(*ASKED)
 def answers(subject: Subject) -> None:
     """It answers on every mesh of the bench without raising; a solver may refuse whole sorts of problem."""
     asked = questions(subject)
-    demand(asked, "it refuses every problem: a solver takes Diffusion or Linear problems, or both")
+    require(asked, "it refuses every problem: a solver takes Diffusion or Linear problems, or both")
     for case in asked:
         try:
             answer(subject, subject.build(), case)
@@ -64,7 +63,7 @@ def answers(subject: Subject) -> None:
                 raise
 
 
-@law(*KINDS)
+@law(*ASKED)
 def input_untouched(subject: Subject) -> None:
     """It leaves its input as it was."""
     for case in questions(subject):
@@ -72,7 +71,7 @@ def input_untouched(subject: Subject) -> None:
         answer(subject, subject.build(), case)
         after = dict(fingerprints(case.given))
         changed = sorted(path for path in before | after if before.get(path) != after.get(path))
-        demand(
+        require(
             not changed,
             f"on {case.name}: it changed its input (argument {', '.join(changed)}): work on a copy",
         )

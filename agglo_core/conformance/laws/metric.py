@@ -11,9 +11,10 @@ import numpy as np
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, cases, tiny
-from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, in_words, plain
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
 
 __all__ = ["HAND"]
 
@@ -64,12 +65,12 @@ def declares_itself(subject: Subject) -> None:
     """It says which way is better, its bounds, and the power of a length it scales with."""
     tool = subject.build()
     better, bounds, power = (getattr(tool, name, None) for name in ("better", "bounds", "homogeneity"))
-    demand(better in ("high", "low"), f"attribute better is {better!r}, expected 'high' or 'low'")
-    demand(
+    require(better in ("high", "low"), f"attribute better is {better!r}, expected 'high' or 'low'")
+    require(
         isinstance(bounds, tuple) and len(bounds) == 2 and bounds[0] < bounds[1],
         f"attribute bounds is {bounds!r}, expected (lowest, highest), for instance (0.0, 1.0) or (0.0, inf)",
     )
-    demand(
+    require(
         isinstance(power, int),
         f"attribute homogeneity is {power!r}, expected a whole number: 0 for ratios, 1 for lengths",
     )
@@ -80,7 +81,7 @@ def value_array(subject: Subject) -> None:
     """It returns one number per agglomerate: an array of shape (k,)."""
     for case in cases("metric"):
         given = answer(subject, subject.build(), case)
-        demand(
+        require(
             isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind in "iuf",
             f"on {case.name}: it returned {in_words(given)}, expected an array of shape ({case.size},) of "
             "numbers, one for each of the labels 0..k-1: not one per cell, not a mean, not a list",
@@ -93,7 +94,7 @@ def finite(subject: Subject) -> None:
     for case in [*cases("metric"), *tiny("metric")]:
         values = plain(subject, subject.build(), case)
         bad = np.flatnonzero(~np.isfinite(values))
-        demand(
+        require(
             not len(bad),
             f"on {case.name}: agglomerate {bad[:1]} got {values[bad[:1]]}: decide what the value is where a "
             "quotient has no denominator",
@@ -104,7 +105,7 @@ def finite(subject: Subject) -> None:
 def within_bounds(subject: Subject) -> None:
     """Values lie within the declared bounds."""
     for case in [*cases("metric"), *tiny("metric"), *_by_hand()]:
-        _demand_bounds(subject, case)
+        _require_bounds(subject, case)
 
 
 @law("metric")
@@ -112,12 +113,12 @@ def holes(subject: Subject) -> None:
     """Agglomerates with holes, pinches or loose pieces get finite values within the bounds."""
     for case in _holed():
         values = plain(subject, subject.build(), case)
-        demand(
+        require(
             np.isfinite(values).all(),
             f"on {case.name}: values are {values}: an agglomerate has no single outer loop; "
             "see mesh.coarsen(labels).boundary_loops",
         )
-        _demand_bounds(subject, case)
+        _require_bounds(subject, case)
 
 
 @law("metric")
@@ -128,7 +129,7 @@ def homogeneous(subject: Subject) -> None:
         mesh, labels = case.given
         scaled = Case(case.name, (bench.changed(mesh, "scaled")[0], labels))
         expected = plain(subject, tool, case) * 1e3**tool.homogeneity
-        _demand_close(
+        _require_close(
             plain(subject, tool, scaled), expected, f"on {case.name} scaled by 1000",
             f"homogeneity {tool.homogeneity} is declared: divide by a length, or declare the true power",
         )  # fmt: skip
@@ -142,7 +143,7 @@ def rigid_motion(subject: Subject) -> None:
         before = plain(subject, subject.build(), case)
         for change in ("rotated", "shifted"):
             moved = Case(case.name, (bench.changed(mesh, change)[0], labels))
-            _demand_close(
+            _require_close(
                 plain(subject, subject.build(), moved), before, f"on {case.name} {change}",
                 "measure lengths and angles, not coordinates; mesh.local_points keeps digits far from 0",
                 2e-4,
@@ -158,13 +159,13 @@ def renaming(subject: Subject) -> None:
         names = np.roll(np.arange(len(before)), 1)
         renamed = Case(case.name, (mesh, frozen_int(names[labels])))
         remedy = "entry i must belong to label i, whatever the order of the cells"
-        _demand_close(
+        _require_close(
             plain(subject, subject.build(), renamed)[names], before, f"on {case.name} with labels renamed",
             remedy,
         )  # fmt: skip
         moved, order = bench.changed(mesh, "renumbered")
         renumbered = Case(case.name, (moved, frozen_int(labels[order])))
-        _demand_close(
+        _require_close(
             plain(subject, subject.build(), renumbered), before, f"on {case.name} with cells renumbered",
             remedy, 2e-4,
         )  # fmt: skip
@@ -175,7 +176,7 @@ def hand_values(subject: Subject) -> None:
     """On squares, a bar and an L it has the values worked out by hand (names the suite knows)."""
     for case, expected in zip(_by_hand(), HAND[subject.name], strict=True):
         values = plain(subject, subject.build(), case)
-        _demand_close(values, np.array(expected, float), f"on {case.name}", "see the definition", 1e-3)
+        _require_close(values, np.array(expected, float), f"on {case.name}", "see the definition", 1e-3)
 
 
 @law("metric", when=lambda subject: subject.has("measure") and _shape_only(subject))
@@ -185,7 +186,7 @@ def shape_only_is_true(subject: Subject) -> None:
         mesh, labels = case.given
         coarse = mesh.coarsen(labels)
         alone = replace(case, given=(coarse, frozen_int(np.arange(coarse.n_cells))))
-        _demand_close(
+        _require_close(
             plain(subject, subject.build(), alone), plain(subject, subject.build(), case),
             f"on {case.name} coarsened", "look at the outline alone, or drop shape_only = True", 2e-4,
         )  # fmt: skip
@@ -198,24 +199,24 @@ def _shape_only(subject: Subject) -> bool:
         return False
 
 
-def _demand_bounds(subject: Subject, case: Case) -> None:
+def _require_bounds(subject: Subject, case: Case) -> None:
     tool = subject.build()
     low, high = tool.bounds
     values = plain(subject, tool, case)
     slack = 1e-9 * (1 + max(abs(b) for b in (low, high) if abs(b) < inf) if (low, high) != (-inf, inf) else 1)
     outside = values[(values < low - slack) | (values > high + slack)]
-    demand(
+    require(
         not len(outside),
         f"on {case.name}: {outside[:1]} lies outside the declared bounds {low}..{high}: clip rounding with "
         "np.clip, or declare wider bounds",
     )
 
 
-def _demand_close(
+def _require_close(
     values: np.ndarray, expected: np.ndarray, where: str, remedy: str, tolerance: float = 1e-6
 ) -> None:
     scale = max(float(np.abs(expected).max(initial=0.0)), 1e-300)
-    demand(
+    require(
         np.abs(values - expected).max(initial=0.0) <= tolerance * scale,
         f"{where}: values are {values[:4]}, expected {expected[:4]}: {remedy}",
     )

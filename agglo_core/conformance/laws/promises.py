@@ -11,13 +11,13 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, cases, level_case, seeds_for, solids
-from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.refiner import loose_parts
 from agglo_core.conformance.questions import answer, chunks, in_words, plain, questions, same, settled, taken
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target
-from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 _PARTS = (2, 3, 7)
@@ -27,11 +27,11 @@ _PARTS = (2, 3, 7)
 def kway_said(subject: Subject) -> None:
     """It promises kway if it has a method partition, and only then."""
     has, says = subject.has("partition"), subject.promised("kway") is not None
-    demand(has or not says, "it promises kway but has no method partition(graph, target, seed)")
-    demand(says or not has or not subject.record, "it has a method partition: promise it, {'kway': True}")
+    require(has or not says, "it promises kway but has no method partition(graph, target, seed)")
+    require(says or not has or not subject.record, "it has a method partition: promise it, {'kway': True}")
 
 
-@law(*KINDS, promise="deterministic")
+@law(*ASKED, promise="deterministic")
 def deterministic(subject: Subject) -> None:
     """Nothing but the input decides: another seed and other calls in between change nothing."""
     tool = subject.build()
@@ -39,7 +39,7 @@ def deterministic(subject: Subject) -> None:
     first = [plain(subject, tool, case) for case in asked]
     later = [plain(subject, tool, case) for case in reversed(questions(subject, seed=1))]
     for case, one, two in zip(asked, first, reversed(later), strict=True):
-        demand(
+        require(
             same(one, two),
             f"on {case.name}: with another seed, or after other calls, it answered differently: a component "
             "that draws random numbers does not promise deterministic",
@@ -53,7 +53,7 @@ def connected(subject: Subject) -> None:
         graph = case.given[0]
         sides = plain(subject, subject.build(), case).astype(np.int64)
         pieces = max(loose_parts(graph, sides).values())
-        demand(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
+        require(pieces == 1, f"on {case.name}: a side is in {pieces} pieces: drop the promise connected")
 
 
 @law("bisector", promise="balanced")
@@ -67,7 +67,7 @@ def balanced(subject: Subject) -> None:
         for weights, ones in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
             heaviest = float(weights.max() / weights.sum())
             off = abs(float(weights[ones == 1].sum() / weights.sum()) - 0.5)
-            demand(
+            require(
                 off <= allowed + heaviest + 1e-9,
                 f"on {case.name}: the sides' shares are {0.5 - off:.3f} and {0.5 + off:.3f}, promised are "
                 f"halves within {allowed:g} and a cell ({heaviest:.3f}): promise a wider tolerance",
@@ -83,7 +83,7 @@ def invariant(subject: Subject) -> None:
             other, order = bench.changed(mesh, change)
             for case, one in zip(_on(subject.kind, mesh, other, order), before, strict=True):
                 two = plain(subject, subject.build(), case)
-                demand(
+                require(
                     settled(one[order], two, swap=subject.kind == "bisector"),
                     f"on {mesh.name} {change}: {np.count_nonzero(one[order] != two)} of {len(two)} cells "
                     "changed side: use distances and principal axes; break ties by geometry, not numbering",
@@ -97,11 +97,11 @@ def kway_labels(subject: Subject) -> None:
         graph = case.given[0]
         for parts in {1, *(k for k in _PARTS if k <= graph.n), graph.n}:
             given = _partition(subject, case, parts)
-            demand(
+            require(
                 isinstance(given, np.ndarray) and given.shape == (graph.n,) and given.dtype.kind in "iu",
                 f"on {case.name}: partition returned {in_words(given)}, expected ({graph.n},) integers",
             )
-            demand(
+            require(
                 given.min() >= 0 and given.max() < parts,
                 f"on {case.name}: labels {given.min()}..{given.max()} for {parts} parts, expected "
                 f"0..{parts - 1}",
@@ -114,26 +114,26 @@ def kway_parts(subject: Subject) -> None:
     for case in cases("bisector"):
         for parts in (k for k in _PARTS if 2 * k <= case.given[0].n):
             used = len(np.unique(_partition(subject, case, parts)))
-            demand(
+            require(
                 2 * used >= parts and used > 1,
                 f"on {case.name}: {used} parts came out of {parts}: target.parts is how many are wanted",
             )
 
 
-@law(*KINDS, promise="3d")
+@law(*ASKED, promise="3d")
 def space(subject: Subject) -> None:
     """In 3-D it answers as it does in the plane: full length, finite, both sides, all parts."""
     for case in taken(subject, solids(subject.kind)):
         values = plain(subject, subject.build(), case)
-        demand(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
+        require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
-            demand(subject.fallback or len(np.unique(values)) == 2, f"on {case.name}: all on one side")
+            require(subject.fallback or len(np.unique(values)) == 2, f"on {case.name}: all on one side")
         if subject.kind in ("refiner", "fixer"):
             kept = np.array_equal(np.unique(values), np.unique(case.given[1]))
-            demand(kept, f"on {case.name}: the parts are no longer those they were")
+            require(kept, f"on {case.name}: the parts are no longer those they were")
 
 
-@law(*KINDS, promise="pickles")
+@law(*ASKED, promise="pickles")
 def pickles(subject: Subject) -> None:
     """It survives pickling, as sending it to another process takes."""
     tool = subject.build()
@@ -144,7 +144,7 @@ def pickles(subject: Subject) -> None:
             f"pickling it raised {type(error).__name__}: {error}: no lambdas, files or locks in self"
         ) from error
     for case in questions(subject):
-        demand(
+        require(
             same(plain(subject, tool, case), plain(subject, twin, case)),
             f"on {case.name}: the pickled copy answers differently: what it needs must be in its attributes",
         )
@@ -154,7 +154,7 @@ def pickles(subject: Subject) -> None:
 def symmetric(subject: Subject) -> None:
     """Its preconditioner M, aspreconditioner(problem, hierarchy), is symmetric and positive definite."""
     tool = subject.build()
-    demand(
+    require(
         callable(getattr(tool, "aspreconditioner", None)),
         "it promises symmetric but has no method aspreconditioner(problem, hierarchy) that returns a "
         "scipy.sparse.linalg.LinearOperator",
@@ -166,10 +166,10 @@ def symmetric(subject: Subject) -> None:
         u, v = rng.standard_normal((2, n))
         Mu, Mv = operator @ u, operator @ v
         gap = abs(v @ Mu - u @ Mv) / (np.linalg.norm(u) * np.linalg.norm(Mv))
-        demand(
+        require(
             gap < 1e-8, f"on {case.name}: u·Mv and v·Mu differ by {gap:.1e}: mirror pre- and post-smoothing"
         )
-        demand(u @ Mu > 0, f"on {case.name}: u·Mu is {u @ Mu:.2e}, not positive")
+        require(u @ Mu > 0, f"on {case.name}: u·Mu is {u @ Mu:.2e}, not positive")
 
 
 def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:

@@ -11,9 +11,10 @@ from scipy.sparse.csgraph import connected_components
 
 from agglo_core.arrays import Int
 from agglo_core.conformance.cases import cases, level_case
-from agglo_core.conformance.law import demand, law
+from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, plain
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import require
 from agglo_core.graph import Graph
 
 __all__ = ["OBJECTIVES", "PATIENCE", "loose_parts"]
@@ -66,7 +67,7 @@ def components_not_raised(subject: Subject) -> None:
         before = loose_parts(graph, labels)
         after = loose_parts(graph, plain(subject, subject.build(), case))
         worse = sorted(part for part in after if after[part] > before.get(part, 0))
-        demand(
+        require(
             not worse,
             f"on {case.name}: part {worse and worse[0][1]} fell apart into "
             f"{worse and after[worse[0]]} pieces: move a cell only if its neighbours in its part stay joined",
@@ -77,12 +78,12 @@ def components_not_raised(subject: Subject) -> None:
 def objective_kept(subject: Subject) -> None:
     """The objective it names is one of interface, cut, compactness, balance, diameter; it never worsens."""
     name = subject.build().objective
-    demand(name in OBJECTIVES, f"objective is {name!r}; the suite knows {', '.join(OBJECTIVES)}")
+    require(name in OBJECTIVES, f"objective is {name!r}; the suite knows {', '.join(OBJECTIVES)}")
     for case in [*cases("refiner"), level_case("refiner")]:
         graph, labels = case.given[:2]
         before = OBJECTIVES[name](graph, labels)
         after = OBJECTIVES[name](graph, plain(subject, subject.build(), case))
-        demand(
+        require(
             after <= before * (1 + 1e-9),
             f"on {case.name}: {name} went from {before:.6g} to {after:.6g}: return the labels you were given "
             "where you found nothing better",
@@ -97,7 +98,7 @@ def bounded_time(subject: Subject) -> None:
     start = time.perf_counter()
     answer(subject, subject.build(), case)
     taken = time.perf_counter() - start
-    demand(
+    require(
         taken <= PATIENCE,
         f"{case.given[0].n} cells took {taken:.1f} s, allowed are {PATIENCE:g}: bound the number of sweeps "
         "and look at boundary cells alone",

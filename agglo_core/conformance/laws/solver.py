@@ -12,9 +12,10 @@ from scipy.sparse.linalg import spsolve
 from agglo_core.arrays import Float
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, cases, laplacian, with_problem
-from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, questions, taken
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
 
@@ -23,7 +24,7 @@ _CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from
 
 def _solve(subject: Subject, case: Case) -> Solution:
     given = answer(subject, subject.build(), case)
-    demand(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
+    require(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
     return given  # type: ignore[no-any-return]
 
 
@@ -33,15 +34,15 @@ def solution_record(subject: Subject) -> None:
     for case in questions(subject):
         it = _solve(subject, case)
         n = len(it.x)
-        demand(
+        require(
             np.shape(it.A) == (n, n) and np.shape(it.b) == (n,),
             f"on {case.name}: x has {n} entries, A the shape {np.shape(it.A)}, b {np.shape(it.b)}",
         )
-        demand(
+        require(
             isinstance(it.converged, bool | np.bool_) and isinstance(it.reason, str),
             f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: a bool and a text",
         )
-        demand(
+        require(
             isinstance(it.iterations, numbers.Integral) and len(it.residuals) == it.iterations + 1,
             f"on {case.name}: {len(it.residuals)} residuals of {it.iterations} iterations: the first is that "
             "of the start, then one for each iteration",
@@ -53,10 +54,10 @@ def solves(subject: Subject) -> None:
     """On small problems it converges to what a direct solve of the same system gives."""
     for case in questions(subject):
         it = _solve(subject, case)
-        demand(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
+        require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
         direct = spsolve(sparse.csc_array(it.A), it.b)
         error = np.linalg.norm(it.x - direct) / np.linalg.norm(direct)
-        demand(
+        require(
             error <= _CLOSE,
             f"on {case.name}: x differs from the direct solution of A x = b by {error:.1e}: check the "
             "preconditioner and the test of convergence",
@@ -70,9 +71,9 @@ def own_system_kept(subject: Subject) -> None:
         problem = case.given[0]
         if isinstance(problem, Linear):
             x = _solve(subject, case).x
-            demand(np.shape(x) == np.shape(problem.b), f"on {case.name}: x has shape {np.shape(x)}")
+            require(np.shape(x) == np.shape(problem.b), f"on {case.name}: x has shape {np.shape(x)}")
             gap = np.linalg.norm(problem.b - problem.A @ x) / np.linalg.norm(problem.b)
-            demand(
+            require(
                 gap <= _CLOSE,
                 f"on {case.name}: x leaves a residual of {gap:.1e} in the system given: undo any scaling or "
                 "reordering before returning",
@@ -86,7 +87,7 @@ def true_residual(subject: Subject) -> None:
         it = _solve(subject, case)
         size = float(np.linalg.norm(it.b))
         true = float(np.linalg.norm(it.b - it.A @ it.x))
-        demand(
+        require(
             abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
             f"on {case.name}: reported {it.residuals[-1]:.3e}, b − A x has {true:.3e}: recompute it from x; "
             "what the recursion carries, or the preconditioner sees, is another number",
@@ -112,7 +113,7 @@ def failure_flagged(subject: Subject) -> None:
             if isinstance(error.__cause__, AggloError):
                 continue
             raise
-        demand(
+        require(
             not it.converged and it.reason,
             f"on {name}: converged={it.converged}, reason {it.reason!r}: compare the true residual with the "
             "tolerance before saying so; NaN is smaller than nothing",
@@ -124,13 +125,13 @@ def operators_chain(subject: Subject) -> None:
     """Operators are (A, P) finest first: P leads from the next level, the last P is None or missing."""
     for case in questions(subject):
         it = _solve(subject, case)
-        demand(len(it.operators), f"on {case.name}: no operators: list at least (A, None)")
+        require(len(it.operators), f"on {case.name}: no operators: list at least (A, None)")
         for level, (A, P) in enumerate(it.operators):
             rows = np.shape(A)[0]
-            demand(np.shape(A) == (rows, rows), f"on {case.name}: A of level {level} is {np.shape(A)}")
+            require(np.shape(A) == (rows, rows), f"on {case.name}: A of level {level} is {np.shape(A)}")
             if level + 1 < len(it.operators):
                 wanted = (rows, np.shape(it.operators[level + 1][0])[0])
-                demand(
+                require(
                     P is not None and np.shape(P) == wanted,
                     f"on {case.name}: P of level {level} has shape {P is not None and np.shape(P)}, "
                     f"expected {wanted}",
@@ -148,7 +149,7 @@ def field_forms_agree(subject: Subject) -> None:
             ("callables", lambda x: np.full(len(x), 2.0), lambda x: np.full(len(x), 3.0)),
         ):
             x = _solve(subject, with_problem(case, kappa=kappa, source=source)).x
-            _demand_close(
+            _require_close(
                 x, wanted, f"kappa and source given as {form} give another solution than as numbers"
             )
 
@@ -158,12 +159,12 @@ def linear_in_the_data(subject: Subject) -> None:
     """Twice the source or right-hand side gives twice the solution, twice the coefficient or matrix half."""
     for case in _first(subject, Diffusion):
         once = _solve(subject, case).x
-        _demand_close(_solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
-        _demand_close(_solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
+        _require_close(_solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
+        _require_close(_solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
     for case in _first(subject, Linear):
         once, (A, b) = _solve(subject, case).x, (case.given[0].A, case.given[0].b)
-        _demand_close(_solve(subject, with_problem(case, b=2 * b)).x, 2 * once, "twice the right-hand side")
-        _demand_close(_solve(subject, with_problem(case, A=2 * A)).x, once / 2, "twice the matrix")
+        _require_close(_solve(subject, with_problem(case, b=2 * b)).x, 2 * once, "twice the right-hand side")
+        _require_close(_solve(subject, with_problem(case, A=2 * A)).x, once / 2, "twice the matrix")
 
 
 @law("solver")
@@ -177,7 +178,7 @@ def disconnected_solved(subject: Subject) -> None:
     asked = [Case("two components", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
     for case in taken(subject, asked):
         it = _solve(subject, case)
-        demand(it.converged, f"on two components: not converged ({it.reason})")
+        require(it.converged, f"on two components: not converged ({it.reason})")
 
 
 def _first(subject: Subject, sort: type) -> list[Case]:
@@ -185,6 +186,6 @@ def _first(subject: Subject, sort: type) -> list[Case]:
     return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
 
 
-def _demand_close(x: NDArray[np.float64], wanted: Float, where: str) -> None:
+def _require_close(x: NDArray[np.float64], wanted: Float, where: str) -> None:
     error = np.linalg.norm(x - wanted) / np.linalg.norm(wanted)
-    demand(error <= _CLOSE, f"{where}: x is off by {error:.1e}: check where kappa and source enter")
+    require(error <= _CLOSE, f"{where}: x is off by {error:.1e}: check where kappa and source enter")

@@ -11,72 +11,72 @@ from numpy.typing import NDArray
 
 from agglo_core.conformance import bench
 from agglo_core.conformance.cases import Case, level_case, part_of_level, solids, stripes, tiny
-from agglo_core.conformance.law import Broken, demand, law
+from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.questions import answer, chunks, global_random, plain, questions, same, taken
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
 from agglo_core.measure.agglomerates import quality
-from agglo_core.registry import KINDS
 
 
-@law(*KINDS)
+@law(*ASKED)
 def same_seed_same_result(subject: Subject) -> None:
     """Two objects built alike give the same answer to the same question with the same seed."""
     for case in questions(subject):
         one, two = (_repeatably(subject, subject.build(), case) for _ in range(2))
-        demand(
+        require(
             same(one, two),
             f"on {case.name}: the same seed gave two results: take all random numbers from the rng or the "
             "seeds given; np.random.default_rng() without a seed differs each time",
         )
 
 
-@law(*KINDS)
+@law(*ASKED)
 def no_memory(subject: Subject) -> None:
     """One object gives the same answer when asked again."""
     for case in questions(subject):
         tool = subject.build()
         one, two = (_repeatably(subject, tool, case) for _ in range(2))
-        demand(
+        require(
             same(one, two),
             f"on {case.name}: asked twice, it answered differently: keep nothing between calls in self",
         )
 
 
-@law(*KINDS)
+@law(*ASKED)
 def global_random_state(subject: Subject) -> None:
     """It neither reads nor moves the global random state of Python, numpy or torch."""
     remedy = "draw from the generator (or from np.random.default_rng(seed)) it is given"
     for case in questions(subject):
         with global_random(1) as unmoved:
             one = plain(subject, subject.build(), case)
-            demand(unmoved(), f"on {case.name}: it drew from, or seeded, the global random state: {remedy}")
+            require(unmoved(), f"on {case.name}: it drew from, or seeded, the global random state: {remedy}")
         with global_random(2):
             two = plain(subject, subject.build(), case)
-        demand(same(one, two), f"on {case.name}: the global random state decides the result: {remedy}")
+        require(same(one, two), f"on {case.name}: the global random state decides the result: {remedy}")
 
 
-@law(*KINDS)
+@law(*ASKED)
 def says_nothing(subject: Subject) -> None:
     """It prints nothing: stdout belongs to the program."""
     heard = io.StringIO()
     with contextlib.redirect_stdout(heard):
         for case in questions(subject):
             answer(subject, subject.build(), case)
-    demand(
+    require(
         not heard.getvalue(),
         f"it printed {heard.getvalue()!r:.60}: use logging.getLogger(__name__) instead of print",
     )
 
 
-@law(*KINDS)
+@law(*ASKED)
 def survives(subject: Subject) -> None:
     """It answers at the edge: one cell, two, three, all in one place, interfaces without measure."""
     for case in taken(subject, tiny(subject.kind)):
         values = plain(subject, subject.build(), case)
         if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
             partition_only = not (subject.has("bisect") or subject.has("bisect_level"))
-            demand(
+            require(
                 partition_only or len(np.unique(values)) == 2,
                 f"on {case.name}: all on one side: where cells cannot be told apart any halving will do, as "
                 "np.arange(n) * 2 // n",
@@ -97,7 +97,7 @@ def a_level_is_its_blocks(subject: Subject) -> None:
     for block in (0, 1, 2, 30, graph.n_blocks - 1):
         alone = plain(subject, subject.build(), part_of_level(case, [block]))
         size = len(alone)
-        demand(
+        require(
             same(alone, together[block]),
             f"a block of {size} cells comes out otherwise alone than in a level: {remedy}",
         )
@@ -105,13 +105,13 @@ def a_level_is_its_blocks(subject: Subject) -> None:
     order = np.insert(others[:20], 7, 0)
     shuffled = part_of_level(case, order)
     for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
-        demand(
+        require(
             same(part, together[block]),
             f"a block of {len(part)} cells comes out otherwise in another order of blocks: {remedy}",
         )
 
 
-@law(*KINDS, when=lambda subject: subject.promised("3d") is None)
+@law(*ASKED, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
     """Without the promise 3d it serves 3-D meshes all the same or refuses them with an AggloError."""
     for case in solids(subject.kind):
@@ -142,7 +142,7 @@ def works_in_a_run(subject: Subject) -> None:
         hierarchy = agglomerate(mesh, n_parts=(12, 5), method=method, **chosen, **others)  # type: ignore[arg-type]
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error
-    demand(hierarchy.parts == [12, 5], f"a run with it gave {hierarchy.parts} parts instead of 12 and 5")
+    require(hierarchy.parts == [12, 5], f"a run with it gave {hierarchy.parts} parts instead of 12 and 5")
 
 
 def _repeatably(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:

@@ -1,0 +1,75 @@
+"""One component, the laws that apply to it, and how it stands to each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from agglo_core.conformance.law import Law
+from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken
+from agglo_core.errors import OptionError
+from agglo_core.registry.discovery import PLUGIN_FAILURES
+
+__all__ = ["Result", "judge", "laws_for"]
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a component stands to one law.
+
+    Attributes
+    ----------
+    law, sentence : str
+        Name of the law and what it says.
+    passed : bool
+    message : str
+        What was wrong and what to do; empty if it passed.
+    seconds : float
+        Wall clock.
+    promise : str or None
+        The promise that brought the law.
+    """
+
+    law: str
+    sentence: str
+    passed: bool
+    message: str
+    seconds: float
+    promise: str | None = None
+
+
+def laws_for(subject: Subject) -> Sequence[Law]:
+    """The laws that apply, in order; never none.
+
+    Raises
+    ------
+    OptionError
+        If it cannot be built for want of an option.
+    """
+    try:
+        subject.make()
+    except OptionError:
+        raise
+    except PLUGIN_FAILURES:  # the law builds reports it
+        pass
+    chosen = [law for law in all_laws() if law.applies(subject)]
+    if not chosen:
+        raise OptionError(f"there are no laws for a {subject.kind}")
+    return chosen
+
+
+def judge(law: Law, subject: Subject) -> Result:
+    """The result of one law; whatever the component raises is a failure."""
+    start = time.perf_counter()
+    message = ""
+    try:
+        law.judge(subject)
+    except Broken as error:
+        message = str(error)
+    except PLUGIN_FAILURES as error:
+        message = f"{type(error).__name__}: {error}: the component raised where the law asks for an answer"
+    seconds = time.perf_counter() - start
+    return Result(law.name, law.sentence, not message, message, seconds, law.promise)

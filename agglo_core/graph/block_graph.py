@@ -1,0 +1,171 @@
+"""Blocks of a graph: sizes, one or several of them as graphs, parts as blocks, diameters, components."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import Float, Index, Int, frozen, frozen_float, frozen_index, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh import check_labels
+
+__all__ = ["BlockGraph"]
+
+_FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points", "origin")
+
+
+@dataclass(frozen=True, eq=False)
+class BlockGraph:
+    """Arrays of a :class:`~agglo_core.graph.Graph` (which says what they are), taken to pieces."""
+
+    indptr: Int
+    indices: Index
+    interface: Float
+    centroids: Float
+    measures: Float
+    boundary: Float
+    weights: Float
+    vertex_offsets: Int
+    vertices: Index
+    points: Float
+    offsets: Int
+    data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    origin: Float = field(default_factory=lambda: np.zeros(2))
+
+    def __post_init__(self) -> None:
+        for key in _FLOATS:
+            object.__setattr__(self, key, frozen_float(getattr(self, key)))
+        for key in ("indptr", "vertex_offsets", "offsets"):
+            object.__setattr__(self, key, frozen_int(getattr(self, key)))
+        for key in ("indices", "vertices"):
+            object.__setattr__(self, key, frozen_index(getattr(self, key)))
+        data = {key: frozen(values, np.asarray(values).dtype) for key, values in self.data.items()}
+        object.__setattr__(self, "data", data)
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return len(self.measures)
+
+    @property
+    def dim(self) -> int:
+        """Space dimension d."""
+        return int(self.centroids.shape[1])
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks B."""
+        return len(self.offsets) - 1
+
+    @cached_property
+    def sizes(self) -> Int:
+        """Number of nodes of each block ``(B,)``."""
+        return frozen_int(np.diff(self.offsets))
+
+    @cached_property
+    def block_ids(self) -> Int:
+        """Block of each node ``(n,)``."""
+        return frozen_int(np.repeat(np.arange(self.n_blocks), self.sizes))
+
+    def __getitem__(self, block: int) -> Self:
+        """One block as a graph of its own: indices rebased, the rest viewed."""
+        b = block + self.n_blocks if block < 0 else block
+        if not 0 <= b < self.n_blocks:
+            raise IndexError(f"block {block} of a graph with {self.n_blocks} blocks")
+        i, j = int(self.offsets[b]), int(self.offsets[b + 1])
+        nodes = slice(i, j)
+        edges = slice(int(self.indptr[i]), int(self.indptr[j]))
+        corners = slice(int(self.vertex_offsets[i]), int(self.vertex_offsets[j]))
+        return replace(
+            self,
+            indptr=self.indptr[i : j + 1] - self.indptr[i],
+            indices=self.indices[edges] - np.int32(i),
+            interface=self.interface[edges],
+            centroids=self.centroids[nodes],
+            measures=self.measures[nodes],
+            boundary=self.boundary[nodes],
+            weights=self.weights[nodes],
+            vertex_offsets=self.vertex_offsets[i : j + 1] - self.vertex_offsets[i],
+            vertices=self.vertices[corners],
+            offsets=frozen_int([0, j - i]),
+            data={key: values[nodes] for key, values in self.data.items()},
+        )
+
+    def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
+        """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
+        from agglo_core.kernels.graphs import permute_graph, take_rows
+
+        order, blocks = frozen_int(nodes), frozen_int(offsets)
+        if len(order) and (order.min() < 0 or order.max() >= self.n):
+            raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
+        if len(blocks) == 0 or blocks[0] != 0 or blocks[-1] != len(order) or (np.diff(blocks) < 0).any():
+            raise MeshError(f"block offsets must rise from 0 to {len(order)}")
+        indptr, indices, interface = permute_graph(self.indptr, self.indices, self.interface, order, blocks)
+        vertex_offsets, vertices = take_rows(self.vertex_offsets, self.vertices, order)
+        measures = frozen_float(self.measures[order])
+        return replace(
+            self,
+            indptr=indptr,
+            indices=indices,
+            interface=interface,
+            centroids=self.centroids.take(order, axis=0),  # ten times faster than indexing
+            measures=measures,
+            boundary=self.boundary[order],
+            weights=measures if self.weights is self.measures else self.weights[order],
+            vertex_offsets=vertex_offsets,
+            vertices=vertices,
+            offsets=blocks,
+            data={key: values[order] for key, values in self.data.items()},
+        )
+
+    def split(self, labels: ArrayLike) -> tuple[Self, Int]:
+        """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
+        array = check_labels(labels, self.n)
+        if self.n_blocks == 1 and not array.any():  # one part: a connected mesh, most of the time
+            return self, frozen_int(np.arange(self.n))
+        order = frozen_int(np.argsort(array, kind="stable"))
+        offsets = np.concatenate(([0], np.cumsum(np.bincount(array))))
+        return self.subgraph(order, offsets), order
+
+    def take(self, blocks: ArrayLike) -> Self:
+        """The chosen blocks, in that order."""
+        chosen = np.asarray(blocks, dtype=np.int64)
+        sizes = self.sizes[chosen]
+        offsets = np.concatenate(([0], np.cumsum(sizes)))
+        nodes = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], sizes)
+        return self.subgraph(nodes, offsets)
+
+    def diameters(self) -> Float:
+        """Exact largest vertex distance of each block ``(B,)``."""
+        from agglo_core.kernels.geometry import block_diameters
+
+        cells = frozen_int(np.arange(self.n))
+        return frozen_float(
+            block_diameters(self.offsets, cells, self.vertex_offsets, self.vertices, self.points)
+        )
+
+    def part_diameters(self, labels: ArrayLike) -> Float:
+        """Exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
+        from agglo_core.kernels.geometry import block_diameters
+
+        array = check_labels(labels, self.n)
+        cells = frozen_int(np.argsort(array, kind="stable"))
+        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
+        return frozen_float(block_diameters(offsets, cells, self.vertex_offsets, self.vertices, self.points))
+
+    def components(self, labels: ArrayLike | None = None) -> Int:
+        """Connected component of each node ``(n,)``, of equal ``labels`` if given; by first node."""
+        from agglo_core.kernels.graphs import components
+
+        parts = frozen_int(np.zeros(self.n) if labels is None else labels)
+        if parts.shape != (self.n,) or parts.min() < 0:
+            raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
+        nodes, offsets = components(self.indptr, self.indices, parts)
+        component = np.empty(self.n, np.int64)
+        component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+        return frozen_int(component)

@@ -1,0 +1,183 @@
+"""What follows from the arrays of a mesh: sizes, measures, centroids, diameters, loops; each made once."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import box_centre
+from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhedron_vertices
+from agglo_core.mesh.loops import Loops
+
+__all__ = ["Derived"]
+
+
+class Derived:
+    """The part of :class:`~agglo_core.mesh.Mesh` that is computed from its arrays when it is asked for."""
+
+    points: Float
+    face_offsets: Int
+    face_vertices: Int
+    face_cells: Int
+
+    # -- sizes ---------------------------------------------------------------------------------
+    @property
+    def dim(self) -> int:
+        """Space dimension d, 2 or 3."""
+        return int(self.points.shape[1])
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @property
+    def n_faces(self) -> int:
+        """Number of faces (edges in 2-D)."""
+        return len(self.face_cells)
+
+    @cached_property
+    def n_cells(self) -> int:
+        """Number of cells."""
+        return int(self.face_cells.max(initial=-1)) + 1
+
+    # -- geometry ------------------------------------------------------------------------------
+    @cached_property
+    def origin(self) -> Float:
+        """Bounding-box centre ``(d,)``; computations use coordinates relative to it."""
+        used = np.zeros(self.n_points, bool)
+        used[self.face_vertices] = True
+        return box_centre(self.points if used.all() else self.points[used])
+
+    @cached_property
+    def local_points(self) -> Float:
+        """Points relative to :attr:`origin`, so that meshes far from 0 lose no digits."""
+        return frozen_float(self.points - self.origin)
+
+    @cached_property
+    def cell_faces(self) -> tuple[Int, Int]:
+        """Face ids of each cell as CSR: offsets ``(n_cells + 1,)`` and faces."""
+        from agglo_core.kernels.faces import cell_faces
+
+        offsets, faces = cell_faces(self.face_cells, self.n_cells)
+        return frozen_int(offsets), frozen_int(faces)
+
+    @cached_property
+    def _moments(self) -> tuple[Float, Float]:
+        if self.dim == 3:
+            return polyhedron_moments(
+                self.local_points, self.face_offsets, self.face_vertices, self.face_cells, *self.cell_faces
+            )
+        from agglo_core.kernels.geometry import polygon_moments
+
+        area, centroid = polygon_moments(
+            self.local_points, *self.cell_faces, self.face_pairs, self.face_cells
+        )
+        return frozen_float(area), frozen_float(centroid)
+
+    @cached_property
+    def _face_vectors(self) -> Float:
+        """Face normals times face measures, outward from the owner ``(n_faces, d)``."""
+        if self.dim == 3:
+            return face_moments(self.local_points, self.face_offsets, self.face_vertices)[0]
+        v0, v1 = self.local_points[self.face_pairs[:, 0]], self.local_points[self.face_pairs[:, 1]]
+        edge = v1 - v0
+        return frozen_float(np.stack((edge[:, 1], -edge[:, 0]), axis=1))
+
+    @property
+    def face_pairs(self) -> Int:
+        """``(n_faces, 2)`` vertices of each 2-D face.
+
+        Raises
+        ------
+        MeshError
+            In 3-D, where faces have any number of vertices.
+        """
+        if self.dim != 2:
+            raise MeshError("face_pairs exists only for 2-D meshes; use face_offsets and face_vertices")
+        return self.face_vertices.reshape(-1, 2)
+
+    @property
+    def cell_measures(self) -> Float:
+        """Areas or volumes ``(n_cells,)``, by the divergence theorem: exact for any shape."""
+        return self._moments[0]
+
+    @property
+    def local_centroids(self) -> Float:
+        """Cell centroids relative to :attr:`origin` ``(n_cells, d)``."""
+        return self._moments[1]
+
+    @cached_property
+    def cell_centroids(self) -> Float:
+        """Centroids of the cells ``(n_cells, d)``."""
+        return frozen_float(self.local_centroids + self.origin)
+
+    @cached_property
+    def face_measures(self) -> Float:
+        """Lengths or areas of the faces ``(n_faces,)``."""
+        return frozen_float(np.linalg.norm(self._face_vectors, axis=1))
+
+    @cached_property
+    def face_normals(self) -> Float:
+        """Unit normals outward from the owner ``(n_faces, d)``; 0 for faces of no measure."""
+        length = self.face_measures[:, None]
+        return frozen_float(self._face_vectors / np.where(length > 0, length, 1.0))
+
+    @cached_property
+    def cell_vertices(self) -> tuple[Int, Any]:
+        """Vertices of each cell as CSR (offsets int64, vertices int32), in no particular order."""
+        offsets, faces = self.cell_faces
+        if self.dim == 3:
+            return polyhedron_vertices(self.face_offsets, self.face_vertices, offsets, faces, self.n_points)
+        cells = np.repeat(np.arange(self.n_cells), np.diff(offsets))
+        side = (self.face_cells[faces, 0] != cells).astype(np.int64)
+        return offsets, frozen_index(self.face_vertices[2 * faces + side])
+
+    @cached_property
+    def cell_diameters(self) -> Float:
+        """Largest vertex distance of each cell ``(n_cells,)``."""
+        from agglo_core.kernels.geometry import block_diameters
+
+        cells = frozen_int(np.arange(self.n_cells + 1))
+        return frozen_float(block_diameters(cells, cells, *self.cell_vertices, self.local_points))
+
+    @property
+    def h(self) -> float:
+        """Mesh size: the largest cell diameter (paper, §2.2)."""
+        return float(self.cell_diameters.max())
+
+    @cached_property
+    def boundary_loops(self) -> Loops:
+        """Boundary loops of every cell (2-D).
+
+        Raises
+        ------
+        MeshError
+            In 3-D.
+        """
+        from agglo_core.kernels.faces import chain_loops
+
+        if self.dim != 2:
+            raise MeshError("boundary_loops exists only for 2-D meshes")
+        loops = chain_loops(self.local_points, *self.cell_faces, self.face_pairs, self.face_cells)
+        return Loops(*(frozen_int(part) for part in loops))
+
+    @cached_property
+    def graph(self) -> Any:
+        """Dual :class:`~agglo_core.graph.Graph`: one node per cell, one edge per pair of neighbours."""
+        return made_by("agglo_core.graph:dual_graph")(self)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of points and faces; a hierarchy remembers the mesh it belongs to by it."""
+        digest = hashlib.blake2b(digest_size=16)
+        for array in (self.points, self.face_offsets, self.face_vertices, self.face_cells):
+            digest.update(repr(array.shape).encode())
+            digest.update(array.tobytes())
+        return digest.hexdigest()

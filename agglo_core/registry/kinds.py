@@ -1,0 +1,139 @@
+"""The kinds of component: one record each. A new kind is a new record here and a file of laws.
+
+What a component of a kind must *do* is said in :mod:`agglo_core.protocols`; here stands what the registry
+checks when it builds one, which laws judge it, and which promises mean something.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final
+
+__all__ = ["KINDS", "PROMISES", "Kind", "kind_of_methods"]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of component.
+
+    Attributes
+    ----------
+    name : str
+    summary : str
+        What components of the kind are for.
+    methods : tuple of str
+        One of them is needed, the preferred first; none where the target is a plain function.
+    promises : tuple of str
+        Promises that some law of the kind can check.
+    laws : tuple of str
+        Files of laws in ``agglo_core/conformance/laws`` that judge it.
+    attributes : mapping of str to type
+        Attributes a component needs besides.
+    """
+
+    name: str
+    summary: str
+    methods: tuple[str, ...]
+    promises: tuple[str, ...]
+    laws: tuple[str, ...]
+    attributes: Mapping[str, type] = field(default_factory=dict)
+
+
+_ON_GRAPHS = ("deterministic", "invariant", "3d", "pickles")
+_RECORDS = (
+    Kind(
+        "bisector",
+        "splits a piece in two, or a graph in k parts",
+        ("bisect_level", "bisect", "partition"),
+        (*_ON_GRAPHS, "connected", "balanced", "kway"),
+        ("general", "bisector", "whole", "promises"),
+    ),
+    Kind(
+        "refiner",
+        "moves cells between parts to improve an objective",
+        ("refine",),
+        _ON_GRAPHS,
+        ("general", "parts", "refiner", "whole", "promises"),
+        {"objective": str},
+    ),
+    Kind(
+        "fixer",
+        "makes every part connected",
+        ("fix",),
+        _ON_GRAPHS,
+        ("general", "parts", "fixer", "whole", "promises"),
+    ),
+    Kind(
+        "metric",
+        "one number for each agglomerate",
+        ("measure",),
+        ("deterministic", "3d", "pickles"),
+        ("general", "metric", "whole", "promises"),
+    ),
+    Kind(
+        "solver",
+        "solves a problem with the help of a hierarchy",
+        ("solve",),
+        ("deterministic", "3d", "pickles", "symmetric"),
+        ("general", "solver", "whole", "promises"),
+    ),
+    Kind(
+        "format",
+        "reads a mesh from a file, and may write one",
+        ("read",),
+        ("3d", "pickles"),
+        ("general", "format"),
+        {"suffixes": tuple, "lossless": bool},
+    ),
+    Kind(
+        "sample",
+        "makes a mesh to try things on",
+        (),
+        ("3d",),
+        ("general", "sample"),
+    ),
+    Kind(
+        "problem",
+        "what a solver is asked to solve",
+        ("from_table",),
+        ("pickles",),
+        ("general", "problem"),
+    ),
+    Kind(
+        "smoother",
+        "damps the rough part of the error on one level of a multigrid method",
+        ("setup",),
+        ("deterministic", "pickles", "symmetric"),
+        ("general", "smoother"),
+    ),
+    Kind(
+        "constraint",
+        "says which cells may not share a part, or when a piece is done",
+        ("forbidden", "admissible", "finished"),
+        ("3d", "pickles"),
+        ("general", "constraint"),
+    ),
+    Kind(
+        "section",
+        "a section of the report",
+        ("html",),
+        ("pickles",),
+        ("general", "section"),
+        {"title": str},
+    ),
+)
+KINDS: Final[Mapping[str, Kind]] = MappingProxyType({record.name: record for record in _RECORDS})
+"""Every kind by name, in the order of listings."""
+
+PROMISES: Final = tuple(dict.fromkeys(promise for kind in _RECORDS for promise in kind.promises))
+"""Every promise that means something for some kind."""
+
+
+def kind_of_methods(component: object) -> str | None:
+    """The first kind of which a component has a method; None if it has none."""
+    for kind in KINDS.values():
+        if any(callable(getattr(component, method, None)) for method in kind.methods):
+            return kind.name
+    return None
