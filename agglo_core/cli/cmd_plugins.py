@@ -1,51 +1,154 @@
-"""``agglo plugins``: every component and command, its state and why."""
+"""``agglo plugins``: every component and command, its state and why; the options of one."""
 
 from __future__ import annotations
 
+import sys
+import textwrap
+from collections.abc import Iterator, Sequence
+from shutil import get_terminal_size
 from typing import Any
 
 import click
 
-from agglo_core.cli.console import print_json, print_table
-from agglo_core.registry import Record, default
+from agglo_core.cli.console import print_json
+from agglo_core.errors import PluginError
+from agglo_core.registry import KINDS, Record, Registry, default, describe
+from agglo_core.registry.construct import resolve
+from agglo_core.registry.options import Option, options_of
 
 __all__ = ["plugins"]
 
+_COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
+_PIPE = 200  # columns of what is no terminal
+_LEAST = 30  # columns for the last column, however narrow the terminal
 
-@click.command(short_help="List plugins, their components and states.")
+
+@click.command(short_help="List plugins, their components, states and options.")
+@click.argument("name", required=False)
 @click.option("-v", "--verbose", is_flag=True, help="Also show what each is, promises and requires.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of records.")
-def plugins(verbose: bool, as_json: bool) -> None:
+def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     """List the components and commands of all plugins, with their states.
+
+    With NAME (metis, bisector:metis, plugin/metis): what that component is, and its options with type,
+    default and meaning.
 
     States: ok; needs (a package that is not installed); broken; conflict (the name is taken); blocked
     (by AGGLO_BLOCK or AGGLO_ONLY). Installing a plugin runs its code: its declaration is imported by
     every command. AGGLO_TRACE=1 shows how.
     """
     registry = default()
-    records = [*registry.list(), *registry.commands()]
+    records = registry.records() if name is None else _named(registry, name)
     if as_json:
-        print_json([_data(record) for record in records])
-        return
-    columns = ["kind", "name", "plugin", "distribution", "state", "about"]
-    print_table("", columns, [_row(record, verbose) for record in records], fold="about")
+        print_json([_data(record) | (_options_data(record) if name else {}) for record in records])
+    elif name is None:
+        _print_columns(_COLUMNS, [_row(record, verbose) for record in records])
+    else:
+        for record in records:
+            click.echo("\n".join(_card(record)))
+
+
+def _named(registry: Registry, text: str) -> list[Record]:
+    """Records of ``name``, ``kind:name`` or ``plugin/name``; several if kinds share the name.
+
+    Raises
+    ------
+    PluginError
+        If there is none.
+    """
+    kind, colon, name = text.partition(":")
+    if colon:
+        return [registry.record(kind, name)]
+    found = [r for r in registry.records() if text in (r.name, f"{r.plugin}/{r.name}", r.plugin)]
+    exact = [record for record in found if record.name == text]
+    if found:
+        return exact or found
+    known = ", ".join(sorted({str(record.name) for record in registry.records()}))
+    raise PluginError(f"no component, command or plugin is named {text!r}; there are {known}")
+
+
+def _print_columns(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A table whose last column is folded at the width of the terminal; plain, for it may be long."""
+    widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns) - 1)]
+    width = get_terminal_size().columns if sys.stdout.isatty() else _PIPE
+    room = max(width - sum(widths) - 2 * len(widths), _LEAST)
+    margin = " " * (sum(widths) + 2 * len(widths))
+    lines = []
+    for row in (columns, ["-" * wide for wide in (*widths, len(columns[-1]))], *rows):
+        head = "".join(f"{cell:<{wide + 2}}" for cell, wide in zip(row, widths, strict=False))
+        about = [line for part in row[-1].split("\n") for line in textwrap.wrap(part, room) or [""]]
+        lines += [(head + about[0]).rstrip(), *(margin + line for line in about[1:])]
+    click.echo("\n".join(lines))
 
 
 def _row(record: Record, verbose: bool) -> list[str]:
     origin = f"{record.distribution} {record.version}".strip() or "–"
     about = [record.reason] if record.state != "ok" else []
     if verbose:
-        data = _data(record)
-        about += [data["summary"], f"target {data['target']}" if data["target"] else ""]
-        about += [f"requires {', '.join(data['requires'])}" if data["requires"] else ""]
-        promises = (
-            f"{name}={value}" if value is not True else name for name, value in data["promises"].items()
-        )
-        about += [f"promises {', '.join(promises)}" if data["promises"] else ""]
+        about += _particulars(record)
     elif record.state == "ok":
         about = [_data(record)["summary"]]
     text = "\n".join(line for line in about if line)
     return [str(record.kind), str(record.name), record.plugin, origin, record.state, text]
+
+
+def _particulars(record: Record) -> list[str]:
+    data = _data(record)
+    promises = (f"{name}={value}" if value is not True else name for name, value in data["promises"].items())
+    return [
+        data["summary"],
+        f"target {data['target']}" if data["target"] else "",
+        f"requires {', '.join(data['requires'])}" if data["requires"] else "",
+        f"promises {', '.join(promises)}" if data["promises"] else "",
+    ]
+
+
+def _card(record: Record) -> Iterator[str]:
+    """What a component is, and its options, a line each."""
+    kind = KINDS.get(record.kind)
+    yield f"{describe(record)}: {record.state}"
+    if record.reason:
+        yield f"  {record.reason}"
+    if kind:
+        yield f"  {kind.name}: {kind.summary}"
+    yield from (f"  {line}" for line in _particulars(record) if line)
+    if record.state != "ok" or record.component is None:
+        return
+    options = options_of(resolve(record))
+    if options is None:
+        yield "  options: any; it checks them itself"
+    elif not options:
+        yield "  no options"
+    else:
+        yield "  options:"
+        yield from (f"    {line}" for option in options for line in _lines(option))
+
+
+def _lines(option: Option) -> list[str]:
+    given = "must be given" if option.required else f"default {option.default!r}"
+    head = f"{option.name}: {option.type_name}; {given}"
+    return [head, f"    {option.about}"] if option.about else [head]
+
+
+def _options_data(record: Record) -> dict[str, Any]:
+    """Options as plain data; None where they are not known."""
+    if record.state != "ok" or record.component is None:
+        return {"options": None}
+    options = options_of(resolve(record))
+    if options is None:
+        return {"options": None}
+    return {
+        "options": [
+            {
+                "name": option.name,
+                "type": option.type_name,
+                "required": option.required,
+                "default": None if option.required else repr(option.default),
+                "about": option.about,
+            }
+            for option in options
+        ]
+    }
 
 
 def _data(record: Record) -> dict[str, Any]:

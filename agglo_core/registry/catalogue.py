@@ -21,7 +21,7 @@ from agglo_core.registry.construct import construct
 from agglo_core.registry.declarations import Command, Component, Hooks, faults
 from agglo_core.registry.discovery import PLUGIN_FAILURES, Found, attach, detach, installed, raised
 from agglo_core.registry.kinds import KINDS
-from agglo_core.registry.records import Record, describe, with_conflicts, with_requirements
+from agglo_core.registry.records import Installed, Record, describe, with_conflicts, with_requirements
 
 __all__ = ["Registry", "default"]
 
@@ -87,6 +87,10 @@ class Registry:
         for plugin in self._plugins:
             if plugin.name == name:
                 detach(self._manager, plugin.plugin)
+
+    def records(self) -> Records:
+        """Components with their states, plugins that failed as a whole, then commands; never fails."""
+        return sorted(self._records(), key=lambda record: record.command is not None)
 
     def list(self) -> Records:
         """Every component with its state, and every plugin that failed as a whole; never fails."""
@@ -206,7 +210,8 @@ class Registry:
 
     def _records(self, wanted: Callable[[Record], bool] = lambda _: True, *, settled: bool = True) -> Records:
         found = (record for plugin in self._plugins for record in plugin.records if wanted(record))
-        records = [with_requirements(self._unblocked(record)) for record in found]
+        installed = Installed()
+        records = [with_requirements(self._unblocked(record), installed) for record in found]
         return with_conflicts(records) if settled else records
 
     def _unblocked(self, record: Record) -> Record:

@@ -245,20 +245,18 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
 
 
 def _described(target: Callable[..., Any]) -> dict[str, str]:
-    """First line of what a numpydoc docstring says of each parameter, or attribute."""
+    """First sentence of what a numpydoc docstring says of each parameter, or attribute."""
     text = inspect.getdoc(target) or ""
     about: dict[str, str] = {}
     for head in ("Parameters", "Attributes"):
         section = re.search(rf"^{head}\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.M | re.S)
-        name = ""
-        for line in section[1].splitlines() if section else ():
-            entry = re.match(r"(\w+(?:, \w+)*) *(?::.*)?$", line)
-            if entry:
-                name = entry[1]
-            elif line.strip() and name:
-                for each in name.split(", "):
-                    about.setdefault(each, line.strip())
-                name = ""
+        entries = re.split(r"^(?=\w)", section[1] if section else "", flags=re.M)
+        for entry in entries:
+            names, _, body = entry.partition("\n")
+            words = " ".join(body.split())
+            sentence = re.match(r".*?[.](?= |$)|.*", words)
+            for name in names.partition(":")[0].split(","):
+                about.setdefault(name.strip(), sentence[0].rstrip(".") if sentence else "")
     return about
 
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 from agglo_core.registry.declarations import CORE_COMMANDS, Command, Component
 
-__all__ = ["Record", "State", "describe", "unusable", "with_conflicts", "with_requirements"]
+__all__ = ["Installed", "Record", "State", "describe", "unusable", "with_conflicts", "with_requirements"]
 
 State = Literal["ok", "needs", "broken", "conflict", "blocked"]
 
@@ -83,29 +83,50 @@ def unusable(record: Record) -> str:
     return record.reason if record.state == "needs" else f"{record.state}: {record.reason}"
 
 
-def with_requirements(record: Record) -> Record:
-    """The record as ``needs`` if a module it requires cannot be found (nothing is imported)."""
+class Installed:
+    """What is installed, looked up once for each name: for one listing, as installing goes on."""
+
+    def __init__(self) -> None:
+        self._modules: dict[str, bool] = {}
+        self._extras: dict[str, dict[str, set[str]]] = {}
+
+    def importable(self, name: str) -> bool:
+        """Whether a module can be found (nothing is imported)."""
+        top = name.partition(".")[0]  # looking for a submodule would import its package
+        if top not in self._modules:
+            self._modules[top] = _found(top)
+        return self._modules[top]
+
+    def extras(self, distribution: str) -> dict[str, set[str]]:
+        """Projects each extra of a distribution brings, in the order of its metadata; none if unknown."""
+        if distribution not in self._extras:
+            self._extras[distribution] = _extras(distribution)
+        return self._extras[distribution]
+
+
+def with_requirements(record: Record, installed: Installed) -> Record:
+    """The record as ``needs`` if a module it requires cannot be found."""
     if record.component is None or record.state != "ok":
         return record
-    missing = tuple(name for name in record.component.requires if not _importable(name))
+    missing = tuple(name for name in record.component.requires if not installed.importable(name))
     if not missing:
         return record
-    reason = f"needs {', '.join(missing)}, not installed here; try: {_remedy(record, missing)}"
+    remedy = _remedy(record, missing, installed)
+    reason = f"needs {', '.join(missing)}, not installed here; try: {remedy}"
     return replace(record, state="needs", reason=reason, missing=missing)
 
 
-def _importable(name: str) -> bool:
-    top = name.partition(".")[0]  # looking for a submodule would import its package
+def _found(module: str) -> bool:
     try:
-        return find_spec(top) is not None
+        return find_spec(module) is not None
     except (ImportError, ValueError):
-        return sys.modules.get(top) is not None
+        return sys.modules.get(module) is not None
 
 
-def _remedy(record: Record, missing: Sequence[str]) -> str:
+def _remedy(record: Record, missing: Sequence[str], installed: Installed) -> str:
     """The install line: the plugin's own extra, another one that brings what is missing, or the packages."""
     wanted = {_PROJECTS.get(name, name) for name in missing}
-    extras = _extras(record.distribution)
+    extras = installed.extras(record.distribution)
     own = extras.get(record.plugin)
     bringing = [extra for extra, names in extras.items() if wanted <= names]
     if own is not None and (not own or record.plugin in bringing):
@@ -117,7 +138,6 @@ def _remedy(record: Record, missing: Sequence[str]) -> str:
 
 
 def _extras(distribution: str) -> dict[str, set[str]]:
-    """Projects each extra of a distribution brings, in the order of its metadata; none if unknown."""
     try:
         lines = metadata.metadata(distribution)
     except (metadata.PackageNotFoundError, ValueError):

@@ -191,7 +191,7 @@ MISBEHAVING = (
         _declares(_component("methodless")),
         "ok",
         code="class Part: ...",
-        uses=_use("methodless", "has no method bisect(…) or bisect_level(…)"),
+        uses=_use("methodless", "has no method bisect_level(…) or bisect(…)"),
     ),
     Fake("gone", _declares(_component("gone")), "ok", uses=_use("gone", "AttributeError")),
 )
