@@ -22,10 +22,6 @@ MOVED = MappingProxyType(
         "boxplot": "draw.boxplot",
         "comparison": "measure.comparison",
         "defaults": "components",
-        "defaults.fixers": "components.fixers",
-        "defaults.geometric": "components.geometric",
-        "defaults.metrics": "components.metrics",
-        "defaults.refiners": "components.refiners",
         "defaults.shapes": "components.shape_metrics",
         "defaults.sweep": "components.straight_cuts",
         "elements": "mesh.elements",
@@ -63,7 +59,7 @@ class _Finder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        new = MOVED.get(fullname.removeprefix(_PACKAGE)) if fullname.startswith(_PACKAGE) else None
+        new = _new_name(fullname.removeprefix(_PACKAGE)) if fullname.startswith(_PACKAGE) else None
         if new is None:
             return None
         message = f"{fullname} is now {_PACKAGE}{new}"
@@ -71,7 +67,15 @@ class _Finder(MetaPathFinder):
         return ModuleSpec(fullname, _Moved(_PACKAGE + new), is_package=True)
 
 
+def _new_name(old: str) -> str | None:
+    """Today's name of a module; modules of a folder that moved as a whole keep their own."""
+    folder, _, module = old.partition(".")
+    if old in MOVED or not module or folder not in MOVED:
+        return MOVED.get(old)
+    return f"{MOVED[folder]}.{module}"
+
+
 def watch_for_moved() -> None:
     """Let imports of old names find what they mean, once per process."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
-        sys.meta_path.append(_Finder())
+        sys.meta_path.insert(0, _Finder())  # first, or a module of a moved folder would be loaded twice
