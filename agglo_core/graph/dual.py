@@ -72,7 +72,7 @@ class Graph(BlockGraph):
             data=mesh.cell_tags,
             origin=mesh.origin,
         )
-        graph.__dict__["_sound"] = True
+        graph.__dict__["_valid"] = True
         return graph
 
     @classmethod
@@ -123,14 +123,14 @@ class Graph(BlockGraph):
             data={key: np.array(values) for key, values in (data or {}).items()},
             origin=origin,
         )
-        graph.ensure_sound()
+        graph.ensure_valid()
         return graph
 
-    def ensure_sound(self) -> None:
+    def ensure_valid(self) -> None:
         """Run :meth:`check` once; the graph of a mesh is known to pass."""
-        if "_sound" not in self.__dict__:
+        if "_valid" not in self.__dict__:
             self.check()
-            self.__dict__["_sound"] = True
+            self.__dict__["_valid"] = True
 
     def check(self) -> None:
         """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
