@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, Mask, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
-from agglo_core.protocols import Bisector, LevelBisector, Target, TargetAware
+from agglo_core.protocols import Bisector, LevelBisector, Target
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 __all__ = [
@@ -54,19 +54,18 @@ def attributed(member: Member, *, spare: type[Exception] | tuple[()] = ()) -> It
 
 def bisector_for(member: Member, target: Target) -> Member:
     """The bisector told its target; the member itself if that makes no difference to it."""
-    tool = member.tool
-    old_name = not isinstance(tool, TargetAware) and callable(getattr(tool, "aim", None))
-    if old_name:
-        _warn_of_old_name(f"{type(tool).__module__}.{type(tool).__qualname__}")
-    elif not isinstance(tool, TargetAware):
+    methods = [name for name in ("for_target", "aim") if callable(getattr(member.tool, name, None))]
+    if not methods:
         return member
+    if methods[0] == "aim":
+        _warn_of_old_name(f"{type(member.tool).__module__}.{type(member.tool).__qualname__}")
     with attributed(member):
-        told = tool.aim(target) if old_name else tool.for_target(target)
-    if told is tool:
+        told = getattr(member.tool, methods[0])(target)
+    if told is member.tool:
         return member
-    if not isinstance(told, LevelBisector | Bisector) or isinstance(told, type):
+    if isinstance(told, type) or not isinstance(told, LevelBisector | Bisector):
         raise PluginError(
-            f"{member.title}: {'aim' if old_name else 'for_target'} returned {told!r:.60}, "
+            f"{member.title}: {methods[0]} returned {told!r:.60}, "
             "expected an object with bisect_level or bisect"
         )
     return Member(told, member.title)

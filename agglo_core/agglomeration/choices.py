@@ -43,7 +43,9 @@ def new_run(
         refiners=[chosen("refiner", each, registry)[0] for each in refiners],
         post_refiners=[chosen("refiner", each, registry)[0] for each in post_refiners],
         fixer=chosen("fixer", fixer, registry)[0],
-        fallback=_stand_in(member, "declares the fallback", fallback, registry) if fallback else None,
+        fallback=_stand_in(member, "declares the fallback", fallback, registry)
+        if fallback is not None
+        else None,
         partitioner=member if kway else None,
         listen=registry.level_done,
         seed=seed,
