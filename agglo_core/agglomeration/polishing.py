@@ -89,8 +89,8 @@ def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
 
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
-    """One k-way pass of the post-refiners in each block; moves that break a part are taken back."""
-    level, cells = graph.split(blocks)
+    """One k-way pass of the post-refiners in each block; moves that spoil a part are taken back."""
+    pieces, cells = graph.split(blocks)
     before = labels[cells]
     owner = np.empty(int(labels.max()) + 1, np.int64)
     owner[labels] = blocks
@@ -98,24 +98,24 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
     first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
     local = np.empty(len(owner), np.int64)
     local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
-    seeds = run.seeds(stage, level.n_blocks)
+    seeds = run.seeds(stage, pieces.n_blocks)
     target = Target(parts=len(owner), h_star=goal.target.h_star)
-    moved = run.refine(level, frozen_int(local[before]), seeds, target, post=True)
-    after = by_block[first[level.block_ids] + moved]
+    moved = run.refine(pieces, frozen_int(local[before]), seeds, target, post=True)
+    after = by_block[first[pieces.block_ids] + moved]
     result = np.empty(graph.n, np.int64)
-    result[cells] = _without_bad_moves(level, before, after, goal.limit)
+    result[cells] = _without_bad_moves(pieces, before, after, goal.limit)
     return frozen_int(result)
 
 
-def _without_bad_moves(level: Graph, before: Int, after: Int, limit: float) -> Int:
+def _without_bad_moves(pieces: Graph, before: Int, after: Int, limit: float) -> Int:
     """Take back all moves in or out of parts that became disconnected or too wide, until none is."""
     while True:
-        component = level.components(after)
-        pieces = np.zeros(int(component.max()) + 1, np.int64)
-        pieces[component] = after
-        bad = np.bincount(pieces, minlength=int(after.max()) + 1) > 1
+        component = pieces.components(after)
+        part_of = np.zeros(int(component.max()) + 1, np.int64)
+        part_of[component] = after
+        bad = np.bincount(part_of, minlength=int(after.max()) + 1) > 1
         if np.isfinite(limit):
-            bad |= level.part_diameters(after) > limit
+            bad |= pieces.part_diameters(after) > limit
         back = (bad[after] | bad[before]) & (after != before)
         if not back.any():
             return after

@@ -21,7 +21,7 @@ _FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points"
 
 @dataclass(frozen=True, eq=False)
 class BlockGraph:
-    """Arrays of a :class:`~agglo_core.graph.Graph` (which says what they are), taken to pieces."""
+    """Arrays of a :class:`~agglo_core.graph.Graph`, which says what they are, and what is made of its blocks."""
 
     indptr: Int
     indices: Index

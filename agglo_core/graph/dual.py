@@ -25,8 +25,8 @@ __all__ = ["Graph", "dual_graph"]
 class Graph(BlockGraph):
     """Dual graph of a mesh; one block per piece.
 
-    Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks: a mesh is one
-    block, a recursion level is one block-diagonal Graph.
+    Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block;
+    a *level*, all pieces of one depth of a recursion, is one block-diagonal Graph.
 
     Attributes
     ----------
