@@ -38,14 +38,13 @@ def new_run(
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
     if not kway and not bisects:
         raise OptionError(f"{member.title} cannot bisect; use method='kway'")
+    rescue = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
     return Run(
         bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),
         refiners=[chosen("refiner", each, registry)[0] for each in refiners],
         post_refiners=[chosen("refiner", each, registry)[0] for each in post_refiners],
         fixer=chosen("fixer", fixer, registry)[0],
-        fallback=_stand_in(member, "declares the fallback", fallback, registry)
-        if fallback is not None
-        else None,
+        fallback=rescue,
         partitioner=member if kway else None,
         listen=registry.level_done,
         seed=seed,

@@ -1,8 +1,8 @@
 """Goals: what the parts of a level are to be, a largest diameter or a number of them.
 
 A goal says when a piece is finished, how a split shares what is left to do, what components are told,
-and what the level reports. Pieces are lists of cells: ``order`` has the cells, ``offsets`` cuts it. Each
-piece has a *state*, one number: its diameter, or the number of parts it is still to become.
+and what the level reports (``asked``). Each piece has a *state*, one number: its diameter, or the number of
+parts it is to become. Pieces are given as lists of cells: ``order``, cut by ``offsets``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.agglomeration.quotas import apportion, split_quotas
-from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.agglomeration.quotas import share_out, split_quotas
+from agglo_core.arrays import Float, Int, Mask, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
@@ -57,8 +57,10 @@ class SizeGoal:
         side = float((graph.measures.sum() / (0.5 * ball)) ** (1.0 / graph.dim)) / self.h_star
         return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))
 
-    def roots(self, graph: Graph, order: Int, offsets: Int) -> tuple[Float, Mask]:
-        """State of each first piece, and whether it is finished."""
+    def assess(
+        self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
+    ) -> tuple[Float, Mask]:
+        """State of each piece, and whether it is finished; ``above``: states of the blocks split into them."""
         from agglo_core.kernels.geometry import compare_diameters
 
         diameter = frozen_float(
@@ -67,10 +69,6 @@ class SizeGoal:
             )
         )
         return diameter, (diameter <= self.limit) | (np.diff(offsets) == 1)
-
-    def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:
-        """The same for the two sides of each block, given the state of the blocks."""
-        return self.roots(level, order, offsets)
 
     @cached_property
     def _limits(self) -> Float:
@@ -103,19 +101,17 @@ class CountGoal:
         """Number of parts to ask of a direct partition."""
         return self.parts
 
-    def roots(self, graph: Graph, order: Int, offsets: Int) -> tuple[Float, Mask]:
-        """State of each first piece, and whether it is finished."""
-        quotas = self.quotas
-        if quotas is None:
-            sizes = np.diff(offsets)
-            pieces = np.repeat(np.arange(len(sizes)), sizes)
-            measures = frozen_float(np.bincount(pieces, graph.measures[order]))
-            quotas = apportion(self.parts, measures, frozen_int(sizes))
-        return frozen_float(quotas), quotas == 1
-
-    def children(self, level: Graph, order: Int, offsets: Int, state: Float) -> tuple[Float, Mask]:
-        """The same for the two sides of each block, given the state of the blocks."""
-        quotas = split_quotas(state, level.measures[order], offsets)
+    def assess(
+        self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
+    ) -> tuple[Float, Mask]:
+        """State of each piece, and whether it is finished; ``above``: states of the blocks split into them."""
+        measures = graph.measures[order]
+        if above is not None:
+            quotas = split_quotas(above, measures, offsets)
+        elif self.quotas is not None:
+            quotas = frozen_float(self.quotas)
+        else:
+            quotas = frozen_float(share_out(self.parts, measures, offsets))
         return quotas, quotas == 1
 
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.quotas import apportion, part_measures
+from agglo_core.agglomeration.quotas import apportion, share_out
 from agglo_core.agglomeration.recursion import grow, note_oversized
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.protocols import Target
@@ -40,12 +40,10 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
 
 def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> Int:
     """One level on ``graph``: partition each component, refine, repair, then split what remains to split."""
-    labels = graph.components()
-    sizes = np.bincount(labels)
+    pieces, cells = graph.split(graph.components())
     if isinstance(goal, SizeGoal):
-        parts = int(np.clip(parts, len(sizes), graph.n))
-    quotas = apportion(parts, part_measures(graph, labels), frozen_int(sizes))
-    pieces, cells = graph.split(labels)
+        parts = int(np.clip(parts, pieces.n_blocks, graph.n))
+    quotas = share_out(parts, pieces.measures, pieces.offsets)
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
     with statistics.timed("partition"):
         local = _partition_components(pieces, quotas, run, seeds)
@@ -81,7 +79,7 @@ def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run:
 
 def _missing(graph: Graph, labels: Int, quotas: Int, found: Int) -> Int:
     """Parts that each part is to become, so that each component, with ``found`` parts, has its quota."""
-    measures = part_measures(graph, labels)
+    measures = frozen_float(np.bincount(labels, graph.measures))
     cells = frozen_int(np.bincount(labels))
     stops = np.cumsum(found)
     shares = [

@@ -238,10 +238,7 @@ def agglomerate(
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
     base = Pipeline() if config is None else Pipeline.from_toml(config)
     counts = n_parts is not None or cells_per_part is not None
-    if counts or h_star is not None or h_factor is not None:  # they replace the targets of the file
-        targets = (h_star, h_factor, n_parts, cells_per_part)
-    else:
-        targets = (base.h_star, base.h_factor, base.n_parts, base.cells_per_part)
+    own = counts or h_star is not None or h_factor is not None  # a target given replaces those of the file
     return Pipeline(
         bisector=_given(bisector, base.bisector),
         refiners=_given(refiners, base.refiners),
@@ -251,10 +248,10 @@ def agglomerate(
         merge=_given(merge, base.merge and not counts),
         post_refiners=_given(post_refiners, base.post_refiners),
         seed=_given(seed, base.seed),
-        h_star=targets[0],
-        h_factor=targets[1],
-        n_parts=targets[2],
-        cells_per_part=targets[3],
+        h_star=h_star if own else base.h_star,
+        h_factor=h_factor if own else base.h_factor,
+        n_parts=n_parts if own else base.n_parts,
+        cells_per_part=cells_per_part if own else base.cells_per_part,
         constraints=_given(constraints, base.constraints),
     ).run(mesh, registry)
 

@@ -6,14 +6,15 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
 
-__all__ = ["apportion", "part_measures", "split_quotas"]
+__all__ = ["apportion", "share_out", "split_quotas"]
 
 
-def part_measures(graph: Graph, labels: Int) -> Float:
-    """Measure of each part ``(k,)``."""
-    return frozen_float(np.bincount(labels, weights=graph.measures))
+def share_out(k: int, measures: Float, offsets: Int) -> Int:
+    """Quotas of pieces that hold cells of these ``measures``, piece after piece, cut by ``offsets``."""
+    sizes = np.diff(offsets)
+    pieces = np.repeat(np.arange(len(sizes)), sizes)
+    return apportion(k, frozen_float(np.bincount(pieces, measures)), frozen_int(sizes))
 
 
 def apportion(k: int, measures: Float, cells: Int) -> Int:

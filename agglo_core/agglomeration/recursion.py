@@ -85,7 +85,7 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
     with statistics.timed("split"):
         source, cells = graph.split(labels)
         order, offsets = frozen_int(np.arange(graph.n)), source.offsets
-        state, finished = goal.roots(source, order, offsets)
+        state, finished = goal.assess(source, order, offsets)
     start = np.asarray(offsets[:-1])
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
     seeds = run.seeds(stage, len(start))
@@ -104,7 +104,7 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
         sides = _split(source, run, seeds, goal.target)
         with statistics.timed("test"):
             order, offsets = _children(source, sides)
-            state, finished = goal.children(source, order, offsets, frozen_float(state))
+            state, finished = goal.assess(source, order, offsets, frozen_float(state))
         sizes = np.diff(offsets)
         start = np.stack((start, start + sizes[::2]), axis=1).ravel()
         nodes = growth.add(np.repeat(nodes, 2), start, sizes, state)

@@ -21,7 +21,7 @@ _FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points"
 
 @dataclass(frozen=True, eq=False)
 class BlockGraph:
-    """Arrays of a :class:`~agglo_core.graph.Graph`, which says what they are, and what is made of its blocks."""
+    """Arrays of a :class:`~agglo_core.graph.Graph`, which says what they are; its blocks on their own."""
 
     indptr: Int
     indices: Index

@@ -40,7 +40,7 @@ def children_of(quota, left, right):
     graph = cloud([*left, *right])
     offsets = frozen_int([0, len(left), graph.n])
     goal = CountGoal(quota)
-    state, finished = goal.children(graph, frozen_int(np.arange(graph.n)), offsets, frozen_float([quota]))
+    state, finished = goal.assess(graph, frozen_int(np.arange(graph.n)), offsets, frozen_float([quota]))
     assert np.array_equal(finished, state == 1)
     return [int(k) for k in state]
 
@@ -148,10 +148,10 @@ def test_a_size_is_met_up_to_rounding_and_not_beyond():
     grid = samples.squares(4).graph
     order, offsets = frozen_int(np.arange(16)), frozen_int([0, 16])
     for h_star, small_enough in [(np.sqrt(2), True), (np.sqrt(2) * (1 - 5e-10), True), (1.414213, False)]:
-        diameter, finished = SizeGoal(h_star).roots(grid, order, offsets)
+        diameter, finished = SizeGoal(h_star).assess(grid, order, offsets)
         assert diameter == pytest.approx([np.sqrt(2)])
         assert finished.tolist() == [small_enough]
-    _, finished = SizeGoal(1e-3).roots(grid, order, frozen_int([0, 1, 16]))
+    _, finished = SizeGoal(1e-3).assess(grid, order, frozen_int([0, 1, 16]))
     assert finished.tolist() == [True, False]  # a single cell is finished whatever its size
 
 
