@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Admitting",
-    "Aiming",
     "Bisector",
     "ConnectivityFixer",
     "Constraint",
@@ -46,6 +45,7 @@ __all__ = [
     "Smoother",
     "Solver",
     "Target",
+    "TargetAware",
     "WritableFormat",
 ]
 
@@ -71,7 +71,7 @@ class Target:
 
 @runtime_checkable
 class Bisector(Protocol):
-    """The simple road: split one connected graph in two."""
+    """The simple way: split one connected graph in two."""
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Sides:
         """Return the side of each node, shape ``(n,)``; both sides non-empty for n >= 2."""
@@ -80,7 +80,7 @@ class Bisector(Protocol):
 
 @runtime_checkable
 class LevelBisector(Protocol):
-    """The fast road: split every block of a level in one call."""
+    """The fast way: split every block of a level in one call."""
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
         """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
@@ -88,10 +88,10 @@ class LevelBisector(Protocol):
 
 
 @runtime_checkable
-class Aiming(Protocol):
+class TargetAware(Protocol):
     """Optional: a bisector that wants to know what the pieces are to become."""
 
-    def aim(self, target: Target) -> LevelBisector | Bisector:
+    def for_target(self, target: Target) -> LevelBisector | Bisector:
         """Return the bisector for pieces that are to meet ``target``: itself if that is the same for it.
 
         Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
@@ -232,7 +232,11 @@ class Forbidding(Protocol):
     """A constraint on pairs of neighbours."""
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return ``(m,)``, for each CSR entry of the graph whether its two cells may not share a part."""
+        """Return ``(m,)``, for each CSR entry of the graph whether nothing may be joined across it.
+
+        Both directions of an edge agree. Parts are connected without such edges, so they never reach
+        across a closed barrier; around the open end of one they may.
+        """
         ...
 
 

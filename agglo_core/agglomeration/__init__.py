@@ -1,4 +1,4 @@
-"""From a mesh or graph to a hierarchy: components at work, level by level, until every target is met."""
+"""From a mesh or graph to a hierarchy: a run of chosen components, until every goal is met."""
 
 from agglo_core.agglomeration.pipeline import Choice, Pipeline, agglomerate
 

@@ -2,41 +2,75 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agglo_core.agglomeration.run import Member
-from agglo_core.errors import AggloError, FileError, OptionError, PluginError
-from agglo_core.registry import default, describe
+from agglo_core.agglomeration.border import Member
+from agglo_core.agglomeration.run import Run
+from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.protocols import Bisector, LevelBisector, Partitioner
+from agglo_core.registry import KINDS, Registry, describe
 
-__all__ = ["Choice", "choice_from_table", "fallback_member", "member", "short_name"]
+__all__ = ["Choice", "chosen", "new_run", "short_name"]
 
 Choice = str | tuple[str, Mapping[str, Any]] | Any
-"""A component: its name, its name with options, or an object that has the method of its kind."""
+"""A component: its name, its name with options, or an object that has a method of its kind."""
 
 
-def fallback_member(bisector: Member, name: str | None) -> Member | None:
-    if name is None:
-        return None
+def new_run(
+    registry: Registry,
+    *,
+    kway: bool,
+    bisector: Choice,
+    refiners: Sequence[Choice],
+    post_refiners: Sequence[Choice],
+    fixer: Choice,
+    seed: int,
+) -> Run:
+    """The run of these components; in a k-way run the bisector must have ``partition``.
+
+    Parts that need splitting after a direct partition are bisected: by ``inertial`` if the bisector
+    cannot.
+    """
+    member, fallback = chosen("bisector", bisector, registry)
+    bisects = isinstance(member.tool, LevelBisector | Bisector)
+    if kway and not isinstance(member.tool, Partitioner):
+        raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
+    if not kway and not bisects:
+        raise OptionError(f"{member.title} cannot bisect; use method='kway'")
+    rescue = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
+    return Run(
+        bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),
+        refiners=[chosen("refiner", each, registry)[0] for each in refiners],
+        post_refiners=[chosen("refiner", each, registry)[0] for each in post_refiners],
+        fixer=chosen("fixer", fixer, registry)[0],
+        fallback=rescue,
+        partitioner=member if kway else None,
+        listen=registry.level_done,
+        seed=seed,
+    )
+
+
+def _stand_in(bisector: Member, why: str, choice: Choice, registry: Registry) -> Member:
     try:
-        return member("bisector", name)[0]
+        return chosen("bisector", choice, registry)[0]
     except AggloError as error:
-        raise PluginError(f"{bisector.title} declares the fallback {name!r}: {error}") from error
+        raise PluginError(f"{bisector.title} {why} {choice!r}: {error}") from error
 
 
-def choice_from_table(file: Path, key: str, value: Any) -> Choice:
-    if isinstance(value, str):
-        return value
-    if isinstance(value, dict) and isinstance(value.get("name"), str):
-        return value["name"], {option: each for option, each in value.items() if option != "name"}
-    raise FileError(f"{file}: {key} must be a name or a table with a name, not {value!r}")
-
-
-def short_name(choice: Choice) -> str:
-    if isinstance(choice, str):
-        return choice
-    return choice[0] if isinstance(choice, tuple) else type(choice).__name__
+def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
+    """The component a choice stands for, and the fallback it declared."""
+    if isinstance(choice, str | tuple):
+        name, options = (choice, {}) if isinstance(choice, str) else _named(kind, choice)
+        record = registry.record(kind, name)
+        tool = registry.assemble(record, options)
+        return Member(tool, describe(record)), record.component.fallback if record.component else None
+    methods = KINDS[kind].methods
+    if isinstance(choice, type) or not any(callable(getattr(choice, each, None)) for each in methods):
+        raise OptionError(
+            f"{choice!r} is no {kind}: it needs a name or an object with {' or '.join(methods)}"
+        )
+    return Member(choice, f"{kind} {type(choice).__name__}"), getattr(choice, "fallback", None)
 
 
 def _named(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
@@ -45,20 +79,8 @@ def _named(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
     raise OptionError(f"a {kind} is a name, (name, options) or an object, not {choice!r}")
 
 
-def member(kind: str, choice: Choice) -> tuple[Member, str | None]:
-    """The component a choice stands for, and the name of the fallback it declared."""
-    if isinstance(choice, str | tuple):
-        name, options = (choice, {}) if isinstance(choice, str) else _named(kind, choice)
-        record = default().record(kind, name)
-        tool = default().assemble(record, options)
-        return Member(tool, describe(record)), record.component.fallback if record.component else None
-    methods = {
-        "bisector": ("bisect", "bisect_level", "partition"),
-        "refiner": ("refine",),
-        "fixer": ("fix",),
-    }[kind]
-    if isinstance(choice, type) or not any(callable(getattr(choice, each, None)) for each in methods):
-        raise OptionError(
-            f"{choice!r} is no {kind}: it needs a name or an object with {' or '.join(methods)}"
-        )
-    return Member(choice, f"{kind} {type(choice).__name__}"), getattr(choice, "fallback", None)
+def short_name(choice: Choice) -> str:
+    """The name a choice goes by in statistics."""
+    if isinstance(choice, str):
+        return choice
+    return choice[0] if isinstance(choice, tuple) else type(choice).__name__

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
+from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.quotas import apportion, share_out
 from agglo_core.agglomeration.recursion import grow, note_oversized
-from agglo_core.agglomeration.rules import ByDiameter, ByQuota, Rule, apportion, part_measures
-from agglo_core.agglomeration.run import Crew
-from agglo_core.agglomeration.targets import Levels
-from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.protocols import Target
@@ -17,7 +20,7 @@ from agglo_core.protocols import Target
 __all__ = ["kway_levels"]
 
 
-def kway_levels(graph: Graph, levels: Levels, nested: bool, crew: Crew, post: PostPass) -> list[Int]:
+def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, post: PostPass) -> list[Int]:
     """Labels of each level, finest first.
 
     Nested hierarchies are built bottom-up: each level partitions the dual graph of the one below.
@@ -25,11 +28,9 @@ def kway_levels(graph: Graph, levels: Levels, nested: bool, crew: Crew, post: Po
     """
     result: list[Int] = []
     current, fine_to_current = graph, frozen_int(np.arange(graph.n))
-    for stage, target in enumerate(levels.sizes or levels.counts):
-        size = target if levels.sizes else None
-        parts = _estimate(graph, target) if levels.sizes else int(target)
-        labels = _one_level(current, parts, size, crew, stage)
-        labels = post.apply(current, current.components(), labels, size, crew, stage)
+    for stage, goal in enumerate(goals):
+        labels = _one_level(current, goal.estimate(graph), goal, run, stage)
+        labels = post.apply(current, current.components(), labels, goal, run, stage)
         result.append(by_first_cell(labels[fine_to_current]))
         if nested:
             fine_to_current = result[-1]
@@ -37,66 +38,56 @@ def kway_levels(graph: Graph, levels: Levels, nested: bool, crew: Crew, post: Po
     return result
 
 
-def _estimate(graph: Graph, h_star: float) -> int:
-    """Number of parts to ask for at ``h_star``: real parts fill about half a ball of that diameter."""
-    ball = np.pi / 4 if graph.dim == 2 else np.pi / 6
-    side = float((graph.measures.sum() / (0.5 * ball)) ** (1.0 / graph.dim)) / h_star
-    return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))
-
-
-def _one_level(graph: Graph, parts: int, h_star: float | None, crew: Crew, stage: int) -> Int:
+def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> Int:
     """One level on ``graph``: partition each component, refine, repair, then split what remains to split."""
-    labels = graph.components()
-    sizes = np.bincount(labels)
-    if h_star is not None:
-        parts = int(np.clip(parts, len(sizes), graph.n))
-    quotas = apportion(parts, part_measures(graph, labels), frozen_int(sizes))
-    pieces, cells = graph.split(labels)
-    seeds, statistics = crew.seeds(stage, pieces.n_blocks), crew.statistics
+    pieces, cells = graph.split(graph.components())
+    if isinstance(goal, SizeGoal):
+        parts = int(np.clip(parts, pieces.n_blocks, graph.n))
+    quotas = share_out(parts, pieces.measures, pieces.offsets)
+    seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
     with statistics.timed("partition"):
-        local = _partition_components(pieces, quotas, crew, seeds)
-    target = Target(parts=parts, h_star=h_star)
+        local = _partition_components(pieces, quotas, run, seeds)
+    target = Target(parts=parts, h_star=goal.target.h_star)
     with statistics.timed("refine"):
-        local = crew.refine(pieces, local, seeds, target)
+        local = run.refine(pieces, local, seeds, target)
     with statistics.timed("fix"):
-        local = crew.fix(pieces, local)
+        local = run.fix(pieces, local)
     found = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
     first = np.cumsum(found) - found
     labels = np.empty(graph.n, np.int64)
     labels[cells] = local + np.repeat(first, np.diff(pieces.offsets))
-    return _finish(graph, frozen_int(labels), quotas, found, h_star, crew, stage)
+    return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
 
 
-def _partition_components(pieces: Graph, quotas: Int, crew: Crew, seeds: UInt64) -> Int:
+def _partition_components(pieces: Graph, quotas: Int, run: Run, seeds: UInt64) -> Int:
     """Labels local to each component, gaps closed."""
     local = np.zeros(pieces.n, np.int64)
     for b in np.flatnonzero(quotas > 1):
         nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
-        local[nodes] = crew.partition(pieces[int(b)], int(quotas[b]), int(seeds[b]))
+        local[nodes] = run.partition(pieces[int(b)], int(quotas[b]), int(seeds[b]))
     return frozen_int(local)
 
 
-def _finish(
-    graph: Graph, labels: Int, quotas: Int, found: Int, h_star: float | None, crew: Crew, stage: int
-) -> Int:
+def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run: Run, stage: int) -> Int:
     """Bisect parts that are too large, or as many as are missing to the exact count."""
-    rule: Rule
-    if h_star is not None:
-        rule = ByDiameter(h_star)
-    else:
-        measures = part_measures(graph, labels)
-        cells = frozen_int(np.bincount(labels))
-        stops = np.cumsum(found)
-        shares = [
-            apportion(int(quota), measures[stop - count : stop], cells[stop - count : stop])
-            for quota, count, stop in zip(quotas, found, stops, strict=True)
-            if count < quota
-        ]
-        extra = np.ones(len(measures), np.int64)
-        if shares:
-            extra[np.repeat(found < quotas, found)] = np.concatenate(shares)
-        rule = ByQuota(frozen_int(extra))
-    tree, leaves = grow(graph, labels, rule, crew, stage)
-    if h_star is not None:
-        note_oversized(tree, leaves, h_star, crew)
+    if not isinstance(goal, SizeGoal):
+        goal = replace(goal, quotas=_missing(graph, labels, quotas, found))
+    tree, leaves = grow(graph, labels, goal, run, stage)
+    note_oversized(tree, leaves, goal, run)
     return tree.labels(leaves)
+
+
+def _missing(graph: Graph, labels: Int, quotas: Int, found: Int) -> Int:
+    """Parts that each part is to become, so that each component, with ``found`` parts, has its quota."""
+    measures = frozen_float(np.bincount(labels, graph.measures))
+    cells = frozen_int(np.bincount(labels))
+    stops = np.cumsum(found)
+    shares = [
+        apportion(int(quota), measures[stop - count : stop], cells[stop - count : stop])
+        for quota, count, stop in zip(quotas, found, stops, strict=True)
+        if count < quota
+    ]
+    result = np.ones(len(measures), np.int64)
+    if shares:
+        result[np.repeat(found < quotas, found)] = np.concatenate(shares)
+    return frozen_int(result)

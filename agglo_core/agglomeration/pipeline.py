@@ -3,42 +3,37 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from numbers import Integral
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypeVar
 
-from agglo_core.agglomeration.choices import (
-    Choice,
-    choice_from_table,
-    fallback_member,
-    member,
-    short_name,
-)
+from agglo_core.agglomeration.choices import Choice, chosen, new_run, short_name
+from agglo_core.agglomeration.constraints import constrained
+from agglo_core.agglomeration.goals import Goal, Numbers, resolve_goals
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
-from agglo_core.agglomeration.run import Crew
-from agglo_core.agglomeration.targets import Levels, Numbers, resolve_targets
+from agglo_core.agglomeration.run import Run
+from agglo_core.agglomeration.run_file import RunFile
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.errors import FileError, OptionError
+from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.hierarchy import Hierarchy, by_first_cell
 from agglo_core.mesh import Mesh
-from agglo_core.protocols import Bisector, LevelBisector, Partitioner
-from agglo_core.registry import default
+from agglo_core.registry import Registry, default
 
 __all__ = ["Choice", "Pipeline", "agglomerate"]
 
 Method = Literal["recursive", "kway"]
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
 class Pipeline:
-    """The components of a run; names are looked up when it starts.
+    """The components of a run and what it is to give; names are looked up when it starts.
 
     Attributes
     ----------
@@ -57,6 +52,8 @@ class Pipeline:
         Root of all random numbers.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
         One kind of target; ``h_factor=(2, 4, 8)`` if none is given.
+    constraints : sequence of Choice
+        No part is joined across an edge that one of them forbids.
     """
 
     bisector: Choice = "kmeans"
@@ -71,6 +68,7 @@ class Pipeline:
     h_factor: Numbers | None = None
     n_parts: Numbers | None = None
     cells_per_part: Numbers | None = None
+    constraints: Sequence[Choice] = ()
 
     def __post_init__(self) -> None:
         if self.method not in ("recursive", "kway"):
@@ -83,7 +81,7 @@ class Pipeline:
                 raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
         if self.merge and (self.n_parts is not None or self.cells_per_part is not None):
             raise OptionError("merge works on size targets; counts are met exactly without it")
-        for name in ("refiners", "post_refiners"):
+        for name in ("refiners", "post_refiners", "constraints"):
             value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):
                 raise OptionError(f"{name} must be a sequence of components, given {value!r}")
@@ -99,89 +97,80 @@ class Pipeline:
         FileError
             If the file cannot be read or parsed, or has an unknown key.
         """
-        file = Path(path)
-        try:
-            table = tomllib.loads(file.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise FileError(f"{file}: {error}") from None
-        known = [each.name for each in fields(cls)]
-        unknown = sorted(set(table) - set(known))
-        if unknown:
-            raise FileError(f"{file}: unknown key {unknown[0]!r}; accepted: {', '.join(known)}")
-        chosen = dict(table)
-        for key in ("bisector", "fixer"):
-            if key in chosen:
-                chosen[key] = choice_from_table(file, key, chosen[key])
-        for key in ("refiners", "post_refiners"):
-            if key in chosen:
-                if not isinstance(chosen[key], list):
-                    raise FileError(f"{file}: {key} must be a list")
-                chosen[key] = tuple(choice_from_table(file, key, each) for each in chosen[key])
-        return cls(**chosen)
+        base, file = cls(), RunFile(Path(path), [each.name for each in fields(cls)])
+        return cls(
+            bisector=file.component("bisector", base.bisector),
+            refiners=file.components("refiners", base.refiners),
+            fixer=file.component("fixer", base.fixer),
+            method=file.value("method", base.method),
+            nested=file.value("nested", base.nested),
+            merge=file.value("merge", base.merge),
+            post_refiners=file.components("post_refiners", base.post_refiners),
+            seed=file.value("seed", base.seed),
+            h_star=file.value("h_star", base.h_star),
+            h_factor=file.value("h_factor", base.h_factor),
+            n_parts=file.value("n_parts", base.n_parts),
+            cells_per_part=file.value("cells_per_part", base.cells_per_part),
+            constraints=file.components("constraints", base.constraints),
+        )
 
-    def run(self, mesh: Mesh | Graph) -> Hierarchy:
-        """Agglomerate ``mesh``; see :func:`agglomerate`."""
+    def run(self, mesh: Mesh | Graph, registry: Registry | None = None) -> Hierarchy:
+        """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`agglomerate`."""
+        registry = default() if registry is None else registry
         graph = mesh.graph if isinstance(mesh, Mesh) else mesh
-        graph.ensure_sound()
-        h0 = mesh.h if isinstance(mesh, Mesh) and self._needs_mesh_size() else None
-        levels = resolve_targets(
+        graph.ensure_valid()
+        goals = self._goals(mesh, graph)
+        run = new_run(
+            registry,
+            kway=self.method == "kway",
+            bisector=self.bisector,
+            refiners=self.refiners,
+            post_refiners=self.post_refiners,
+            fixer=self.fixer,
+            seed=self.seed,
+        )
+        members = [chosen("constraint", each, registry)[0] for each in self.constraints]
+        levels = self._levels_in_order(constrained(graph, members, goals), goals, run)
+        return Hierarchy(
+            mesh if isinstance(mesh, Mesh) else None,
             graph,
-            h0,
+            levels,
+            [goal.asked for goal in goals],
+            self.nested or len(levels) == 1,
+            asdict(run.statistics) | {"bisector": short_name(self.bisector), "method": self.method},
+        )
+
+    def _goals(self, mesh: Mesh | Graph, graph: Graph) -> tuple[Goal, ...]:
+        others = (self.h_star, self.n_parts, self.cells_per_part)
+        in_mesh_sizes = all(value is None for value in others)
+        return resolve_goals(
+            graph,
+            mesh.h if in_mesh_sizes and isinstance(mesh, Mesh) else None,
             h_star=self.h_star,
             h_factor=self.h_factor,
             n_parts=self.n_parts,
             cells_per_part=self.cells_per_part,
         )
-        crew = self._crew()
-        with crew.statistics.timed("order"):
+
+    def _levels_in_order(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
+        """Labels of each level, found with the cells along a curve: neighbours are near in memory."""
+        with run.statistics.timed("order"):
             order = curve_order(graph.centroids)
             ordered = graph.subgraph(order, frozen_int([0, graph.n]))
-        result = self._levels(ordered, levels, crew)
-        labels = []
-        for each in result:
-            given = each.copy()
-            given[order] = each
-            labels.append(by_first_cell(given))
-        return Hierarchy(
-            mesh if isinstance(mesh, Mesh) else None,
-            graph,
-            labels,
-            levels.asked,
-            self.nested or len(labels) == 1,
-            asdict(crew.statistics) | {"bisector": short_name(self.bisector), "method": self.method},
-        )
+        result = []
+        for labels in self._levels(ordered, goals, run):
+            given = labels.copy()
+            given[order] = labels
+            result.append(by_first_cell(given))
+        return result
 
-    def _needs_mesh_size(self) -> bool:
-        others = (self.h_star, self.n_parts, self.cells_per_part)
-        return all(value is None for value in others)
-
-    def _levels(self, graph: Graph, levels: Levels, crew: Crew) -> list[Int]:
+    def _levels(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
         post = PostPass(self.merge, bool(self.post_refiners))
         if self.method == "kway":
-            return kway_levels(graph, levels, self.nested, crew, post)
+            return kway_levels(graph, goals, self.nested, run, post)
         if self.nested:
-            return recursive_levels(graph, levels, crew, post)
-        alone = levels.one_by_one()
-        return [recursive_levels(graph, each, crew, post)[0] for each in alone]
-
-    def _crew(self) -> Crew:
-        bisector, fallback = member("bisector", self.bisector)
-        tool = bisector.tool
-        bisects = isinstance(tool, LevelBisector | Bisector)
-        if self.method == "kway" and not isinstance(tool, Partitioner):
-            raise OptionError(f"{bisector.title} has no k-way partition; use method='recursive'")
-        if self.method == "recursive" and not bisects:
-            raise OptionError(f"{bisector.title} cannot bisect; use method='kway'")
-        return Crew(
-            bisector=bisector,
-            refiners=[member("refiner", choice)[0] for choice in self.refiners],
-            post_refiners=[member("refiner", choice)[0] for choice in self.post_refiners],
-            fixer=member("fixer", self.fixer)[0],
-            finisher=bisector if bisects else member("bisector", "inertial")[0],
-            fallback=fallback_member(bisector, fallback),
-            watch=default().level_done,
-            seed=self.seed,
-        )
+            return recursive_levels(graph, goals, run, post)
+        return [recursive_levels(graph, [goal], run, post)[0] for goal in goals]
 
 
 def agglomerate(
@@ -200,6 +189,8 @@ def agglomerate(
     post_refiners: Sequence[Choice] | None = None,
     seed: int | None = None,
     config: str | os.PathLike[str] | None = None,
+    constraints: Sequence[Choice] | None = None,
+    registry: Registry | None = None,
 ) -> Hierarchy:
     """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
 
@@ -225,6 +216,10 @@ def agglomerate(
         Default 0.
     config : path, optional
         TOML file with these names as keys; arguments given here win.
+    constraints : sequence of components, optional
+        No part is joined across an edge of the dual graph that one of them forbids. Default ``()``.
+    registry : Registry, optional
+        Where names are looked up, and who is told how far the run has come; the program's own by default.
 
     Returns
     -------
@@ -235,30 +230,31 @@ def agglomerate(
     Raises
     ------
     OptionError
-        If targets or options make no sense.
+        If targets or options make no sense, or do not go with the constraints.
     PluginError
         If a component is missing, unusable, or misbehaves.
     """
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
-    pipeline = Pipeline() if config is None else Pipeline.from_toml(config)
-    targets: dict[str, Any] = {
-        "h_star": h_star,
-        "h_factor": h_factor,
-        "n_parts": n_parts,
-        "cells_per_part": cells_per_part,
-    }
-    if any(value is not None for value in targets.values()):
-        counts = n_parts is not None or cells_per_part is not None
-        pipeline = replace(pipeline, **targets, merge=pipeline.merge and not counts)
-    rest: dict[str, Any] = {
-        "bisector": bisector,
-        "method": method,
-        "nested": nested,
-        "refiners": refiners,
-        "fixer": fixer,
-        "merge": merge,
-        "post_refiners": post_refiners,
-        "seed": seed,
-    }
-    return replace(pipeline, **{key: value for key, value in rest.items() if value is not None}).run(mesh)
+    base = Pipeline() if config is None else Pipeline.from_toml(config)
+    counts = n_parts is not None or cells_per_part is not None
+    own = counts or h_star is not None or h_factor is not None  # a target given replaces those of the file
+    return Pipeline(
+        bisector=_given(bisector, base.bisector),
+        refiners=_given(refiners, base.refiners),
+        fixer=_given(fixer, base.fixer),
+        method=_given(method, base.method),
+        nested=_given(nested, base.nested),
+        merge=_given(merge, base.merge and not counts),
+        post_refiners=_given(post_refiners, base.post_refiners),
+        seed=_given(seed, base.seed),
+        h_star=h_star if own else base.h_star,
+        h_factor=h_factor if own else base.h_factor,
+        n_parts=n_parts if own else base.n_parts,
+        cells_per_part=cells_per_part if own else base.cells_per_part,
+        constraints=_given(constraints, base.constraints),
+    ).run(mesh, registry)
+
+
+def _given(argument: _T | None, otherwise: _T) -> _T:
+    return otherwise if argument is None else argument

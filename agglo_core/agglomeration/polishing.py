@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agglo_core.agglomeration.rules import ROUNDING
-from agglo_core.agglomeration.run import Crew
+from agglo_core.agglomeration.goals import Goal, SizeGoal
+from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
@@ -32,21 +32,19 @@ class PostPass:
         """Whether there is anything to do."""
         return self.merge or self.polish
 
-    def apply(
-        self, graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, stage: int
-    ) -> Int:
+    def apply(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
         """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
-        if self.merge and h_star is not None:
-            with crew.statistics.timed("merge"):
-                labels = merge_parts(graph, blocks, labels, h_star)
+        if self.merge and isinstance(goal, SizeGoal):
+            with run.statistics.timed("merge"):
+                labels = merge_parts(graph, blocks, labels, goal.limit)
         if self.polish:
-            with crew.statistics.timed("polish"):
-                labels = _polish(graph, blocks, labels, h_star, crew, stage)
+            with run.statistics.timed("polish"):
+                labels = _polish(graph, blocks, labels, goal, run, stage)
         return labels
 
 
-def merge_parts(graph: Graph, blocks: Int, labels: Int, h_star: float) -> Int:
-    """Merge neighbours whose union has a diameter of at most ``h_star``, roundest unions first.
+def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float) -> Int:
+    """Merge neighbours whose union has a diameter of at most ``limit``, roundest unions first.
 
     A union is the rounder the larger the share of its parts' boundary that it hides. In each round
     every part proposes its best neighbour; mutual proposals merge.
@@ -59,7 +57,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, h_star: float) -> Int:
         column = parts.indices.astype(np.int64)
         inside = np.flatnonzero((row < column) & (owner[row] == owner[column]))
         row, column = row[inside], column[inside]
-        fits = _union_diameters(parts, row, column) <= h_star * (1 + ROUNDING)
+        fits = _union_diameters(parts, row, column) <= limit
         row, column, shared = row[fits], column[fits], parts.interface[inside][fits]
         if len(row) == 0:
             return labels
@@ -90,9 +88,9 @@ def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
     return mutual
 
 
-def _polish(graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: Crew, stage: int) -> Int:
-    """One k-way pass of the post-refiners in each block; moves that break a promise are taken back."""
-    level, cells = graph.split(blocks)
+def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
+    """One k-way pass of the post-refiners in each block; moves that spoil a part are taken back."""
+    pieces, cells = graph.split(blocks)
     before = labels[cells]
     owner = np.empty(int(labels.max()) + 1, np.int64)
     owner[labels] = blocks
@@ -100,24 +98,24 @@ def _polish(graph: Graph, blocks: Int, labels: Int, h_star: float | None, crew: 
     first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
     local = np.empty(len(owner), np.int64)
     local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
-    seeds = crew.seeds(stage, level.n_blocks)
-    target = Target(parts=len(owner), h_star=h_star)
-    moved = crew.refine(level, frozen_int(local[before]), seeds, target, post=True)
-    after = by_block[first[level.block_ids] + moved]
+    seeds = run.seeds(stage, pieces.n_blocks)
+    target = Target(parts=len(owner), h_star=goal.target.h_star)
+    moved = run.refine(pieces, frozen_int(local[before]), seeds, target, post=True)
+    after = by_block[first[pieces.block_ids] + moved]
     result = np.empty(graph.n, np.int64)
-    result[cells] = _kept_promises(level, before, after, h_star)
+    result[cells] = _without_bad_moves(pieces, before, after, goal.limit)
     return frozen_int(result)
 
 
-def _kept_promises(level: Graph, before: Int, after: Int, h_star: float | None) -> Int:
+def _without_bad_moves(pieces: Graph, before: Int, after: Int, limit: float) -> Int:
     """Take back all moves in or out of parts that became disconnected or too wide, until none is."""
     while True:
-        component = level.components(after)
-        pieces = np.zeros(int(component.max()) + 1, np.int64)
-        pieces[component] = after
-        bad = np.bincount(pieces, minlength=int(after.max()) + 1) > 1
-        if h_star is not None:
-            bad |= level.part_diameters(after) > h_star * (1 + ROUNDING)
+        component = pieces.components(after)
+        part_of = np.zeros(int(component.max()) + 1, np.int64)
+        part_of[component] = after
+        bad = np.bincount(part_of, minlength=int(after.max()) + 1) > 1
+        if np.isfinite(limit):
+            bad |= pieces.part_diameters(after) > limit
         back = (bad[after] | bad[before]) & (after != before)
         if not back.any():
             return after

@@ -1,21 +1,21 @@
-"""The recursion of the paper's Algorithm 1, level by level.
+"""The recursion of the paper's Algorithm 1, depth by depth.
 
-All pieces of one depth are blocks of one block-diagonal graph: bisect, refine, fix, test, split.
-Asserted on the way: no side is empty, each phase keeps the label set, every piece is connected, the
+All pieces of one depth are the blocks of one block-diagonal graph, a *level*: bisect, refine, fix, test,
+split. Asserted on the way: no side is empty, each phase keeps the label set, every piece is connected, the
 number of pieces strictly grows.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.rules import ROUNDING, ByDiameter, ByQuota, Rule, apportion, part_measures
-from agglo_core.agglomeration.run import Crew, splitmix
-from agglo_core.agglomeration.targets import Levels
+from agglo_core.agglomeration.run import Run, splitmix
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
@@ -31,7 +31,7 @@ class _Growth:
     """A tree being built: nodes in order of depth, finished pieces written into tree order."""
 
     n: int
-    rule: Rule
+    goal: Goal
     parent: list[Int] = field(default_factory=list)
     start: list[Int] = field(default_factory=list)
     stop: list[Int] = field(default_factory=list)
@@ -43,7 +43,7 @@ class _Growth:
 
     def add(self, parent: Int, start: Int, sizes: Int, state: Float) -> Int:
         """Append nodes; return their numbers."""
-        known = isinstance(self.rule, ByDiameter)
+        known = isinstance(self.goal, SizeGoal)
         self.parent.append(parent)
         self.start.append(start)
         self.stop.append(start + sizes)
@@ -74,21 +74,21 @@ class _Growth:
         )
 
 
-def grow(graph: Graph, labels: Int, rule: Rule, crew: Crew, stage: int = 0) -> tuple[Tree, Int]:
-    """Split the connected pieces ``labels (n,)`` of ``graph`` until ``rule`` finishes all.
+def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tuple[Tree, Int]:
+    """Split the connected pieces ``labels (n,)`` of ``graph`` until all meet the goal.
 
-    Seeds follow from that of the crew, the number of the ``stage`` and the place in the tree.
+    Seeds follow from that of the run, the number of the ``stage`` and the place in the tree.
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.
     """
-    growth = _Growth(graph.n, rule)
-    crew, statistics = crew.aimed(rule.target), crew.statistics
+    growth = _Growth(graph.n, goal)
+    run, statistics = run.for_target(goal.target), run.statistics
     with statistics.timed("split"):
         source, cells = graph.split(labels)
         order, offsets = frozen_int(np.arange(graph.n)), source.offsets
-        state, finished = rule.roots(source, order, offsets)
+        state, finished = goal.assess(source, order, offsets)
     start = np.asarray(offsets[:-1])
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
-    seeds = crew.seeds(stage, len(start))
+    seeds = run.seeds(stage, len(start))
     leaves: list[Int] = []
     while True:
         leaves.append(nodes[finished])
@@ -101,10 +101,10 @@ def grow(graph: Graph, labels: Int, rule: Rule, crew: Crew, stage: int = 0) -> t
                 take, starts = _taken(order, offsets, going)
                 source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
-        sides = _split(source, crew, seeds, rule.target)
+        sides = _split(source, run, seeds, goal.target)
         with statistics.timed("test"):
             order, offsets = _children(source, sides)
-            state, finished = rule.children(source, order, offsets, frozen_float(state))
+            state, finished = goal.assess(source, order, offsets, frozen_float(state))
         sizes = np.diff(offsets)
         start = np.stack((start, start + sizes[::2]), axis=1).ravel()
         nodes = growth.add(np.repeat(nodes, 2), start, sizes, state)
@@ -135,55 +135,60 @@ def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
     return frozen_int(order), frozen_int(offsets)
 
 
-def _split(level: Graph, crew: Crew, seeds: UInt64, target: Target) -> Int:
+def _split(level: Graph, run: Run, seeds: UInt64, target: Target) -> Int:
     """Sides of every node: bisected, refined, connected."""
-    statistics = crew.statistics
+    statistics = run.statistics
     with statistics.timed("bisect"):
-        sides = crew.bisect(level, seeds)
+        sides = run.bisect(level, seeds)
     with statistics.timed("refine"):
-        sides = crew.refine(level, sides, seeds, target)
+        sides = run.refine(level, sides, seeds, target)
     with statistics.timed("fix"):
-        sides = crew.fix(level, sides)
+        sides = run.fix(level, sides)
     statistics.depth += 1
     statistics.bisections += level.n_blocks
-    if crew.watch is not None:
-        crew.watch({"depth": statistics.depth, "pieces": 2 * level.n_blocks, "cells": level.n})
+    if run.listen is not None:
+        run.listen({"depth": statistics.depth, "pieces": 2 * level.n_blocks, "cells": level.n})
     return sides
 
 
-def recursive_levels(graph: Graph, levels: Levels, crew: Crew, post: PostPass) -> list[Int]:
+def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int]:
     """Labels of each level, finest first.
 
-    One tree serves all size targets: level l is its cut at h*_l. Counts go coarsest first, the parts of
-    one level being the pieces of the next; so do sizes with post-passes or a bisector aimed at each.
+    One tree serves all sizes: each level is a cut of it. Counts go coarsest first, the parts of one level
+    being the first pieces of the next; so do sizes with post-passes, or if the bisector is told each.
     """
-    h_stars = levels.sizes
-    if h_stars and not post.active and (len(h_stars) == 1 or not crew.aims(h_stars[0])):
-        rule: Rule = ByDiameter(h_stars[0], coarser=tuple(h_stars[1:]))
-        tree, leaves = grow(graph, graph.components(), rule, crew)
-        note_oversized(tree, leaves, h_stars[0], crew)
-        return [tree.labels(tree.cut(h * (1 + ROUNDING))) for h in h_stars]
+    if not post.active and _one_tree_serves(goals, run):
+        return _levels_of_one_tree(graph, goals, run)
     labels = graph.components()
     result: list[Int] = []
-    for stage, target in enumerate(reversed(levels.sizes or levels.counts)):
-        h_star = target if levels.sizes else None
-        rule = ByQuota(_shares(graph, labels, int(target))) if h_star is None else ByDiameter(h_star)
-        tree, leaves = grow(graph, labels, rule, crew, stage)
-        if h_star is not None and stage == len(levels.sizes) - 1:
-            note_oversized(tree, leaves, h_star, crew)
-        labels = post.apply(graph, labels, tree.labels(leaves), h_star, crew, stage)
+    for stage, goal in enumerate(reversed(goals)):
+        tree, leaves = grow(graph, labels, goal, run, stage)
+        if goal is goals[0]:
+            note_oversized(tree, leaves, goal, run)
+        labels = post.apply(graph, labels, tree.labels(leaves), goal, run, stage)
         result.append(labels)
     return result[::-1]
 
 
-def _shares(graph: Graph, labels: Int, parts: int) -> Int:
-    return apportion(parts, part_measures(graph, labels), frozen_int(np.bincount(labels)))
+def _one_tree_serves(goals: Sequence[Goal], run: Run) -> bool:
+    finest = goals[0]
+    return isinstance(finest, SizeGoal) and (len(goals) == 1 or run.for_target(finest.target) is run)
 
 
-def note_oversized(tree: Tree, leaves: Int, h_star: float, crew: Crew) -> None:
-    """Count single cells larger than the smallest target (it has the most), and warn about them."""
-    count = int((tree.diameter[leaves] > h_star * (1 + ROUNDING)).sum())
-    if count > crew.statistics.oversized_cells:
-        crew.statistics.oversized_cells = count
+def _levels_of_one_tree(graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
+    sizes = [goal for goal in goals if isinstance(goal, SizeGoal)]
+    finest = replace(sizes[0], coarser=tuple(goal.h_star for goal in sizes[1:]))
+    tree, leaves = grow(graph, graph.components(), finest, run)
+    note_oversized(tree, leaves, finest, run)
+    return [tree.labels(tree.cut(goal.limit)) for goal in sizes]
+
+
+def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
+    """Count single cells larger than the smallest size (it has the most), and warn about them."""
+    if not isinstance(goal, SizeGoal):
+        return
+    count = int((tree.diameter[leaves] > goal.limit).sum())
+    if count > run.statistics.oversized_cells:
+        run.statistics.oversized_cells = count
         cells = "1 cell is" if count == 1 else f"{count} cells are"
-        _log.warning("%s larger than h* = %g; what is larger stays alone", cells, h_star)
+        _log.warning("%s larger than h* = %g; what is larger stays alone", cells, goal.h_star)

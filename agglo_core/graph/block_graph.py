@@ -21,7 +21,7 @@ _FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points"
 
 @dataclass(frozen=True, eq=False)
 class BlockGraph:
-    """Arrays of a :class:`~agglo_core.graph.Graph` (which says what they are), taken to pieces."""
+    """Arrays of a :class:`~agglo_core.graph.Graph`, which says what they are; its blocks on their own."""
 
     indptr: Int
     indices: Index
@@ -139,6 +139,28 @@ class BlockGraph:
         offsets = np.concatenate(([0], np.cumsum(sizes)))
         nodes = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], sizes)
         return self.subgraph(nodes, offsets)
+
+    def without_edges(self, removed: ArrayLike) -> Self:
+        """Graph without the CSR entries of the mask ``removed (m,)``, which holds both directions of an edge.
+
+        Their interfaces become boundary of the cells on both sides, so that outlines stay what they are.
+        """
+        gone = np.asarray(removed)
+        if gone.shape != self.indices.shape or gone.dtype != bool:
+            raise MeshError(
+                f"removed must be a mask of shape {self.indices.shape}, not {gone.shape} of {gone.dtype}"
+            )
+        if not gone.any():
+            return self
+        rows = np.repeat(np.arange(self.n), np.diff(self.indptr))[gone]
+        kept = np.concatenate(([0], np.cumsum(~gone)))
+        return replace(
+            self,
+            indptr=kept[self.indptr],
+            indices=self.indices[~gone],
+            interface=self.interface[~gone],
+            boundary=self.boundary + np.bincount(rows, self.interface[gone], self.n),
+        )
 
     def diameters(self) -> Float:
         """Exact largest vertex distance of each block ``(B,)``."""

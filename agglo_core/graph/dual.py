@@ -25,8 +25,8 @@ __all__ = ["Graph", "dual_graph"]
 class Graph(BlockGraph):
     """Dual graph of a mesh; one block per piece.
 
-    Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks: a mesh is one
-    block, a recursion level is one block-diagonal Graph.
+    Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block;
+    a *level*, all pieces of one depth of a recursion, is one block-diagonal Graph.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Graph(BlockGraph):
             data=mesh.cell_tags,
             origin=mesh.origin,
         )
-        graph.__dict__["_sound"] = True
+        graph.__dict__["_valid"] = True
         return graph
 
     @classmethod
@@ -123,14 +123,14 @@ class Graph(BlockGraph):
             data={key: np.array(values) for key, values in (data or {}).items()},
             origin=origin,
         )
-        graph.ensure_sound()
+        graph.ensure_valid()
         return graph
 
-    def ensure_sound(self) -> None:
+    def ensure_valid(self) -> None:
         """Run :meth:`check` once; the graph of a mesh is known to pass."""
-        if "_sound" not in self.__dict__:
+        if "_valid" not in self.__dict__:
             self.check()
-            self.__dict__["_sound"] = True
+            self.__dict__["_valid"] = True
 
     def check(self) -> None:
         """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""

@@ -1,4 +1,4 @@
-"""Whether a graph that somebody made by hand holds together."""
+"""Checks of graphs made by hand: shapes, values, symmetry."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.agglomeration.run import Member, attributed
+from agglo_core.agglomeration.border import Member, attributed
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.mesh import Mesh

@@ -68,7 +68,7 @@ class FastGNN:
         self.net = _parameters(weights)
         self._h_star: float | None = None
 
-    def aim(self, target: Target) -> FastGNN:
+    def for_target(self, target: Target) -> FastGNN:
         """This bisector, or one that looks ahead to the size of ``target``.
 
         Raises
@@ -83,9 +83,9 @@ class FastGNN:
                 "gnn: lookahead works with a target size, h_star, "
                 f"not with a number of parts ({target.parts})"
             )
-        aimed = copy(self)
-        aimed._h_star = target.h_star
-        return aimed
+        ahead = copy(self)
+        ahead._h_star = target.h_star
+        return ahead
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Side of each node ``(n,)``; ``seeds`` are not used."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from agglo_core.agglomeration.border import Member
+from agglo_core.agglomeration.goals import SizeGoal
 from agglo_core.agglomeration.recursion import grow
-from agglo_core.agglomeration.rules import ByDiameter
-from agglo_core.agglomeration.run import Crew, Member
+from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, UInt64, frozen_int
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
@@ -62,16 +63,15 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
     blocks = level.take(wanted)
     trials = _copies(blocks, count)
     cuts = _cuts(blocks, quick, count)
-    crew = Crew(
+    run = Run(
         bisector=Member(_Quick(quick), "gnn"),
         refiners=[Member(InterfaceRefiner(), "interface")],
         post_refiners=[],
         fixer=Member(ConnectivityFixer(), "connectivity"),
-        finisher=Member(_Quick(quick), "gnn"),
     )
     seeds: UInt64 = np.zeros(trials.n_blocks, np.uint64)
-    cuts = crew.fix(trials, crew.refine(trials, frozen_int(cuts), seeds, Target(h_star=h_star)))
-    parts, length = _roll_out(trials, cuts, crew, h_star)
+    cuts = run.fix(trials, run.refine(trials, frozen_int(cuts), seeds, Target(h_star=h_star)))
+    parts, length = _roll_out(trials, cuts, run, h_star)
     best = _first_least(parts.reshape(count, -1), length.reshape(count, -1))
     sides[np.isin(level.block_ids, wanted)] = cuts.reshape(count, -1)[
         best[blocks.block_ids], np.arange(blocks.n)
@@ -111,10 +111,10 @@ def _copies(graph: Graph, count: int) -> Graph:
     )
 
 
-def _roll_out(trials: Graph, cuts: Int, crew: Crew, h_star: float) -> tuple[Int, Float]:
+def _roll_out(trials: Graph, cuts: Int, run: Run, h_star: float) -> tuple[Int, Float]:
     """Number of parts that each cut leads to, and the length of their interfaces, more if they are small."""
     pieces = frozen_int(2 * trials.block_ids + cuts)
-    tree, leaves = grow(trials, pieces, ByDiameter(h_star), crew)
+    tree, leaves = grow(trials, pieces, SizeGoal(h_star), run)
     owner = trials.block_ids[tree.cells[tree.start[leaves]]]
     count = np.bincount(owner, minlength=trials.n_blocks)
     short = np.bincount(owner, (1 - tree.diameter[leaves] / h_star) ** 2, minlength=trials.n_blocks)

@@ -11,7 +11,7 @@ from agglo_core.kernels.thresholds import centre_block
 __all__ = ["describe", "lay_raster", "raster_room", "to_frame"]
 
 _CELLS_PER_BIN = 20
-_FEWEST, _MOST = 9, 160  # occupied bins aimed at
+_FEWEST, _MOST = 9, 160  # occupied bins wanted
 _ROOM = 1024  # bins at most, empty ones included
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 

@@ -15,7 +15,7 @@ MESH = samples.voronoi(60, seed=2)
 
 
 class Halves:
-    """The simple road, as a third party would write it."""
+    """The simple way, as a third party would write it."""
 
     def bisect(self, graph, rng):
         x = graph.centroids[:, 0]

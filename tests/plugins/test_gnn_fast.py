@@ -226,13 +226,13 @@ def test_looking_ahead_needs_a_size_to_look_to():
     with pytest.raises(AggloError, match=r"lookahead works with a target size.*parts \(6\)"):
         agglo.agglomerate(mesh, bisector=FastGNN(lookahead=5), n_parts=6)
     plain = FastGNN()
-    assert plain.aim(Target(parts=6)) is plain
+    assert plain.for_target(Target(parts=6)) is plain
 
 
-def test_aiming_leaves_the_bisector_as_it_was(level):
+def test_being_told_a_target_leaves_the_bisector_as_it_was(level):
     bisector = FastGNN(lookahead=4)
-    aimed = bisector.aim(Target(h_star=0.2))
-    np.testing.assert_array_equal(sides_of(level, aimed), look_ahead(level, bisector.fast_sides, 4, 0.2))
+    told = bisector.for_target(Target(h_star=0.2))
+    np.testing.assert_array_equal(sides_of(level, told), look_ahead(level, bisector.fast_sides, 4, 0.2))
     np.testing.assert_array_equal(sides_of(level, bisector), bisector.fast_sides(level))
 
 

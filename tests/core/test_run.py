@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from itertools import groupby
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import Component, OptionError, PluginError, hookimpl, samples
-from agglo_core.agglomeration.run import Crew, Member, bisect_by_block, splitmix
+from agglo_core.agglomeration.border import Member, bisect_by_block
+from agglo_core.agglomeration.run import Run, splitmix
 
 GRID = samples.squares(4)
 
@@ -108,13 +110,13 @@ BAD_SIDES = {
 }
 
 
-@pytest.mark.parametrize("road", [Bisector, Level])
+@pytest.mark.parametrize("form", [Bisector, Level])
 @pytest.mark.parametrize("name", BAD_SIDES)
-def test_bad_sides(name, road):
+def test_bad_sides(name, form):
     output, message = BAD_SIDES[name]
     with pytest.raises(PluginError, match=message) as caught:
-        agglo.agglomerate(GRID, bisector=road(output), n_parts=2)
-    assert f"bisector {road.__name__}" in str(caught.value)
+        agglo.agglomerate(GRID, bisector=form(output), n_parts=2)
+    assert f"bisector {form.__name__}" in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -127,9 +129,9 @@ def test_bad_sides(name, road):
         lambda g: only_last(g, 0.5, float),  # 1 iff p >= 0.5
     ],
 )
-@pytest.mark.parametrize("road", [Bisector, Level])
-def test_good_sides_of_any_type(road, output):
-    labels = agglo.agglomerate(GRID, bisector=road(output), refiners=(), n_parts=2).levels[0]
+@pytest.mark.parametrize("form", [Bisector, Level])
+def test_good_sides_of_any_type(form, output):
+    labels = agglo.agglomerate(GRID, bisector=form(output), refiners=(), n_parts=2).levels[0]
     assert sorted(np.bincount(labels)) == [1, 15]
 
 
@@ -210,15 +212,15 @@ def test_bad_partitions(name):
 
 
 @pytest.mark.parametrize("fallback", ["inertial", ("kmeans_sklearn", {"n_init": 2})])
-@pytest.mark.parametrize("road", [Bisector, Level])
-def test_a_one_sided_model_is_repaired_by_its_fallback_and_counted(road, fallback):
+@pytest.mark.parametrize("form", [Bisector, Level])
+def test_a_one_sided_model_is_repaired_by_its_fallback_and_counted(form, fallback):
     def model(graph):
         """Splits level graphs of four cells, gives up on anything else."""
         sizes = np.diff(graph.offsets)[graph.block_ids]
         place = np.arange(graph.n) - graph.offsets[graph.block_ids]
         return np.where(sizes == 4, place % 2, 0.0)
 
-    result = agglo.agglomerate(GRID, bisector=road(model, fallback), n_parts=8)
+    result = agglo.agglomerate(GRID, bisector=form(model, fallback), n_parts=8)
     assert result.parts == [8]
     assert result.statistics["fallbacks"] == 3
     assert result.statistics["bisections"] == 7
@@ -228,16 +230,15 @@ def test_a_fallback_that_fails_too_is_named():
     class Worse(Bisector):
         pass
 
-    crew = Crew(
+    run = Run(
         bisector=Member(Bisector(lambda g: np.zeros(g.n)), "the model"),
         refiners=(),
         post_refiners=(),
         fixer=Member(Fixer(lambda g, x: x), "the fixer"),
-        finisher=Member(None, "unused"),
         fallback=Member(Worse(lambda g: np.zeros(g.n)), "its fallback"),
     )
     with pytest.raises(PluginError, match="its fallback"):
-        crew.bisect(GRID.graph, np.zeros(1, np.uint64))
+        run.bisect(GRID.graph, np.zeros(1, np.uint64))
 
 
 def test_an_unknown_fallback_is_refused_before_the_run():
@@ -294,10 +295,10 @@ def test_in_tree_components_are_called_by_their_full_name(monkeypatch):
         agglo.agglomerate(GRID, n_parts=2)
 
 
-# --- the simple road --------------------------------------------------------------------------------
+# --- one piece at a time --------------------------------------------------------------------------------
 
 
-def test_the_simple_road_gets_one_block_and_its_own_generator_at_a_time():
+def test_the_simple_way_gets_one_block_and_its_own_generator_at_a_time():
     level = GRID.graph.split(np.arange(16) // 4)[0]
     seen = []
 
@@ -332,15 +333,15 @@ def test_checked_output_is_read_only():
     assert not agglo.agglomerate(GRID, n_parts=4).levels[0].flags.writeable
 
 
-class Aimed:
+class Told:
     """Splits in halves, and notes what for."""
 
     def __init__(self, used, target=None):
         self.used = used
         self.target = target
 
-    def aim(self, target):
-        return Aimed(self.used, target)
+    def for_target(self, target):
+        return Told(self.used, target)
 
     def bisect(self, graph, rng):
         self.used.append(self.target)
@@ -355,16 +356,120 @@ class Aimed:
         ({"n_parts": (4, 2)}, [{"parts": 2}, {"parts": 4}]),
     ],
 )
-def test_a_bisector_with_aim_splits_for_one_target_after_the_other(given, wanted):
+def test_a_bisector_that_is_told_splits_for_one_target_after_the_other(given, wanted):
     used = []
-    agglo.agglomerate(GRID, bisector=Aimed(used), **given)
+    agglo.agglomerate(GRID, bisector=Told(used), **given)
     assert [target for target, _ in groupby(used)] == [agglo.Target(**each) for each in wanted]
 
 
-def test_an_aim_that_fails_is_named():
-    class Blind(Aimed):
-        def aim(self, target):
+def test_a_for_target_that_fails_is_named():
+    class Blind(Told):
+        def for_target(self, target):
             raise ValueError("no idea")
 
     with pytest.raises(PluginError, match="bisector Blind raised ValueError: no idea"):
         agglo.agglomerate(GRID, bisector=Blind([]), n_parts=2)
+
+
+@pytest.mark.parametrize("answer", [None, 3, Told, Refiner(None)])
+def test_for_target_must_return_a_bisector(answer):
+    class Lost(Told):
+        def for_target(self, target):
+            return answer
+
+    with pytest.raises(PluginError, match=r"bisector Lost: for_target returned .*bisect_level or bisect"):
+        agglo.agglomerate(GRID, bisector=Lost([]), n_parts=2)
+
+
+def test_the_old_name_aim_goes_on_working_and_warns_once_for_each_class():
+    def old_style():
+        class Old:
+            def __init__(self, used, target=None):
+                self.used, self.target = used, target
+
+            def aim(self, target):
+                return Old(self.used, target)
+
+            def bisect(self, graph, rng):
+                self.used.append(self.target)
+                return halves(graph)
+
+        Old.__qualname__ = f"Old{id(Old)}"
+        return Old
+
+    used, one, other = [], old_style(), old_style()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for tool in (one(used), one(used), other(used)):
+            agglo.agglomerate(GRID, bisector=tool, n_parts=(4, 2))
+    assert {each.category for each in caught} == {DeprecationWarning}
+    messages = [str(each.message) for each in caught if "aim(target)" in str(each.message)]
+    assert len(messages) == 2
+    for message, tool in zip(messages, (one, other), strict=True):
+        assert message.startswith(f"{tool.__module__}.{tool.__qualname__}")
+        assert "for_target(target)" in message
+    assert set(used) == {agglo.Target(parts=2), agglo.Target(parts=4)}
+
+
+# --- registries -------------------------------------------------------------------------------------
+
+
+class Halving:
+    @hookimpl
+    def agglo_components(self):
+        here = f"{__name__}:"
+        return [
+            Component(kind="bisector", name="halving", target=here + "EvenOdd"),
+            Component(kind="bisector", name="slices", target=here + "Slices"),
+            Component(kind="bisector", name="lazy", target=here + "OneSided", fallback="halving"),
+            Component(kind="fixer", name="mend", target="agglo_core.components.fixers:ConnectivityFixer"),
+        ]
+
+    @hookimpl
+    def agglo_level_done(self, info):
+        self.told.append(info["pieces"])
+
+
+class EvenOdd(Bisector):
+    def __init__(self):
+        super().__init__(halves)
+
+
+class Slices:
+    def partition(self, graph, target, seed):
+        return np.zeros(graph.n, int)
+
+
+@pytest.fixture
+def own():
+    """A registry of its own: what it knows, the program does not, and the other way round."""
+    plugin, registry = Halving(), agglo.Registry()
+    plugin.told = []
+    registry.register(plugin, "own")
+    return registry, plugin.told
+
+
+@pytest.mark.parametrize("bisector", ["halving", "lazy"])
+def test_names_are_looked_up_in_the_registry_given(own, bisector):
+    registry, told = own
+    options = {"bisector": bisector, "refiners": (), "fixer": "mend", "n_parts": 4}
+    hierarchy = agglo.agglomerate(GRID, **options, registry=registry)
+    assert hierarchy.parts == [4]
+    assert len(told) == hierarchy.statistics["depth"] > 0  # who listens there has been told of each depth
+    assert agglo.Pipeline(**options).run(GRID, registry).parts == [4]
+    with pytest.raises(PluginError, match=f"no bisector is named '{bisector}'"):
+        agglo.agglomerate(GRID, **options)
+    with pytest.raises(PluginError, match="no bisector is named 'kmeans'"):
+        agglo.agglomerate(GRID, n_parts=4, registry=registry)
+
+
+def test_what_a_direct_partition_needs_besides_is_named(own):
+    with pytest.raises(PluginError, match=r"'slices'.* cannot bisect and needs 'inertial': no bisector"):
+        agglo.agglomerate(
+            GRID, bisector="slices", refiners=(), fixer="mend", method="kway", n_parts=4, registry=own[0]
+        )
+
+
+def test_an_unknown_name_in_a_registry_names_what_it_has(own):
+    with pytest.raises(PluginError, match="available: halving, lazy, slices"):
+        agglo.agglomerate(GRID, bisector="kmeans", n_parts=2, registry=own[0])

@@ -1,4 +1,4 @@
-"""Targets: one kind at a time, resolved against the mesh, finest first; nonsense is refused."""
+"""Goals: one kind of target at a time, resolved against the mesh, finest first; nonsense is refused."""
 
 from __future__ import annotations
 
@@ -7,51 +7,61 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.agglomeration.targets import resolve_targets
+from agglo_core.agglomeration.goals import CountGoal, SizeGoal, resolve_goals
 
 GRID = samples.squares(4)
 
 
 def resolved(**targets):
-    return resolve_targets(GRID.graph, GRID.h, **targets)
+    return resolve_goals(GRID.graph, GRID.h, **targets)
+
+
+def sizes(goals):
+    assert all(isinstance(goal, SizeGoal) for goal in goals)
+    return tuple(goal.h_star for goal in goals)
+
+
+def counts(goals):
+    assert all(isinstance(goal, CountGoal) for goal in goals)
+    return tuple(goal.parts for goal in goals)
 
 
 def test_default_is_two_four_eight_mesh_sizes():
-    levels = resolved()
-    assert levels.sizes == pytest.approx([np.sqrt(2) / 4 * f for f in (2, 4, 8)], rel=1e-14)
-    assert [each["h_factor"] for each in levels.asked] == [2, 4, 8]
-    assert [each["h_star"] for each in levels.asked] == list(levels.sizes)
-    assert levels.counts == ()
+    goals = resolved()
+    assert sizes(goals) == pytest.approx([np.sqrt(2) / 4 * f for f in (2, 4, 8)], rel=1e-14)
+    assert [goal.asked["h_factor"] for goal in goals] == [2, 4, 8]
+    assert tuple(goal.asked["h_star"] for goal in goals) == sizes(goals)
+    assert tuple(goal.target.h_star for goal in goals) == sizes(goals)
 
 
 def test_sizes_come_finest_first_and_repeats_stay():
-    assert resolved(h_star=(0.5, 0.2, 0.5)).sizes == (0.2, 0.5, 0.5)
-    assert resolved(h_star=0.3).sizes == (0.3,)
-    assert resolved(h_star=np.array([0.5, 0.2])).sizes == (0.2, 0.5)
-    assert resolved(h_star=np.float32(0.5)).sizes == (0.5,)
+    assert sizes(resolved(h_star=(0.5, 0.2, 0.5))) == (0.2, 0.5, 0.5)
+    assert sizes(resolved(h_star=0.3)) == (0.3,)
+    assert sizes(resolved(h_star=np.array([0.5, 0.2]))) == (0.2, 0.5)
+    assert sizes(resolved(h_star=np.float32(0.5))) == (0.5,)
 
 
 def test_counts_come_finest_first_and_repeats_stay():
-    levels = resolved(n_parts=[2, 7, 2])
-    assert levels.counts == (7, 2, 2)
-    assert levels.sizes == ()
-    assert [dict(each) for each in levels.asked] == [{"n_parts": 7}, {"n_parts": 2}, {"n_parts": 2}]
-    assert resolved(n_parts=np.int64(3)).counts == (3,)
-    assert resolved(n_parts=16).counts == (16,)
+    goals = resolved(n_parts=[2, 7, 2])
+    assert counts(goals) == (7, 2, 2)
+    assert [goal.target for goal in goals] == [agglo.Target(parts=k) for k in (7, 2, 2)]
+    assert [dict(goal.asked) for goal in goals] == [{"n_parts": 7}, {"n_parts": 2}, {"n_parts": 2}]
+    assert counts(resolved(n_parts=np.int64(3))) == (3,)
+    assert counts(resolved(n_parts=16)) == (16,)
 
 
 @pytest.mark.parametrize(
     ("per_part", "parts"), [(1, 16), (2, 8), (3, 5), (4, 4), (6, 3), (6.4, 3), (10, 2), (32, 1), (1e300, 1)]
 )
 def test_cells_per_part_is_the_nearest_count(per_part, parts):
-    levels = resolved(cells_per_part=per_part)
-    assert levels.counts == (parts,)
-    assert levels.asked[0] == {"n_parts": parts, "cells_per_part": per_part}
+    (goal,) = resolved(cells_per_part=per_part)
+    assert counts([goal]) == (parts,)
+    assert goal.asked == {"n_parts": parts, "cells_per_part": per_part}
 
 
 def test_mesh_size_of_a_graph_is_that_of_its_mesh():
     mesh = samples.voronoi(30, seed=4)
-    assert resolve_targets(mesh.graph, None).sizes == pytest.approx([2 * mesh.h, 4 * mesh.h, 8 * mesh.h])
+    assert sizes(resolve_goals(mesh.graph, None)) == pytest.approx([2 * mesh.h, 4 * mesh.h, 8 * mesh.h])
     from_mesh, from_graph = agglo.agglomerate(mesh), agglo.agglomerate(mesh.graph)
     for one, other in zip(from_mesh.levels, from_graph.levels, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -70,7 +80,7 @@ def test_values_that_are_not_positive_and_finite(kind, value):
 
 @pytest.mark.parametrize("value", [np.array(2), np.array(2.0)])
 def test_zero_dimensional_arrays_are_numbers(value):
-    assert resolved(n_parts=value).counts == (2,)
+    assert counts(resolved(n_parts=value)) == (2,)
 
 
 @pytest.mark.parametrize("kind", ["h_star", "n_parts"])

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
-from agglo_core.agglomeration.rules import ByDiameter, ByQuota, apportion
+from agglo_core.agglomeration.goals import CountGoal, SizeGoal
+from agglo_core.agglomeration.quotas import apportion
 from agglo_core.arrays import frozen_float, frozen_int
 
 
@@ -38,8 +39,8 @@ def children_of(quota, left, right):
     """Quotas of the two sides of one block, with the given cell measures."""
     graph = cloud([*left, *right])
     offsets = frozen_int([0, len(left), graph.n])
-    rule = ByQuota(frozen_int([quota]))
-    state, finished = rule.children(graph, frozen_int(np.arange(graph.n)), offsets, frozen_float([quota]))
+    goal = CountGoal(quota)
+    state, finished = goal.assess(graph, frozen_int(np.arange(graph.n)), offsets, frozen_float([quota]))
     assert np.array_equal(finished, state == 1)
     return [int(k) for k in state]
 
@@ -147,10 +148,10 @@ def test_a_size_is_met_up_to_rounding_and_not_beyond():
     grid = samples.squares(4).graph
     order, offsets = frozen_int(np.arange(16)), frozen_int([0, 16])
     for h_star, small_enough in [(np.sqrt(2), True), (np.sqrt(2) * (1 - 5e-10), True), (1.414213, False)]:
-        diameter, finished = ByDiameter(h_star).roots(grid, order, offsets)
+        diameter, finished = SizeGoal(h_star).assess(grid, order, offsets)
         assert diameter == pytest.approx([np.sqrt(2)])
         assert finished.tolist() == [small_enough]
-    _, finished = ByDiameter(1e-3).roots(grid, order, frozen_int([0, 1, 16]))
+    _, finished = SizeGoal(1e-3).assess(grid, order, frozen_int([0, 1, 16]))
     assert finished.tolist() == [True, False]  # a single cell is finished whatever its size
 
 

@@ -1,0 +1,165 @@
+"""The border: whatever a component returns is checked here, and errors name the component."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, Mask, UInt64, frozen_int
+from agglo_core.errors import PluginError
+from agglo_core.graph import Graph
+from agglo_core.protocols import Bisector, LevelBisector, Target
+from agglo_core.registry.discovery import PLUGIN_FAILURES
+
+__all__ = [
+    "Member",
+    "attributed",
+    "bisect_by_block",
+    "bisector_for",
+    "broken_blocks",
+    "checked_labels",
+    "checked_parts",
+    "checked_sides",
+    "one_sided_blocks",
+]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A component of a run, and how errors call it."""
+
+    tool: Any
+    title: str
+
+
+@contextmanager
+def attributed(member: Member, *, spare: type[Exception] | tuple[()] = ()) -> Iterator[None]:
+    """Turn whatever a component raises, but ``spare``, into a PluginError that names it."""
+    try:
+        yield
+    except spare:
+        raise
+    except PluginError as error:
+        raise PluginError(f"{member.title}: {error}") from error
+    except PLUGIN_FAILURES as error:
+        raise PluginError(f"{member.title} raised {type(error).__name__}: {error}") from error
+
+
+def bisector_for(member: Member, target: Target) -> Member:
+    """The bisector told its target; the member itself if that makes no difference to it."""
+    methods = [name for name in ("for_target", "aim") if callable(getattr(member.tool, name, None))]
+    if not methods:
+        return member
+    if methods[0] == "aim":
+        _warn_of_old_name(f"{type(member.tool).__module__}.{type(member.tool).__qualname__}")
+    with attributed(member):
+        told = getattr(member.tool, methods[0])(target)
+    if told is member.tool:
+        return member
+    if isinstance(told, type) or not isinstance(told, LevelBisector | Bisector):
+        raise PluginError(
+            f"{member.title}: {methods[0]} returned {told!r:.60}, "
+            "expected an object with bisect_level or bisect"
+        )
+    return Member(told, member.title)
+
+
+@cache  # once for each class
+def _warn_of_old_name(class_name: str) -> None:
+    message = f"{class_name}: the method aim(target) is now called for_target(target): rename it"
+    warnings.warn(message, DeprecationWarning, stacklevel=2)
+
+
+def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
+    """Sides ``(n,)`` in {0, 1} as the bisector has them; probabilities are rounded (1 iff p >= 0.5)."""
+    with attributed(member):
+        if callable(getattr(member.tool, "bisect_level", None)):
+            given = np.asarray(member.tool.bisect_level(level, seeds))
+        else:
+            given = bisect_by_block(member.tool, level, seeds)
+    if given.shape != (level.n,):
+        raise PluginError(f"{member.title} returned shape {given.shape}, expected ({level.n},)")
+    if given.dtype.kind == "f":
+        if not ((given >= 0) & (given <= 1)).all():
+            raise PluginError(f"{member.title} returned probabilities that are NaN or outside [0, 1]")
+        return frozen_int(given >= 0.5)
+    if given.dtype.kind not in "iub":
+        raise PluginError(f"{member.title} returned {given.dtype}, expected integers, booleans or floats")
+    if given.min() < 0 or given.max() > 1:
+        raise PluginError(f"{member.title} returned sides {given.min()}..{given.max()}, expected 0 and 1")
+    return frozen_int(given)
+
+
+def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[Any]:
+    """Sides of a whole level from a bisector of single graphs: one call and one generator a block."""
+    sides = []
+    for b in range(level.n_blocks):
+        piece = level[b]
+        given = np.asarray(bisector.bisect(piece, np.random.default_rng(int(seeds[b]))))
+        if given.shape != (piece.n,):
+            raise PluginError(f"bisect returned shape {given.shape} for a graph of {piece.n} nodes")
+        sides.append(given)
+    return np.concatenate(sides)
+
+
+def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
+    """Labels ``(n,)`` of a direct partition in ``parts`` parts at most, gaps closed."""
+    labels = _integers(member, "partition", given, n)
+    if labels.min() < 0 or labels.max() >= parts:
+        raise PluginError(f"{member.title} returned labels {labels.min()}..{labels.max()} for {parts} parts")
+    return frozen_int(np.unique(labels, return_inverse=True)[1])
+
+
+def checked_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:
+    """The labels ``given`` by a method of a component; each block must have the labels it had ``before``."""
+    after = _integers(member, method, given, graph.n)
+    stride = int(before.max()) + 1
+    if after.min() < 0 or after.max() >= stride:
+        raise PluginError(
+            f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{stride - 1}"
+        )
+    if stride == 2 and not len(one_sided_blocks(graph, before)) and not len(one_sided_blocks(graph, after)):
+        return after  # nearly always, and at a fraction of what follows
+    had, has = _present(graph, before, stride), _present(graph, after, stride)
+    if (had != has).any():
+        block, part = np.argwhere(had != has)[0]
+        verb = "emptied" if had[block, part] else "created"
+        raise PluginError(f"{member.title} {verb} part {part} of block {block}")
+    return after
+
+
+def _integers(member: Member, method: str, given: Any, n: int) -> Int:
+    labels = np.asarray(given)
+    if labels.shape != (n,) or labels.dtype.kind not in "iub":
+        raise PluginError(
+            f"{member.title}: {method} returned shape {labels.shape} of {labels.dtype}, "
+            f"expected ({n},) integers"
+        )
+    return frozen_int(labels)
+
+
+def _present(graph: Graph, labels: Int, stride: int) -> Mask:
+    """Which labels 0..stride−1 occur in each block ``(B, stride)``."""
+    room = graph.n_blocks * stride
+    return (np.bincount(graph.block_ids * stride + labels, minlength=room) > 0).reshape(-1, stride)
+
+
+def one_sided_blocks(level: Graph, sides: Int) -> Int:
+    """Blocks whose cells are all on one side."""
+    ones = np.add.reduceat(sides, level.offsets[:-1])
+    return frozen_int(((ones == 0) | (ones == level.sizes)).nonzero()[0])
+
+
+def broken_blocks(graph: Graph, labels: Int) -> Int:
+    """Blocks with a part that is not connected."""
+    from agglo_core.kernels import graphs
+
+    found = graphs.broken_blocks(graph.offsets, graph.indptr, graph.indices, frozen_int(labels))
+    return frozen_int(np.flatnonzero(found))

@@ -1,0 +1,201 @@
+"""Goals: what the parts of a level are to be, a largest diameter or a number of them.
+
+A goal says when a piece is finished, how a split shares what is left to do, what components are told,
+and what the level reports (``asked``). Each piece has a *state*, one number: its diameter, or the number of
+parts it is to become. Pieces are given as lists of cells: ``order``, cut by ``offsets``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from agglo_core.agglomeration.quotas import share_out, split_quotas
+from agglo_core.arrays import Float, Int, Mask, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.protocols import Target
+
+__all__ = ["CountGoal", "Goal", "Numbers", "SizeGoal", "resolve_goals"]
+
+Numbers = float | Sequence[float]
+
+_ROUNDING = 1e-9
+"""A part meets a size h* if its diameter is at most h* (1 + _ROUNDING)."""
+
+
+@dataclass(frozen=True)
+class SizeGoal:
+    """No part is wider than ``h_star``, but for single cells.
+
+    The state of a piece is its diameter: exact where ``h_star`` or one of the ``coarser`` sizes, which
+    will be asked for too, is near; elsewhere a number on the same side of all of them.
+    """
+
+    h_star: float
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    coarser: tuple[float, ...] = ()
+
+    @property
+    def limit(self) -> float:
+        """Largest diameter of a part, with room for rounding errors."""
+        return self.h_star * (1 + _ROUNDING)
+
+    @property
+    def target(self) -> Target:
+        """What components are told."""
+        return Target(h_star=self.h_star)
+
+    def estimate(self, graph: Graph) -> int:
+        """Number of parts to ask of a direct partition: real parts fill about half a ball of ``h_star``."""
+        ball = np.pi / 4 if graph.dim == 2 else np.pi / 6
+        side = float((graph.measures.sum() / (0.5 * ball)) ** (1.0 / graph.dim)) / self.h_star
+        return graph.n if side > graph.n else max(1, int(np.ceil(side**graph.dim)))
+
+    def assess(
+        self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
+    ) -> tuple[Float, Mask]:
+        """State of each piece, and whether it is finished; ``above``: states of the blocks split into them."""
+        from agglo_core.kernels.geometry import compare_diameters
+
+        diameter = frozen_float(
+            compare_diameters(
+                offsets, order, graph.vertex_offsets, graph.vertices, graph.points, self._limits
+            )
+        )
+        return diameter, (diameter <= self.limit) | (np.diff(offsets) == 1)
+
+    @cached_property
+    def _limits(self) -> Float:
+        return frozen_float(np.sort((self.h_star, *self.coarser)) * (1 + _ROUNDING))
+
+
+@dataclass(frozen=True)
+class CountGoal:
+    """There are exactly ``parts`` parts.
+
+    The state of a piece is the number of parts it is to become; at 1 it is finished. Splits share it by
+    measure, and so do the first pieces, unless their ``quotas`` are given.
+    """
+
+    parts: int
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    quotas: Int | None = None
+
+    @property
+    def limit(self) -> float:
+        """Parts may be of any size."""
+        return np.inf
+
+    @property
+    def target(self) -> Target:
+        """What components are told."""
+        return Target(parts=self.parts)
+
+    def estimate(self, graph: Graph) -> int:
+        """Number of parts to ask of a direct partition."""
+        return self.parts
+
+    def assess(
+        self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
+    ) -> tuple[Float, Mask]:
+        """State of each piece, and whether it is finished; ``above``: states of the blocks split into them."""
+        measures = graph.measures[order]
+        if above is not None:
+            quotas = split_quotas(above, measures, offsets)
+        elif self.quotas is not None:
+            quotas = frozen_float(self.quotas)
+        else:
+            quotas = frozen_float(share_out(self.parts, measures, offsets))
+        return quotas, quotas == 1
+
+
+Goal = SizeGoal | CountGoal
+
+
+def resolve_goals(
+    graph: Graph,
+    h0: float | None,
+    *,
+    h_star: Numbers | None = None,
+    h_factor: Numbers | None = None,
+    n_parts: Numbers | None = None,
+    cells_per_part: Numbers | None = None,
+) -> tuple[Goal, ...]:
+    """Goals from exactly one of the four kinds of target, finest first; ``h_factor=(2, 4, 8)`` if none.
+
+    ``h_factor`` is in units of ``h0``, the mesh size. ``cells_per_part=c`` means round(n / c) parts.
+
+    Raises
+    ------
+    OptionError
+        If several kinds are given, or a value is not positive and finite, or a count exceeds the
+        number of cells.
+    """
+    kinds = {
+        "h_star": h_star,
+        "h_factor": h_factor,
+        "n_parts": n_parts,
+        "cells_per_part": cells_per_part,
+    }
+    given = {name: value for name, value in kinds.items() if value is not None}
+    if len(given) > 1:
+        raise OptionError(f"give one kind of target, not {' and '.join(given)}")
+    name, value = next(iter(given.items()), ("h_factor", (2.0, 4.0, 8.0)))
+    values = _positive(name, value)
+    if name in ("n_parts", "cells_per_part"):
+        counts = [_count(name, value, graph.n) for value in values]
+        return tuple(sorted(counts, key=lambda goal: -goal.parts))
+    sizes = _sizes(values) if name == "h_star" else _multiples(values, graph, h0)
+    return tuple(sorted(sizes, key=lambda goal: goal.h_star))
+
+
+def _sizes(values: Sequence[float]) -> list[SizeGoal]:
+    return [SizeGoal(value, {"h_star": value}) for value in values]
+
+
+def _multiples(values: Sequence[float], graph: Graph, h0: float | None) -> list[SizeGoal]:
+    size = float(graph.part_diameters(np.arange(graph.n)).max()) if h0 is None else h0
+    if not size > 0:
+        raise OptionError("the cells have no extent, so h_factor means nothing: give h_star or n_parts")
+    return [SizeGoal(value * size, {"h_star": value * size, "h_factor": value}) for value in values]
+
+
+def _count(name: str, value: float, n: int) -> CountGoal:
+    if name == "n_parts":
+        parts = _whole(value, n)
+        return CountGoal(parts, {"n_parts": parts})
+    if value < 0.5:
+        raise OptionError(f"cells_per_part must be at least 1, given {value!r}")
+    parts = _whole(max(1, int(np.floor(n / value + 0.5))), n)
+    return CountGoal(parts, {"n_parts": parts, "cells_per_part": value})
+
+
+def _whole(value: float, n: int) -> int:
+    if not isinstance(value, int) and value != np.floor(value):
+        raise OptionError(f"n_parts must be a whole number, given {value!r}")
+    if value > n:
+        raise OptionError(f"too many parts, {value:.6g}: the mesh has {n} cells")
+    return int(value)
+
+
+def _positive(name: str, value: Any) -> list[float]:
+    many = isinstance(value, Sequence) and not isinstance(value, str)
+    many = many or (isinstance(value, np.ndarray) and value.ndim > 0)
+    values = list(value) if many else [value[()] if isinstance(value, np.ndarray) else value]
+    if not values:
+        raise OptionError(f"{name} is empty: give at least one value")
+    for each in values:
+        if (
+            isinstance(each, bool | np.bool_)
+            or not isinstance(each, Real)
+            or not np.isfinite(float(each))
+            or float(each) <= 0
+        ):
+            raise OptionError(f"{name} must be positive and finite, given {each!r}")
+    return [float(each) if not isinstance(each, Integral) else int(each) for each in values]

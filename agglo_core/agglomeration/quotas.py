@@ -1,0 +1,70 @@
+"""How a number of parts is shared: among the pieces at the start, and between the two sides of a split."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+
+__all__ = ["apportion", "share_out", "split_quotas"]
+
+
+def share_out(k: int, measures: Float, offsets: Int) -> Int:
+    """Quotas of pieces that hold cells of these ``measures``, piece after piece, cut by ``offsets``."""
+    sizes = np.diff(offsets)
+    pieces = np.repeat(np.arange(len(sizes)), sizes)
+    return apportion(k, frozen_float(np.bincount(pieces, measures)), frozen_int(sizes))
+
+
+def apportion(k: int, measures: Float, cells: Int) -> Int:
+    """Share k parts among pieces by measure: at least 1 each, at most their cells, exactly k in all.
+
+    Pieces without any measure are shared by cells.
+
+    Raises
+    ------
+    OptionError
+        If there are more pieces than parts, or fewer cells.
+    """
+    if k < len(measures):
+        raise OptionError(
+            f"too few parts, {k}: the mesh has {len(measures)} disconnected components, and each is a part"
+        )
+    if k > cells.sum():
+        raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")
+    if len(measures) == 1:
+        return frozen_int([k])
+    share = measures if measures.sum() > 0 else cells
+    ideal = k * share / share.sum()
+    low, high = -float(k), float(k)
+    for _ in range(80):  # the quotas nearest to ideal + shift add up to more as the shift rises
+        shift = 0.5 * (low + high)
+        fits = np.clip(np.floor(ideal + shift + 0.5), 1, cells).sum() <= k
+        low, high = (shift, high) if fits else (low, shift)
+    quotas = np.clip(np.floor(ideal + low + 0.5), 1, cells).astype(np.int64)
+    want = np.where(quotas < cells, ideal - quotas, -np.inf)
+    quotas[np.argsort(-want, kind="stable")[: k - int(quotas.sum())]] += 1
+    return frozen_int(quotas)
+
+
+def split_quotas(quotas: Float, measures: Float, offsets: Int) -> Float:
+    """Quotas ``(2B,)`` of the sides of B blocks: ``clamp(round(k · measure share), 1, min(k − 1, cells))``.
+
+    Parameters
+    ----------
+    quotas : (B,) float
+        Parts that each block is to become; those of its two sides add up to it.
+    measures : (n,) float
+        Measures of the cells, side after side.
+    offsets : (2B + 1,) int
+        Where each side starts.
+    """
+    cells = np.diff(offsets).reshape(-1, 2)
+    measure = np.add.reduceat(measures, offsets[:-1]).reshape(-1, 2)
+    measure = np.where(measure.sum(axis=1, keepdims=True) > 0, measure, cells)
+    share = measure[:, 0] / measure.sum(axis=1)
+    low = np.maximum(1.0, quotas - cells[:, 1])
+    high = np.minimum(quotas - 1.0, cells[:, 0])
+    first = np.clip(np.round(quotas * share), low, high)
+    return frozen_float(np.stack((first, quotas - first), axis=1).ravel())

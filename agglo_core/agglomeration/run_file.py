@@ -1,0 +1,62 @@
+"""The TOML file of a run: read, its keys checked, its components turned into choices."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from agglo_core.agglomeration.choices import Choice
+from agglo_core.errors import FileError
+
+__all__ = ["RunFile"]
+
+
+class RunFile:
+    """Values of a TOML file by key.
+
+    Parameters
+    ----------
+    path : Path
+    known : sequence of str
+        The keys it may have.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or parsed, or has an unknown key.
+    """
+
+    def __init__(self, path: Path, known: Sequence[str]) -> None:
+        self._path = path
+        try:
+            self._table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise FileError(f"{path}: {error}") from None
+        unknown = sorted(set(self._table) - set(known))
+        if unknown:
+            raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(known)}")
+
+    def value(self, key: str, default: Any) -> Any:
+        """The value of a key as it stands, or ``default``."""
+        return self._table.get(key, default)
+
+    def component(self, key: str, default: Choice) -> Choice:
+        """A component: a name, or a table with ``name`` and its options."""
+        return self._choice(key, self._table[key]) if key in self._table else default
+
+    def components(self, key: str, default: Sequence[Choice]) -> Sequence[Choice]:
+        """A list of components."""
+        if key not in self._table:
+            return default
+        if not isinstance(self._table[key], list):
+            raise FileError(f"{self._path}: {key} must be a list")
+        return tuple(self._choice(key, each) for each in self._table[key])
+
+    def _choice(self, key: str, value: Any) -> Choice:
+        if isinstance(value, str):
+            return value
+        if isinstance(value, Mapping) and isinstance(value.get("name"), str):
+            return value["name"], {option: each for option, each in value.items() if option != "name"}
+        raise FileError(f"{self._path}: {key} must be a name or a table with a name, not {value!r}")

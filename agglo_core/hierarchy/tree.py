@@ -1,0 +1,64 @@
+"""The tree of splits, and the numbering of labels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_int
+
+__all__ = ["Tree", "by_first_cell"]
+
+
+def by_first_cell(labels: ArrayLike) -> Int:
+    """Labels renumbered 0..k−1 in the order of each one's smallest cell id."""
+    array = np.asarray(labels, dtype=np.int64)
+    first = np.full(int(array.max()) + 1, -1, np.int64)
+    first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write, the smallest id, stays
+    used = np.flatnonzero(first >= 0)
+    number = np.empty(len(first), np.int64)
+    number[used[np.argsort(first[used])]] = np.arange(len(used))
+    return frozen_int(number[array])
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """Tree of splits. Cells stand in tree order, so every node is a slice of them.
+
+    Attributes
+    ----------
+    cells : (n,) int
+        Cell ids in tree order.
+    parent : (N,) int
+        Parent node, −1 for roots; parents come before their children.
+    start, stop : (N,) int
+        Node i owns ``cells[start[i]:stop[i]]``.
+    diameter : (N,) float
+        Diameter, exact where a target is near, elsewhere a number on the same side of every target;
+        NaN where no target asked for it.
+    """
+
+    cells: Int
+    parent: Int
+    start: Int
+    stop: Int
+    diameter: Float
+
+    def labels(self, nodes: ArrayLike) -> Int:
+        """Labels ``(n,)`` of the level made of these disjoint nodes, which together own all cells."""
+        chosen = np.asarray(nodes, dtype=np.int64)
+        chosen = chosen[np.argsort(self.start[chosen])]
+        sizes = self.stop[chosen] - self.start[chosen]
+        labels = np.empty(len(self.cells), np.int64)
+        labels[self.cells] = np.repeat(np.arange(len(chosen)), sizes)
+        return by_first_cell(labels)
+
+    def cut(self, h_star: float) -> Int:
+        """First node on each path with ``diameter <= h_star`` (leaves count as such)."""
+        leaf = np.ones(len(self.parent), bool)
+        leaf[self.parent[self.parent >= 0]] = False
+        meets = leaf | (self.diameter <= h_star)
+        above = np.where(self.parent >= 0, meets[self.parent], False)
+        return frozen_int(np.flatnonzero(meets & ~above))
