@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,12 +10,9 @@ from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_int
 from agglo_core.components.objective_choice import Pursuit, pursuit
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
-from agglo_core.graph.moves import boundary_moves
+from agglo_core.graph.moves import boundary_moves, part_sums
 from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import IncrementalMetric, Target
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 __all__ = ["DescentRefiner"]
 
@@ -115,7 +111,7 @@ class DescentRefiner:
         largest = np.zeros(graph.n_blocks)
         np.maximum.at(largest, block, np.abs(moves.changes))
         moves = moves[moves.changes < -_NOISE * largest[block]]
-        rest = np.bincount(parts, graph.measures)[moves.own] - graph.measures[moves.cells]
+        rest = part_sums(parts, graph.measures)[moves.own] - graph.measures[moves.cells]
         left = np.bincount(parts)[moves.own] > 1
         tight = cut_cells(graph.indptr, graph.indices, parts)[moves.cells]
         return moves[left & ~tight & (rest >= floors[moves.own])]
@@ -123,7 +119,7 @@ class DescentRefiner:
 
 def _floors(graph: Graph, parts: Int, block: Int) -> Float:
     """Least measure of each part ``(k,)``."""
-    measures = np.bincount(parts, graph.measures)
+    measures = part_sums(parts, graph.measures)
     smallest = np.full(graph.n_blocks, np.inf)
     np.minimum.at(smallest, block, measures)
     floors: Float = _FLOOR * np.where(np.bincount(block)[block] == 2, smallest[block], measures)
@@ -135,22 +131,20 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
     q = len(moves.cells)
     rank = np.empty(q, np.int64)
     rank[np.argsort(moves.changes, kind="stable")] = np.arange(q)
-    chosen: Sequence[Any] = []
+    chosen: list[Int] = []
     free = np.arange(q)
     while len(free):
         best = np.full(k, q)
         for ends in (moves.own[free], moves.parts[free]):
             np.minimum.at(best, ends, rank[free])
         first = free[(best[moves.own[free]] == rank[free]) & (best[moves.parts[free]] == rank[free])]
-        chosen = [*chosen, first]
+        chosen.append(first)
         taken = _holds(np.concatenate((moves.own[first], moves.parts[first])), k)
         free = free[~(taken[moves.own[free]] | taken[moves.parts[free]])]
     return moves[np.concatenate(chosen) if chosen else free]
 
 
-def _improved(
-    pursued: Pursuit, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int
-) -> Mask:
+def _improved(pursued: Pursuit, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int) -> Mask:
     """Whether the objective of each block ``(B,)`` is better than before the moves.
 
     Totals are compared where there are any. A metric cannot be measured on a graph: there the moves
@@ -158,12 +152,12 @@ def _improved(
     """
     if pursued.of_parts is not None:
         now, then = (
-            np.bincount(block, pursued.of_parts(graph, labels), graph.n_blocks) for labels in (after, before)
+            part_sums(block, pursued.of_parts(graph, labels), graph.n_blocks) for labels in (after, before)
         )
         better: Mask = now < then
         return better
     back = pursued.changes(graph, after, frozen_int(moves.cells), frozen_int(moves.own))
-    return np.bincount(block[moves.own], back, graph.n_blocks) > 0.0
+    return part_sums(block[moves.own], back, graph.n_blocks) > 0.0
 
 
 def _holds(members: Int, size: int) -> Mask:

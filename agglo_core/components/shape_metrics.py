@@ -48,8 +48,8 @@ class IsoperimetricQuotient:
         shared = moves.links(graph, labels, cells, parts, graph.interface)
         area, own = graph.measures[cells], labels[cells]
         outline = shared.total + graph.boundary[cells]
-        areas = np.bincount(labels, graph.measures, k)
-        outlines = np.bincount(labels, graph.boundary, k)
+        areas = moves.part_sums(labels, graph.measures, k)
+        outlines = moves.part_sums(labels, graph.boundary, k)
         outlines += functionals.part_cuts(graph, labels, edge_weights=graph.interface)
         left = _quotient(areas[own] - area, outlines[own] - outline + 2.0 * shared.own)
         joined = _quotient(areas[parts] + area, outlines[parts] + outline - 2.0 * shared.there)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, Mask
 from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import ratio
 
@@ -22,6 +22,7 @@ __all__ = [
     "interface_changes",
     "links",
     "normalised_cut_changes",
+    "part_sums",
     "squared_weight_changes",
 ]
 
@@ -35,6 +36,11 @@ class Links:
     there: Float
 
 
+def part_sums(labels: Int, values: Float | Int | Mask, k: int = 0) -> Float:
+    """Sum of the values ``(n,)`` of each label 0..k−1 or more."""
+    return np.bincount(labels, values, k).astype(np.float64)
+
+
 def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float | None = None) -> Links:
     """Edges of the moving cells; ``edge_weights`` is ``(m,)``, one per CSR entry, 1 by default."""
     move, entry = _entries(graph, cells)
@@ -42,9 +48,9 @@ def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float
     beside = labels[graph.indices[entry]]
     q = len(cells)
     return Links(
-        np.bincount(move, weights, q),
-        np.bincount(move, weights * (beside == labels[cells][move]), q),
-        np.bincount(move, weights * (beside == parts[move]), q),
+        part_sums(move, weights, q),
+        part_sums(move, weights * (beside == labels[cells][move]), q),
+        part_sums(move, weights * (beside == parts[move]), q),
     )
 
 
@@ -75,8 +81,8 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
     shared = links(graph, labels, cells, parts)
     rows = np.repeat(labels, np.diff(graph.indptr))
     k = int(labels.max(initial=0)) + 1
-    cuts = np.bincount(rows, rows != labels[graph.indices], k).astype(float)
-    volumes = np.bincount(labels, np.diff(graph.indptr), k)
+    cuts = part_sums(rows, rows != labels[graph.indices], k)
+    volumes = part_sums(labels, np.diff(graph.indptr), k)
     own = labels[cells]
     left = ratio(cuts[own] - shared.total + 2.0 * shared.own, volumes[own] - shared.total)
     joined = ratio(cuts[parts] + shared.total - 2.0 * shared.there, volumes[parts] + shared.total)
@@ -86,9 +92,9 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
     """Changes of the moment of inertia of the parts about their centroids ``(q,)``."""
     k = int(labels.max(initial=0)) + 1
-    mass = np.bincount(labels, graph.weights, k)
+    mass = part_sums(labels, graph.weights, k)
     means = np.stack(
-        [ratio(np.bincount(labels, graph.weights * x, k), mass) for x in graph.centroids.T], axis=1
+        [ratio(part_sums(labels, graph.weights * x, k), mass) for x in graph.centroids.T], axis=1
     )
     own, weight, place = labels[cells], graph.weights[cells], graph.centroids[cells]
     lost = ratio(weight * mass[own], mass[own] - weight) * ((place - means[own]) ** 2).sum(axis=1)
@@ -99,7 +105,7 @@ def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
 
 def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
     """Changes of the sum of the squared weights of the parts ``(q,)``."""
-    sums = np.bincount(labels, graph.weights)
+    sums = part_sums(labels, graph.weights)
     weight = graph.weights[cells]
     changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
     return changes

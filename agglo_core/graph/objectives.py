@@ -71,13 +71,15 @@ def _cut(graph: Graph, labels: Int) -> Float:
 
 
 def _inertia(graph: Graph, labels: Int) -> Float:
-    mass = np.bincount(labels, graph.weights)
-    means = np.stack([ratio(np.bincount(labels, graph.weights * x), mass) for x in graph.centroids.T], axis=1)
-    return np.bincount(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
+    mass = moves.part_sums(labels, graph.weights)
+    means = np.stack(
+        [ratio(moves.part_sums(labels, graph.weights * x), mass) for x in graph.centroids.T], axis=1
+    )
+    return moves.part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
 
 
 def _squared_weights(graph: Graph, labels: Int) -> Float:
-    squared: Float = np.bincount(labels, graph.weights) ** 2
+    squared: Float = moves.part_sums(labels, graph.weights) ** 2
     return squared
 
 
