@@ -148,7 +148,7 @@ _LAST_STEPS = (
         "constraints",
         multiple=True,
         metavar=COMPONENT,
-        help="What parts keep to. Repeatable.",
+        help="A rule for the parts. Repeatable.",
     ),
 )
 _TARGET_OPTIONS = (

@@ -21,6 +21,7 @@ __all__ = [
     "inertia_changes",
     "interface_changes",
     "links",
+    "mass_centres",
     "normalised_cut_changes",
     "part_sums",
     "squared_weight_changes",
@@ -39,6 +40,13 @@ class Links:
 def part_sums(labels: Int, values: Float | Int | Mask, k: int = 0) -> Float:
     """Sum of the values ``(n,)`` of each label 0..k−1 or more."""
     return np.bincount(labels, values, k).astype(np.float64)
+
+
+def mass_centres(graph: Graph, labels: Int, k: int = 0) -> tuple[Float, Float]:
+    """Weight ``(k,)`` and centre of weight ``(k, d)`` of each part."""
+    mass = part_sums(labels, graph.weights, k)
+    moments = [part_sums(labels, graph.weights * x, k) for x in graph.centroids.T]
+    return mass, np.stack([ratio(moment, mass) for moment in moments], axis=1)
 
 
 def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float | None = None) -> Links:
@@ -92,10 +100,7 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
     """Changes of the moment of inertia of the parts about their centroids ``(q,)``."""
     k = int(labels.max(initial=0)) + 1
-    mass = part_sums(labels, graph.weights, k)
-    means = np.stack(
-        [ratio(part_sums(labels, graph.weights * x, k), mass) for x in graph.centroids.T], axis=1
-    )
+    mass, means = mass_centres(graph, labels, k)
     own, weight, place = labels[cells], graph.weights[cells], graph.centroids[cells]
     lost = ratio(weight * mass[own], mass[own] - weight) * ((place - means[own]) ** 2).sum(axis=1)
     won = ratio(weight * mass[parts], mass[parts] + weight) * ((place - means[parts]) ** 2).sum(axis=1)

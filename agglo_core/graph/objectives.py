@@ -71,10 +71,7 @@ def _cut(graph: Graph, labels: Int) -> Float:
 
 
 def _inertia(graph: Graph, labels: Int) -> Float:
-    mass = moves.part_sums(labels, graph.weights)
-    means = np.stack(
-        [ratio(moves.part_sums(labels, graph.weights * x), mass) for x in graph.centroids.T], axis=1
-    )
+    _, means = moves.mass_centres(graph, labels)
     return moves.part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
 
 

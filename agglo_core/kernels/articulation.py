@@ -43,7 +43,8 @@ def cut_cells(indptr, indices, labels):
                 count += 1
                 stack[depth] = j
                 depth += 1
-                branches += np.int64(i == root)
+                if i == root:
+                    branches += 1
                 continue
             depth -= 1
             p = parent[i]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +46,11 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     wanted = _listed(chosen)
     known = {record.name for record in source.list() if record.kind == "metric"}
     names = [each for each in wanted if isinstance(each, str) and each in OBJECTIVES and each not in known]
-    metrics = built_metrics([each for each in wanted if each not in names], source, objectives=True)
+    rest = [each for each in wanted if each not in names]
+    for each in rest:
+        if isinstance(each, str) and "/" not in each and each not in known:
+            raise PluginError(_unknown(each, sorted(known)))
+    metrics = built_metrics(rest, source)
     for name in metrics:
         if name in _RESERVED:
             raise OptionError(f"metric {name!r} cannot be listed: every level has a value of that name")
@@ -55,24 +60,14 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
     return Selection(metrics, tuple(OBJECTIVES[name] for name in names))
 
 
-def built_metrics(
-    chosen: Iterable[Metric], registry: Registry | None = None, *, objectives: bool = False
-) -> dict[str, Member]:
-    """Metric objects, and how errors call them, by name.
-
-    ``objectives`` says whether the error about an unknown name lists the objectives too.
-    """
+def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
+    """Metric objects, and how errors call them, by name."""
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
     for metric in _listed(chosen):
         name, options = _named(metric) if isinstance(metric, tuple) else (metric, {})
         if isinstance(name, str):
-            try:
-                title = describe(source.record("metric", name))
-            except PluginError as error:
-                if not objectives:
-                    raise
-                raise PluginError(f"{error}; objectives: {', '.join(OBJECTIVES)}") from None
+            title = describe(source.record("metric", name))
             component = source.build("metric", name, **options)
         else:
             component, name = name, type(name).__name__
@@ -85,6 +80,15 @@ def built_metrics(
             )
         built[name] = Member(component, title)
     return built
+
+
+def _unknown(name: str, metrics: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, [*metrics, *OBJECTIVES], n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return (
+        f"no metric or objective is named {name!r}{hint}; metrics: {', '.join(metrics) or 'none'}; "
+        f"objectives: {', '.join(OBJECTIVES)}"
+    )
 
 
 def _listed(chosen: Iterable[Metric]) -> list[Metric]:
