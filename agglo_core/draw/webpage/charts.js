@@ -51,7 +51,7 @@ function axisGlyph({ low, high }) {
   const glyph = element("svg", { "aria-hidden": "true" });
   for (const tick of [0, 0.5, 1]) {
     const anchor = tick === 0 ? "start" : tick === 1 ? "end" : "middle";
-    glyph.append(element("text", { x: percent(tick), y: 12, "text-anchor": anchor }, shown(low + tick * (high - low))));
+    glyph.append(element("text", { x: percent(tick), y: 12, "text-anchor": anchor }, String(Number((low + tick * (high - low)).toPrecision(3)))));
   }
   return glyph;
 }

@@ -17,6 +17,7 @@ from agglo_core.mesh import Mesh
 
 __all__ = ["payload"]
 
+_ROUNDING = 1e-6
 _INTEGERS = (("Uint8", "<u1"), ("Uint16", "<u2"), ("Uint32", "<u4"))
 
 
@@ -59,7 +60,7 @@ def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
         values = np.concatenate([level.values[name] for level in _levels(runs) if name in level.values])
         values = values[np.isfinite(values)]
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
-        if not len(values) or (low >= 0.0 and high <= 1.0):
+        if not len(values) or (low >= -_ROUNDING and high <= 1.0 + _ROUNDING):
             low, high = 0.0, 1.0
         elif low == high:
             low, high = low - 0.5, high + 0.5
