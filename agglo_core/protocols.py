@@ -112,9 +112,9 @@ class Partitioner(Protocol):
 class Refiner(Protocol):
     """Improves labels without emptying a part or raising any part's number of components.
 
-    ``objective`` says what never gets worse: ``"interface"`` (total length), ``"cut"`` (number of
-    dual edges), ``"compactness"`` (moment of inertia), ``"balance"`` (largest part) or ``"diameter"``
-    (largest diameter).
+    ``objective`` says what never gets worse: one of :data:`agglo_core.graph.objectives.OBJECTIVES`, such
+    as ``"interface"`` (total length) or ``"compactness"`` (moment of inertia), or the name of a metric,
+    whose values are then summed over the parts.
     """
 
     objective: str
@@ -269,7 +269,7 @@ class Section(Protocol):
     title: str
 
     def html(self, mesh: Mesh, runs: Sequence[Any]) -> str:
-        """Return a fragment of HTML about the runs (:class:`agglo_core.measure.Run`) on a mesh."""
+        """Return a fragment of HTML about the runs (:class:`agglo_core.measure.RunResult`) on a mesh."""
         ...
 
 

@@ -8,36 +8,46 @@
     def mine(source: str, agglomeration: dict[str, Any]) -> None:
         hierarchy = agglomerate(load_mesh(source), **agglomeration)
 
+So decorated, a command chooses bisector and method in a way of its own, if at all. With
+``@agglomeration_options(bisector="one")`` it has everything that ``agglo run`` has, in the same words.
+
 Nothing heavy is imported before a mesh is loaded.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from functools import wraps
-from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, overload
 
 import click
 
-from agglo_core.errors import FileError, OptionError
-from agglo_core.registry import default
-from agglo_core.registry.construct import checked_options, resolve
-from agglo_core.registry.options import Text
-
-if TYPE_CHECKING:
-    from agglo_core.mesh import Mesh
+from agglo_core.cli.specs import (
+    all_bisectors,
+    bisector_specs,
+    choice,
+    load_mesh,
+    numbers,
+    parse_spec,
+    refuse_twins,
+    split_specs,
+)
 
 __all__ = [
     "COMPONENT",
     "FILE",
+    "METHODS",
     "agglomeration_options",
+    "all_bisectors",
+    "bisectors_option",
     "choice",
     "load_mesh",
+    "metrics_option",
     "numbers",
     "parse_spec",
+    "read_bisectors",
+    "read_methods",
     "refuse_twins",
     "split_specs",
 ]
@@ -45,159 +55,158 @@ __all__ = [
 COMPONENT = "NAME[:opt=val,…]"
 """Metavar of an option that names a component."""
 FILE = click.Path(path_type=Path)
+METHODS = ("recursive", "kway")
 
-_SAMPLE = re.compile(r"[A-Za-z_]\w*(:[^/\\]*)?")
 _TARGETS = {
     "h_star": "--h-star",
     "h_factor": "--h-factor",
     "n_parts": "--parts",
     "cells_per_part": "--cells-per-part",
 }
+_BARE = ("refiners", "fixer", *_TARGETS, "seed")
+_ALL = ("bisector", "method", "nested", *_BARE, "merge", "post_refiners", "constraints", "config")
+_SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
+
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
+Amount = Literal["one", "several"]
 
 
-def load_mesh(text: str) -> Mesh:
-    """Read the mesh file ``text``, or make the sample it describes.
-
-    Raises
-    ------
-    FileError
-        If it is a file that cannot be read, or neither a file nor the form of a sample.
-    OptionError
-        If it has the form of a sample, but is none.
-    """
-    if not text:
-        raise FileError("the name of the mesh is empty; expected a file or a sample such as squares:n=64")
-    if Path(text).exists():
-        from agglo_core.io import read
-
-        return read(Path(text))
-    if not _SAMPLE.fullmatch(text):
-        raise FileError(
-            f"{text!r} is neither a file (there is none of that name) nor a sample such as squares:n=64"
-        )
-    from agglo_core import samples
-
-    try:
-        return samples.from_spec(text)
-    except OptionError as error:
-        raise OptionError(
-            f"{text!r} is neither a file (there is none of that name) nor a sample: {error}"
-        ) from error
+def read_bisectors(_: click.Context, __: click.Parameter, typed: Sequence[str]) -> list[str]:
+    """The bisectors of a repeatable option, whose values may be comma lists; a click callback."""
+    return bisector_specs(typed)
 
 
-def parse_spec(text: str) -> tuple[str, dict[str, Text]]:
-    """Split ``"metis:ufactor=30,contig=true"`` into its name and options, each as it was typed.
-
-    Raises
-    ------
-    OptionError
-        If the name is missing, or an option is not of the form ``option=value`` or is given twice.
-    """
-    name, _, rest = text.partition(":")
-    if not name.strip():
-        raise OptionError(f"{text!r} has no name; expected NAME or NAME:option=value,…")
-    options: dict[str, Text] = {}
-    for item in rest.split(",") if rest else ():
-        option, equals, value = (part.strip() for part in item.partition("="))
-        if not equals or not option.isidentifier() or not value:
-            raise OptionError(f"{item!r} in {text!r} is not of the form option=value")
-        if option in options:
-            raise OptionError(f"{text!r} gives {option!r} twice")
-        options[option] = Text(value)
-    return name.strip(), options
+def read_methods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[str]:
+    """The methods of a comma list, none twice; a click callback."""
+    methods = [method.strip() for method in text.split(",")] if text is not None else []
+    flag = parameter.opts[0]
+    unknown = [method for method in methods if method not in METHODS]
+    if unknown:
+        raise click.UsageError(f"{flag}: {unknown[0]!r} is none of {', '.join(METHODS)}")
+    refuse_twins(flag, methods)
+    return methods
 
 
-def split_specs(text: str) -> list[str]:
-    """Split ``"kmeans,metis:ufactor=30,contig=true,spectral"`` into its three components.
+def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> list[Any] | None:
+    if text is None:
+        return None
+    from agglo_core.measure.selection import select
 
-    An item ``option=value`` belongs to the component before it.
-    """
-    specs: list[str] = []
-    for item in text.split(","):
-        continues = "=" in item.partition(":")[0]
-        if continues and specs:
-            specs[-1] += f",{item}"
-        else:
-            specs.append(item.strip())
-    return specs
+    parsed = [parse_spec(spec) for spec in split_specs(text)]
+    chosen = [(name, options) if options else name for name, options in parsed]
+    select(chosen)  # what cannot be measured is refused before a mesh is read
+    return chosen
 
 
-def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
-    """Name and options of a component that can be used, each option as its type wants it.
-
-    Raises
-    ------
-    PluginError
-        If there is no such component, or it cannot be used.
-    OptionError
-        For an option that it does not have, or a value that does not fit.
-    """
-    name, options = parse_spec(spec)
-    record = default().record(kind, name)
-    return name, checked_options(record, resolve(record), options)
+def bisectors_option(help: str) -> Decorator:
+    """Decorator that adds ``--bisector``, repeatable, for a command that takes ``bisectors``: texts."""
+    return click.option(
+        "--bisector",
+        "bisectors",
+        multiple=True,
+        metavar=COMPONENT,
+        callback=read_bisectors,
+        help=f"{help} Repeatable, or a comma list; 'all' for all that can be used.",
+    )
 
 
-def refuse_twins(flag: str, specs: Sequence[str]) -> None:
-    """Raise UsageError if something is given twice."""
-    twice = sorted({spec for spec in specs if specs.count(spec) > 1})
-    if twice:
-        raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")
+metrics_option = click.option(
+    "--metrics",
+    metavar="LIST",
+    callback=_read_metrics,
+    help="Metrics (NAME[:opt=val,…]) or objectives to show instead of UF, CR, CRc.",
+)
+"""Decorator that adds ``--metrics``: what :func:`agglo_core.measure.measure_levels` takes, or None."""
 
-
-def numbers(
-    number: type[int] | type[float], least: float | None = None
-) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
-    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
-
-    def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
-        if text is None:
-            return None
-        try:
-            values = tuple(number(item) for item in text.split(","))
-        except ValueError:
-            noun = "whole numbers" if number is int else "numbers"
-            raise click.BadParameter(f"{text!r} is not a comma list of {noun}", param=parameter) from None
-        for value in values:
-            if not (0 < value < inf and value >= (least or 0)):
-                wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
-                raise click.BadParameter(f"each number must be {wanted}, given {value}", param=parameter)
-        return values
-
-    return read
-
-
+_ONE_BISECTOR = click.option("--bisector", metavar=COMPONENT, help="How a piece is split (default kmeans).")
+_METHOD = click.option("--method", type=click.Choice(METHODS), help="Default recursive.")
+_METHOD_LIST = click.option(
+    "--method", "methods", callback=read_methods, metavar="LIST", help="recursive (default), kway, or both."
+)
+_NESTED = click.option(
+    "--nested/--not-nested", default=None, help="Whether levels coarsen each other (default)."
+)
 _SIZES, _COUNTS, _MEANS = numbers(float), numbers(int), numbers(float, least=1)
-_OPTIONS = (
+_REFINER = click.option(
+    "--refiner", "refiners", multiple=True, metavar=COMPONENT, help="Repeatable; 'none' for none."
+)
+_FIXER = click.option("--fixer", metavar=COMPONENT, help="Default connectivity.")
+_LAST_STEPS = (
     click.option(
-        "--refiner", "refiners", multiple=True, metavar=COMPONENT, help="Repeatable; 'none' for none."
+        "--merge/--no-merge", default=None, help="Sizes: merge neighbours while they meet the target."
     ),
-    click.option("--fixer", metavar=COMPONENT, help="Default connectivity."),
+    click.option(
+        "--post-refiner",
+        "post_refiners",
+        multiple=True,
+        metavar=COMPONENT,
+        help="For each finished level. Repeatable; 'none' for none.",
+    ),
+    click.option(
+        "--constraint",
+        "constraints",
+        multiple=True,
+        metavar=COMPONENT,
+        help="A rule for the parts. Repeatable.",
+    ),
+)
+_TARGET_OPTIONS = (
     click.option("--h-star", callback=_SIZES, metavar="LIST", help="Largest diameters, a level each."),
     click.option("--h-factor", callback=_SIZES, metavar="LIST", help="The same over h0 (default 2,4,8)."),
     click.option("--parts", "n_parts", callback=_COUNTS, metavar="LIST", help="Numbers of agglomerates."),
     click.option("--cells-per-part", callback=_MEANS, metavar="LIST", help="Mean sizes of agglomerates."),
     click.option("--seed", type=click.IntRange(min=0), help="Default 0."),
 )
+_CONFIG = click.option("--config", type=FILE, help="TOML file; options given here win.")
 
 
-def agglomeration_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorator that adds refiners, fixer, the four kinds of target, and the seed.
+@overload
+def agglomeration_options(command: Command) -> Command: ...
+@overload
+def agglomeration_options(*, bisector: Amount = "one", method: Amount = "one") -> Decorator: ...
+def agglomeration_options(
+    command: Command | None = None, *, bisector: Amount = "one", method: Amount = "one"
+) -> Command | Decorator:
+    """Decorator that adds the options of agglomeration to a command.
 
     The command gets them as one mapping ``agglomeration`` of arguments of
     :func:`agglo_core.agglomerate`; absent ones keep its defaults. Several kinds of target, or a refiner
     beside ``none``, are a UsageError; a component that cannot be used is a PluginError before a mesh is
     read.
+
+    Parameters
+    ----------
+    command : callable, optional
+        Decorated without arguments, it gets refiners, fixer, the four kinds of target, and the seed.
+    bisector : "one" or "several"
+        All the options of ``agglo run``: also bisector, method, nested, merge, post-refiners,
+        constraints, config. With "several" the command gets ``bisectors`` besides, a list of texts for
+        :func:`choice`, empty if none was given.
+    method : "one" or "several"
+        With "several" the command gets ``methods`` besides, a list of words, empty if none was given.
     """
+    if command is not None:
+        return _with(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
+    several = bisectors_option("How a piece is split (default kmeans); several are compared.")
+    chosen = several if bisector == "several" else _ONE_BISECTOR
+    methods = _METHOD_LIST if method == "several" else _METHOD
+    options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, _CONFIG]
+    return lambda inner: _with(inner, options, _ALL)
+
+
+def _with(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
+    """The command with these options, those of some names gathered in one argument ``agglomeration``."""
 
     @wraps(command)
     def gathered(**given: Any) -> Any:
-        names = ("refiners", "fixer", *_TARGETS, "seed")
-        chosen = {name: given.pop(name) for name in names}
+        chosen = {name: given.pop(name) for name in names if name in given}
         return command(agglomeration=_arguments(chosen), **given)
 
-    for option in reversed(_OPTIONS):
-        gathered = option(gathered)
-    return gathered
+    decorated: Command = gathered
+    for option in reversed(options):
+        decorated = option(decorated)
+    return decorated
 
 
 def _arguments(chosen: dict[str, Any]) -> dict[str, Any]:
@@ -205,11 +214,15 @@ def _arguments(chosen: dict[str, Any]) -> dict[str, Any]:
     targets = [flag for name, flag in _TARGETS.items() if name in given]
     if len(targets) > 1:
         raise click.UsageError(f"{' and '.join(targets)} cannot be given together: choose one")
-    refiners = given.get("refiners", ())
-    if "none" in refiners and len(refiners) > 1:
-        raise click.UsageError("--refiner none cannot be given with another --refiner: choose one")
-    if refiners:
-        given["refiners"] = tuple(choice("refiner", spec) for spec in refiners if spec != "none")
-    if "fixer" in given:
-        given["fixer"] = choice("fixer", given["fixer"])
+    for name, (kind, flag) in _SEVERAL.items():
+        specs = given.get(name, ())
+        if "none" in specs and len(specs) > 1:
+            raise click.UsageError(f"{flag} none cannot be given with another {flag}: choose one")
+        if specs:
+            given[name] = tuple(choice(kind, spec) for spec in specs if spec != "none")
+    for name in ("bisector", "fixer"):
+        if name in given:
+            given[name] = choice(name, given[name])
+    if "constraints" in given:
+        given["constraints"] = tuple(choice("constraint", spec) for spec in given["constraints"])
     return given

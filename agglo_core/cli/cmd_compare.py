@@ -9,28 +9,29 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import (
-    COMPONENT,
     FILE,
+    METHODS,
     agglomeration_options,
+    all_bisectors,
     choice,
     load_mesh,
+    metrics_option,
+    read_bisectors,
+    read_methods,
     refuse_twins,
-    split_specs,
 )
 from agglo_core.cli.console import explain_compilation, hush, number, print_json
 from agglo_core.cli.outputs import check_report, refuse_solids
-from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show
 from agglo_core.registry import default
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from agglo_core.measure.comparison import Run
+    from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
 __all__ = ["compare"]
-
-_METHODS = ("recursive", "kway")
 
 
 @dataclass(frozen=True)
@@ -45,36 +46,44 @@ class _Plan:
 
 @click.command(short_help="Compare bisectors and methods on a mesh.")
 @click.argument("source", metavar="MESH|SAMPLE")
-@click.option("--bisectors", metavar="LIST", help=f"{COMPONENT}, … (default: all that can be used).")
-@click.option("--methods", default="recursive", show_default=True, metavar="LIST", help="recursive, kway.")
-@agglomeration_options
+@agglomeration_options(bisector="several", method="several")
+@click.option("--bisectors", "more_bisectors", multiple=True, callback=read_bisectors, hidden=True)
+@click.option("--methods", "more_methods", callback=read_methods, hidden=True)
+@metrics_option
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def compare(
     source: str,
-    bisectors: str | None,
-    methods: str,
+    bisectors: Sequence[str],
+    methods: Sequence[str],
     agglomeration: Mapping[str, Any],
+    more_bisectors: Sequence[str],
+    more_methods: Sequence[str],
+    metrics: list[Any] | None,
     report: Path | None,
     as_json: bool,
     quiet: bool,
 ) -> int:
-    """Compare bisectors, in the order given, on a mesh file or a sample.
+    """Compare bisectors, in the order given (default: all), on a mesh file or a sample.
 
     One that fails is a line of its own and makes the exit code 3; one that does not implement a method
     is shown as such. Targets are those of agglo run.
     """
     if quiet:
         hush()
-    plans = _plans(_bisectors(bisectors), _methods(methods))
+    specs, words = [*bisectors, *more_bisectors], [*methods, *more_methods]
+    refuse_twins("--bisector", specs)
+    refuse_twins("--method", words)
+    plans = _plans(specs or all_bisectors(), words or [_configured_method(agglomeration)])
     if report is not None:
         check_report(report)
     mesh = load_mesh(source)
     refuse_solids(mesh, source, {"--report": report})
+    refuse_metrics(mesh, metrics)
     if not quiet:
         explain_compilation()
-    runs = [_carry_out(mesh, plan, agglomeration, quiet) for plan in plans]
+    runs = [_carry_out(mesh, plan, agglomeration, quiet, metrics) for plan in plans]
     refuse_all_failed(runs)
     if report is not None:
         from agglo_core.draw.webpage import write_page
@@ -89,23 +98,13 @@ def compare(
     return 3 if any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True)) else 0
 
 
-def _bisectors(text: str | None) -> list[str]:
-    if text is None:
-        return [
-            record.name for record in default().list() if record.kind == "bisector" and record.state == "ok"
-        ]
-    specs = split_specs(text)
-    refuse_twins("--bisectors", specs)
-    return specs
+def _configured_method(given: Mapping[str, Any]) -> str:
+    """The method of the configuration, or the default one."""
+    if "config" not in given:
+        return METHODS[0]
+    from agglo_core.agglomeration.pipeline import Pipeline
 
-
-def _methods(text: str) -> list[str]:
-    methods = [method.strip() for method in text.split(",")]
-    unknown = [method for method in methods if method not in _METHODS]
-    if unknown:
-        raise click.UsageError(f"--methods: {unknown[0]!r} is none of {', '.join(_METHODS)}")
-    refuse_twins("--methods", methods)
-    return methods
+    return Pipeline.from_toml(given["config"]).method
 
 
 def _plans(specs: list[str], methods: list[str]) -> list[_Plan]:
@@ -133,10 +132,12 @@ def _lacking(spec: str) -> dict[str, str]:
     return lacking
 
 
-def _carry_out(mesh: Mesh, plan: _Plan, given: Mapping[str, Any], quiet: bool) -> Run:
-    from agglo_core.measure.comparison import Run
+def _carry_out(
+    mesh: Mesh, plan: _Plan, given: Mapping[str, Any], quiet: bool, metrics: list[Any] | None
+) -> RunResult:
+    from agglo_core.measure.comparison import RunResult
 
     if plan.lacks:
-        return Run(plan.name, None, error=plan.lacks)
+        return RunResult(plan.name, None, error=plan.lacks)
     chosen = {"bisector": choice("bisector", plan.spec), "method": plan.method}
-    return attempt(mesh, plan.name, {**given, **chosen}, quiet)
+    return attempt(mesh, plan.name, {**given, **chosen}, quiet, metrics)

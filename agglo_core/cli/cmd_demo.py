@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from agglo_core.cli.arguments import FILE
+from agglo_core.cli.arguments import FILE, bisectors_option, choice
 from agglo_core.cli.console import explain_compilation, hush, number, print_json
+from agglo_core.cli.outputs import as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
 from agglo_core.errors import FileError, PluginError
 from agglo_core.registry import default
 
 if TYPE_CHECKING:
-    from agglo_core.measure.comparison import Run
+    from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
 __all__ = ["demo"]
@@ -34,6 +35,7 @@ def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> flo
 
 @click.command(short_help="See a brain agglomerated by every bisector.")
 @click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
+@bisectors_option("How a piece is split (default: all).")
 @click.option(
     "--diameter-fraction",
     "factor",
@@ -45,15 +47,15 @@ def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> flo
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
-def demo(output: Path, factor: float, as_json: bool, quiet: bool) -> None:
-    """Agglomerate a coronal section of a human brain with every bisector that can be used.
+def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, quiet: bool) -> None:
+    """Agglomerate a coronal section of a human brain with every bisector, or those chosen.
 
     The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
     The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
     """
     if quiet:
         hush()
-    names = _bisectors(quiet)
+    chosen = {spec: choice("bisector", spec) for spec in bisectors or _usable(quiet)}
     _check_folder(output)
     from agglo_core import samples
 
@@ -63,7 +65,10 @@ def demo(output: Path, factor: float, as_json: bool, quiet: bool) -> None:
         explain_compilation()
     factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
     sizes = tuple(diameter * each for each in factors)
-    runs = [attempt(mesh, name, {"bisector": name, "h_star": sizes}, quiet) for name in names]
+    runs = [
+        attempt(mesh, spec, {"bisector": bisector, "h_star": sizes}, quiet)
+        for spec, bisector in chosen.items()
+    ]
     refuse_all_failed(runs)
     size = f"diameter D = {number(diameter)}"
     note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
@@ -77,7 +82,7 @@ def demo(output: Path, factor: float, as_json: bool, quiet: bool) -> None:
         click.echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
 
 
-def _bisectors(quiet: bool) -> list[str]:
+def _usable(quiet: bool) -> list[str]:
     """Names of the bisectors that can be used; those that lack a package are noted."""
     records = [record for record in default().list() if record.kind == "bisector"]
     for record in records:
@@ -98,7 +103,7 @@ def _check_folder(folder: Path) -> None:
         raise FileError(f"{folder}: the folder is not writable")
 
 
-def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[Run], note: str) -> list[Path]:
+def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[RunResult], note: str) -> list[Path]:
     """The report, and mesh and levels of each run for ParaView; each file appears whole or not at all."""
     from agglo_core.draw.webpage import write_page
     from agglo_core.io import write
@@ -109,14 +114,15 @@ def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[Run], note: str) -
     written = [page]
     for run in runs:
         if run.hierarchy is not None:
-            fine = folder / f"{run.name}.vtu"
+            name = as_file_name(run.name)
+            fine = folder / f"{name}.vtu"
             write(fine, mesh, run.hierarchy)
             levels = range(len(run.levels))
-            written += [fine, *(folder / f"{run.name}_level{place}.vtu" for place in levels)]
+            written += [fine, *(folder / f"{name}_level{place}.vtu" for place in levels)]
     return written
 
 
-def _pictures(folder: Path, mesh: Mesh, runs: Sequence[Run], title: str, quiet: bool) -> list[Path]:
+def _pictures(folder: Path, mesh: Mesh, runs: Sequence[RunResult], title: str, quiet: bool) -> list[Path]:
     """One of each run, and the box plots; none without matplotlib, which is said."""
     if find_spec("matplotlib") is None:
         if not quiet:
@@ -133,5 +139,5 @@ def _pictures(folder: Path, mesh: Mesh, runs: Sequence[Run], title: str, quiet: 
     boxes = folder / "boxplots.png"
     draw_boxes({run.name: run.levels[0].values for run in runs if run.levels}, boxes, title=title)
     for name, hierarchy in hierarchies.items():
-        draw(mesh, {name: hierarchy}, folder / f"{name}.png")
-    return [boxes, *(folder / f"{name}.png" for name in hierarchies)]
+        draw(mesh, {name: hierarchy}, folder / f"{as_file_name(name)}.png")
+    return [boxes, *(folder / f"{as_file_name(name)}.png" for name in hierarchies)]

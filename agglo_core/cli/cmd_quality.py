@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.cli.arguments import metrics_option
 from agglo_core.cli.console import hush, number, print_json, print_table
+from agglo_core.cli.runs import level_data, single_level
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -15,15 +17,14 @@ if TYPE_CHECKING:
 
 __all__ = ["quality"]
 
-_COLUMNS = ("level", "parts", "max_diameter", "UF", "CR", "CRc", "connected")
-
 
 @click.command(short_help="Measure the agglomerates in a file.")
 @click.argument("file", type=click.Path(path_type=Path))
+@metrics_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
-def quality(file: Path, as_json: bool, quiet: bool) -> None:
-    """Print mean UF, CR and CRc of every level stored in FILE.
+def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:
+    """Print the means of UF, CR and CRc, or of other metrics, of every level stored in FILE.
 
     Levels are those of a hierarchy (.npz) or the cell data level_0, level_1, …; a file without any has
     its cells measured as they are.
@@ -31,27 +32,25 @@ def quality(file: Path, as_json: bool, quiet: bool) -> None:
     if quiet:
         hush()
     from agglo_core.io import read_hierarchy
-    from agglo_core.measure.agglomerates import summary
+    from agglo_core.measure.agglomerates import measure_levels
 
     mesh, stored = read_hierarchy(file)
     names, hierarchy = _levels(mesh, stored)
-    rows = [
-        {"level": name, **{key: row[key] for key in _COLUMNS[1:]}}
-        for name, row in zip(names, summary(mesh, hierarchy), strict=True)
-    ]
+    levels = measure_levels(mesh, hierarchy, metrics=metrics)
+    rows = [{"level": name} | level_data(level) for name, level in zip(names, levels, strict=True)]
+    for row in rows:
+        del row["target"]
     if as_json:
         print_json({"mesh": {"name": mesh.name, "cells": mesh.n_cells, "h0": mesh.h}, "levels": rows})
     elif not quiet:
         title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
-        print_table(title, _COLUMNS, [[number(row[key]) for key in _COLUMNS] for row in rows])
+        columns = [*(key for key in rows[0] if key != "objectives"), *levels[0].objectives]
+        flat = [row | row.get("objectives", {}) for row in rows]
+        print_table(title, columns, [[number(row[key]) for key in columns] for row in flat])
 
 
 def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:
     """Names and labels of the stored levels; of the cells as they are if there are none."""
     if stored is not None:
         return [f"level_{place}" for place in range(len(stored.levels))], stored
-    import numpy as np
-
-    from agglo_core.hierarchy import Hierarchy
-
-    return ["cells"], Hierarchy(mesh, mesh.graph, [np.arange(mesh.n_cells)], [{}], nested=True)
+    return ["cells"], single_level(mesh)

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, refuse_twins
+from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
 from agglo_core.cli.console import explain_compilation, hush, number, print_json
 from agglo_core.cli.outputs import check_outputs, refuse_solids, write_outputs
-from agglo_core.cli.runs import LEVEL_KEYS, data, execute, level_data, show
+from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from agglo_core.measure.comparison import Run
+    from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
 __all__ = ["run"]
@@ -24,16 +24,8 @@ __all__ = ["run"]
 
 @click.command(short_help="Agglomerate a mesh: measure, draw, write.")
 @click.argument("source", metavar="MESH|SAMPLE")
-@click.option(
-    "--bisector",
-    "bisectors",
-    multiple=True,
-    metavar=COMPONENT,
-    help="How a piece is split (default kmeans); several are compared.",
-)
-@click.option("--method", type=click.Choice(["recursive", "kway"]), help="Default recursive.")
-@agglomeration_options
-@click.option("--config", type=FILE, help="TOML file; options given here win.")
+@agglomeration_options(bisector="several")
+@metrics_option
 @click.option("-o", "--output", type=FILE, help="Mesh and levels (.vtu, .npz, …); one file per bisector.")
 @click.option("--plot", type=FILE, help="Picture of mesh and levels (.png, .pdf, .svg).")
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
@@ -41,10 +33,9 @@ __all__ = ["run"]
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def run(
     source: str,
-    bisectors: tuple[str, ...],
-    method: str | None,
+    bisectors: Sequence[str],
     agglomeration: Mapping[str, Any],
-    config: Path | None,
+    metrics: list[Any] | None,
     output: Path | None,
     plot: Path | None,
     report: Path | None,
@@ -57,31 +48,31 @@ def run(
     """
     if quiet:
         hush()
-    own = {"method": method, "config": config}
-    given = {**agglomeration, **{name: value for name, value in own.items() if value}}
-    refuse_twins("--bisector", bisectors)
     files = check_outputs(output, plot, report, bisectors)
     chosen = {spec: choice("bisector", spec) for spec in bisectors}
     mesh = load_mesh(source)
     refuse_solids(mesh, source, {"--plot": plot, "--report": report})
+    refuse_metrics(mesh, metrics)
     if not quiet:
         explain_compilation()
-    runs = [execute(mesh, spec, given | {"bisector": chosen[spec]}, quiet) for spec in bisectors]
-    runs = runs or [_configured(mesh, given, quiet)]
-    written = write_outputs(mesh, runs, files, plot, report)
+    runs = [
+        execute(mesh, spec, {**agglomeration, "bisector": chosen[spec]}, quiet, metrics) for spec in bisectors
+    ]
+    runs = runs or [_configured(mesh, agglomeration, quiet, metrics)]
+    written = write_outputs(mesh, runs, files, plot, report, metrics)
     if as_json:
         print_json(data(mesh, source, [_plain(each) for each in runs]))
     elif not quiet:
         show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs, written)
 
 
-def _configured(mesh: Mesh, given: Mapping[str, Any], quiet: bool) -> Run:
+def _configured(mesh: Mesh, given: Mapping[str, Any], quiet: bool, metrics: list[Any] | None) -> RunResult:
     """The run with the bisector of the configuration, or the default one, under its name."""
-    made = execute(mesh, "agglomerating", given, quiet)
+    made = execute(mesh, "agglomerating", given, quiet, metrics)
     return replace(made, name=str(made.hierarchy.statistics["bisector"])) if made.hierarchy else made
 
 
-def _plain(run: Run) -> dict[str, Any]:
-    levels: Sequence[Mapping[str, Any]] = [level_data(level.line, LEVEL_KEYS) for level in run.levels]
+def _plain(run: RunResult) -> dict[str, Any]:
+    levels = [level_data(level) for level in run.levels]
     statistics = run.hierarchy.statistics if run.hierarchy else {}
     return {"bisector": run.name, "levels": levels, "seconds": run.seconds, "statistics": statistics}

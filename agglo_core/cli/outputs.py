@@ -6,17 +6,17 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from agglo_core.errors import FileError, OptionError
 
 if TYPE_CHECKING:
-    from agglo_core.measure.comparison import Run
+    from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
-__all__ = ["check_outputs", "check_report", "refuse_solids", "write_outputs"]
+__all__ = ["as_file_name", "check_outputs", "check_report", "refuse_solids", "write_outputs"]
 
 _PICTURES = (".png", ".pdf", ".svg")
 
@@ -74,24 +74,37 @@ def _check_picture(plot: Path) -> None:
         raise OptionError("--plot needs matplotlib, which is not installed: pip install 'agglo[plot]'")
 
 
+def as_file_name(spec: str) -> str:
+    """A component as part of a file name: ``metis:ufactor=30`` becomes ``metis_ufactor_30``."""
+    return re.sub(r"\W+", "_", spec).strip("_")
+
+
 def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
     """``out_kmeans.vtu``, ``out_metis.vtu``; with options, whatever of them a file name may hold."""
-    names = [re.sub(r"\W+", "_", spec).strip("_") for spec in bisectors]
+    names = [as_file_name(spec) for spec in bisectors]
     if len(set(names)) < len(names):
         raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")
     return [output.with_name(f"{output.stem}_{name}{output.suffix}") for name in names]
 
 
 def write_outputs(
-    mesh: Mesh, runs: Sequence[Run], files: Sequence[Path], plot: Path | None, report: Path | None
+    mesh: Mesh,
+    runs: Sequence[RunResult],
+    files: Sequence[Path],
+    plot: Path | None,
+    report: Path | None,
+    metrics: list[Any] | None = None,
 ) -> list[Path]:
-    """Write what was asked for and return the paths; a failed picture leaves no mesh file behind."""
+    """Write what was asked for and return the paths; a failed picture leaves no mesh file behind.
+
+    ``metrics`` are those whose means stand in the titles of the picture.
+    """
     written = []
     done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
     if plot is not None:
         from agglo_core.draw.plot import draw
 
-        draw(mesh, done, plot)
+        draw(mesh, done, plot, metrics)
         written.append(plot)
     if report is not None:
         from agglo_core.draw.webpage import write_page

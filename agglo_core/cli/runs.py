@@ -13,17 +13,29 @@ from agglo_core.cli.stopping import stopped_by
 from agglo_core.errors import AggloError, OptionError
 
 if TYPE_CHECKING:
-    from agglo_core.measure.comparison import Run
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure.agglomerates import Level
+    from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
-__all__ = ["LEVEL_KEYS", "attempt", "data", "execute", "level_data", "refuse_all_failed", "run_data", "show"]
+__all__ = [
+    "attempt",
+    "data",
+    "execute",
+    "level_data",
+    "refuse_all_failed",
+    "refuse_metrics",
+    "run_data",
+    "show",
+    "single_level",
+]
 
-LEVEL_KEYS = ("target", "parts", "max_diameter", "UF", "CR", "CRc", "connected")
-_COLUMNS = ("parts", "UF", "CR", "CRc", "connected", "diameter_ratio")
-_HEADS = ("target", "K", "UF", "CR", "CRc", "connected", "mean diam/h*", "seconds")
+Metrics = list[Any] | None
 
 
-def execute(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run:
+def execute(
+    mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool, metrics: Metrics = None
+) -> RunResult:
     """Warm up, agglomerate with the arguments ``given``, and measure; errors pass through."""
     from agglo_core.agglomeration.pipeline import agglomerate
     from agglo_core.measure.comparison import timed_run
@@ -31,19 +43,21 @@ def execute(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run
     with progress(f"{name}: loading", quiet):
         _warm_up(given)
     with progress(name, quiet):
-        return timed_run(mesh, name, lambda: agglomerate(mesh, **given))
+        return timed_run(mesh, name, lambda: agglomerate(mesh, **given), metrics)
 
 
-def attempt(mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool) -> Run:
+def attempt(
+    mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool, metrics: Metrics = None
+) -> RunResult:
     """The same for one run among others: its failure is a result."""
-    from agglo_core.measure.comparison import Run
+    from agglo_core.measure.comparison import RunResult
 
     try:
-        return execute(mesh, name, given, quiet)
+        return execute(mesh, name, given, quiet, metrics)
     except AggloError as error:
         if stopped_by(error) is not None:
             raise
-        return Run(name, None, error=str(error))
+        return RunResult(name, None, error=str(error))
 
 
 def _warm_up(given: Mapping[str, Any]) -> None:
@@ -62,7 +76,7 @@ def _warm_up(given: Mapping[str, Any]) -> None:
         # else the run itself will tell
 
 
-def refuse_all_failed(runs: Sequence[Run]) -> None:
+def refuse_all_failed(runs: Sequence[RunResult]) -> None:
     """Raise OptionError if no run came to an end."""
     if all(run.hierarchy is None for run in runs):
         reasons = dict.fromkeys(f"{run.name}: {run.error}" for run in runs)
@@ -74,47 +88,92 @@ def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str
     return {"mesh": {"name": mesh.name or source, "cells": mesh.n_cells, "h0": mesh.h}, "runs": runs}
 
 
-def level_data(line: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
-    """A level with its target as one number: the largest diameter, or how many parts."""
-    asked = line["target"]
-    return {key: line[key] for key in keys} | {"target": asked.get("h_star", asked.get("n_parts"))}
+def level_data(level: Level, *, ratio: bool = False) -> dict[str, Any]:
+    """A level with its target as one number: the largest diameter, or how many parts.
+
+    With ``ratio`` the mean diameter over h* is among the values.
+    """
+    asked, line = level.line["target"], dict(level.line)
+    if not ratio and "diameter_ratio" not in level.metrics:
+        del line["diameter_ratio"]
+    return line | {"target": asked.get("h_star", asked.get("n_parts"))}
 
 
-def run_data(run: Run, bisector: str, method: str) -> dict[str, Any]:
+def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
     """A run of a comparison: that of ``agglo run``, with method, diam/h*, and the error if it failed."""
     return {
         "bisector": bisector,
         "method": method,
-        "levels": [level_data(level.line, (*LEVEL_KEYS, "diameter_ratio")) for level in run.levels],
+        "levels": [level_data(level, ratio=True) for level in run.levels],
         "seconds": run.seconds if run.hierarchy else None,
         "statistics": run.hierarchy.statistics if run.hierarchy else {},
         "error": run.error or None,
     }
 
 
-def show(title: str, runs: Sequence[Run], written: Sequence[Path] = (), only_finest: bool = False) -> None:
+def refuse_metrics(mesh: Mesh, metrics: Metrics) -> None:
+    """Find out on a small solid whether the metrics asked for exist for a mesh in 3-D.
+
+    Raises
+    ------
+    MeshError
+        If one of them does not.
+    """
+    if metrics is None or mesh.dim == 2:
+        return
+    from agglo_core import samples
+    from agglo_core.measure.agglomerates import measure_levels
+
+    measure_levels(solid := samples.boxes(1), single_level(solid), metrics=metrics)
+
+
+def single_level(mesh: Mesh) -> Hierarchy:
+    """A hierarchy whose one level is the cells as they are."""
+    import numpy as np
+
+    from agglo_core.hierarchy import Hierarchy
+
+    return Hierarchy(mesh, mesh.graph, [np.arange(mesh.n_cells)], [{}], nested=True)
+
+
+def show(
+    title: str, runs: Sequence[RunResult], written: Sequence[Path] = (), only_finest: bool = False
+) -> None:
     """Print one line a level, and the files written; why a run failed stands in a column of its own."""
     failed = any(run.error for run in runs)
+    measured = next(level for run in runs for level in run.levels)
+    heads = ["target", "K", *measured.metrics, "connected", *_last(measured).values(), "seconds"]
     rows = []
     for run in runs:
         levels = run.levels[:1] if only_finest else run.levels
         for place, level in enumerate(levels):
-            row = ["" if place else run.name, *_cells(level.target, level.line)]
+            row = ["" if place else run.name, *_cells(level)]
             rows.append([*row, "" if place else f"{run.seconds:.2f}", *([""] if failed else [])])
         if run.error:
-            rows.append([run.name, *["–"] * len(_HEADS), run.error])
-    columns = ["bisector", *_HEADS, *(["note"] if failed else [])]
+            rows.append([run.name, *["–"] * len(heads), run.error])
+    columns = ["bisector", *heads, *(["note"] if failed else [])]
     print_table(title, columns, rows, fold="note")
     for path in written:
         click.echo(f"wrote {path}")
 
 
-def _cells(target: Mapping[str, Any], line: Mapping[str, Any]) -> list[str]:
+def _last(level: Level) -> dict[str, str]:
+    """Keys and heads of the columns after ``connected``."""
+    ratio = {} if "diameter_ratio" in level.metrics else {"diameter_ratio": "mean diam/h*"}
+    return ratio | {name: name for name in level.objectives}
+
+
+def _cells(level: Level) -> list[str]:
     from agglo_core.measure.comparison import wanted
 
-    shown = dict(line) | {"connected": f"{number(100.0 * line['connected'])} %"}
-    return [wanted(target), *(_short(shown[key]) for key in _COLUMNS)]
+    line = {**level.line, **level.objectives}
+    line["connected"] = f"{number(100.0 * line['connected'])} %"
+    keys = ("parts", *level.metrics, "connected", *_last(level))
+    return [wanted(level.target), *(short(line[key]) for key in keys)]
 
 
-def _short(value: Any) -> str:
-    return f"{value:.3f}" if isinstance(value, float) else number(value)
+def short(value: Any) -> str:
+    """A number as columns of ratios show it: three decimals, or four digits where it is large."""
+    if isinstance(value, float) and abs(value) < 1000.0:
+        return f"{value:.3f}"
+    return number(value)

@@ -37,6 +37,7 @@ def agglo_components() -> list[Component]:
             promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
             summary="Moves boundary cells to shorten the interface.",
         ),
+        _descent(),
         Component(
             kind="fixer",
             name="connectivity",
@@ -87,3 +88,13 @@ def agglo_components() -> list[Component]:
             for name, (target, summary) in _SHAPES.items()
         ),
     ]
+
+
+def _descent() -> Component:
+    return Component(
+        kind="refiner",
+        name="descent",
+        target="agglo_core.components.descent:DescentRefiner",
+        promises={"deterministic": True, "3d": True, "pickles": True},
+        summary="Moves boundary cells to improve an objective or a metric of your choice.",
+    )

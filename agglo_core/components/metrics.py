@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError
-from agglo_core.graph import functionals
+from agglo_core.graph import Graph, functionals, moves
 from agglo_core.mesh import Mesh
 
 __all__ = [
@@ -162,6 +162,10 @@ class InterfaceLength:
         lengths = np.bincount(pairs.ravel(), np.repeat(measures, 2), minlength=coarse.n_cells)
         return lengths.astype(float)  # without any inner face numpy counts in integers
 
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves: a face between parts counts for both."""
+        return 2.0 * moves.interface_changes(graph, labels, cells, parts)
+
 
 class Cut:
     """Number of dual edges that leave the agglomerate: cut(S_k, V∖S_k) (paper, §2.1)."""
@@ -173,6 +177,10 @@ class Cut:
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Edges cut ``(k,)``; each counts for both its parts."""
         return functionals.part_cuts(mesh.graph, mesh.check_labels(labels))
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves: an edge between parts counts for both."""
+        return 2.0 * moves.cut_changes(graph, labels, cells, parts)
 
 
 class NormalisedCut:
@@ -187,6 +195,10 @@ class NormalisedCut:
         parts = mesh.check_labels(labels)
         cuts = functionals.part_cuts(mesh.graph, parts)
         return functionals.ratio(cuts, functionals.part_volumes(mesh.graph, parts))
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves."""
+        return moves.normalised_cut_changes(graph, labels, cells, parts)
 
 
 class Components:

@@ -13,6 +13,8 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.components.metrics import plane_agglomerates
+from agglo_core.errors import MeshError
+from agglo_core.graph import Graph, functionals, moves
 from agglo_core.mesh import Loops, Mesh
 
 __all__ = ["BoxRatio", "Convexity", "EdgeRatio", "IsoperimetricQuotient", "StarShapedness"]
@@ -37,6 +39,26 @@ class IsoperimetricQuotient:
         perimeters = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
         quotients: Float = 4.0 * np.pi * coarse.cell_measures / perimeters**2
         return quotients
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves, of parts that keep a cell. 2-D only."""
+        if graph.dim != 2:
+            raise MeshError(f"metric isoperimetric exists only for 2-D meshes; this graph is {graph.dim}-D")
+        k = int(labels.max()) + 1
+        shared = moves.links(graph, labels, cells, parts, graph.interface)
+        area, own = graph.measures[cells], labels[cells]
+        outline = shared.total + graph.boundary[cells]
+        areas = moves.part_sums(labels, graph.measures, k)
+        outlines = moves.part_sums(labels, graph.boundary, k)
+        outlines += functionals.part_cuts(graph, labels, edge_weights=graph.interface)
+        left = _quotient(areas[own] - area, outlines[own] - outline + 2.0 * shared.own)
+        joined = _quotient(areas[parts] + area, outlines[parts] + outline - 2.0 * shared.there)
+        before = _quotient(areas, outlines)
+        return left + joined - before[own] - before[parts]
+
+
+def _quotient(areas: Float, perimeters: Float) -> Float:
+    return 4.0 * np.pi * functionals.ratio(areas, perimeters**2)
 
 
 class Convexity:

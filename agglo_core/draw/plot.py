@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,11 +11,13 @@ import numpy as np
 
 from agglo_core.arrays import Int
 from agglo_core.errors import FileError, MeshError, OptionError
-from agglo_core.measure.agglomerates import summary
+from agglo_core.measure.agglomerates import Level, measure_levels
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure.selection import Metric
+    from agglo_core.registry import Registry
 
 __all__ = ["PALETTE", "colouring", "draw", "save_figure"]
 
@@ -32,15 +34,22 @@ PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two
 )
 _INK, _FINE, _PAPER = "#222222", "#777777", "#F4F1EA"
 _DPI = 160
+_IN_TITLES = ("UF", "CR")
 _CROWDED = 20_000
 """Fine edges inside agglomerates are drawn up to this many cells."""
 
 
-def draw(mesh: Mesh, hierarchies: Mapping[str, Hierarchy], path: str | os.PathLike[str]) -> None:
+def draw(
+    mesh: Mesh,
+    hierarchies: Mapping[str, Hierarchy],
+    path: str | os.PathLike[str],
+    metrics: Iterable[Metric] | None = None,
+    registry: Registry | None = None,
+) -> None:
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
-    Neighbouring agglomerates differ in colour; titles give the number of parts and the means of UF
-    and CR. Nothing is left behind if the picture cannot be written.
+    Neighbouring agglomerates differ in colour; titles give the number of parts and the means of the
+    metrics, UF and CR by default. Nothing is left behind if the picture cannot be written.
 
     Parameters
     ----------
@@ -50,6 +59,8 @@ def draw(mesh: Mesh, hierarchies: Mapping[str, Hierarchy], path: str | os.PathLi
         At least one.
     path : path
         The suffix chooses the format: .png, .pdf, .svg, …
+    metrics, registry : optional
+        As for :func:`agglo_core.measure.measure_levels`.
 
     Raises
     ------
@@ -70,6 +81,7 @@ def draw(mesh: Mesh, hierarchies: Mapping[str, Hierarchy], path: str | os.PathLi
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
+    wanted = _IN_TITLES if metrics is None else list(metrics)
     columns = 1 + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
     extent = np.ptp(mesh.points[mesh.face_vertices], axis=0)
@@ -80,9 +92,9 @@ def draw(mesh: Mesh, hierarchies: Mapping[str, Hierarchy], path: str | os.PathLi
     axes = figure.subplots(len(hierarchies), columns, squeeze=False)
     for row, (name, hierarchy) in zip(axes, hierarchies.items(), strict=True):
         _draw_fine(row[0], mesh, name)
-        lines = summary(mesh, hierarchy)
-        for axis, labels, line in zip(row[1:], hierarchy.levels, lines, strict=False):
-            _draw_level(axis, mesh, labels, _title(line))
+        measured = measure_levels(mesh, hierarchy, registry, wanted)
+        for axis, level in zip(row[1:], measured, strict=False):
+            _draw_level(axis, mesh, level.labels, _title(level))
         for axis in row[1 + len(hierarchy.levels) :]:
             axis.set_axis_off()
     save_figure(figure, Path(path))
@@ -182,13 +194,21 @@ def _name(text: str, most: int = 34) -> str:
     return text if len(text) <= most else f"{text[: most // 2]}…{text[-(most // 2 - 1) :]}"
 
 
-def _title(line: Mapping[str, Any]) -> str:
+def _title(level: Level) -> str:
+    line = level.line
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]
     if "h_star" in target:
         factor = f" ({target['h_factor']:.3g} h0)" if target.get("h_factor") else ""
         parts = f"h* = {target['h_star']:.3g}{factor}: {parts}"
-    return f"{parts}\nUF {line['UF']:.2f}   CR {line['CR']:.2f}"
+    means = {name: line[name] for name in level.metrics} | dict(level.objectives)
+    shown = [f"{name} {_number(value)}" for name, value in means.items()]
+    rows = ["   ".join(shown[start : start + 3]) for start in range(0, len(shown), 3)]
+    return "\n".join([parts, *rows])
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if 0.0 <= value < 10.0 else f"{value:.3g}"
 
 
 def save_figure(figure: Any, path: Path) -> None:

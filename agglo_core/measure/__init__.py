@@ -1,6 +1,6 @@
 """Measuring: quality of every agglomerate, one line per level, runs side by side."""
 
 from agglo_core.measure.agglomerates import Level, measure_levels, quality, summary
-from agglo_core.measure.comparison import Run, timed_run, wanted
+from agglo_core.measure.comparison import RunResult, timed_run, wanted
 
-__all__ = ["Level", "Run", "measure_levels", "quality", "summary", "timed_run", "wanted"]
+__all__ = ["Level", "RunResult", "measure_levels", "quality", "summary", "timed_run", "wanted"]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,18 +13,14 @@ from numpy.typing import ArrayLike
 from agglo_core.agglomeration.border import Member, attributed
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
+from agglo_core.measure.selection import RATIOS, Metric, Selection, built_metrics, select
 from agglo_core.mesh import Mesh
-from agglo_core.protocols import QualityMetric
-from agglo_core.registry import describe
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.registry import Registry
 
 __all__ = ["Level", "measure_levels", "quality", "summary"]
-
-Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
-"""A metric's name, a metric, or a name with its options."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,32 +35,41 @@ class Level:
     mesh : Mesh
         The coarse mesh.
     values : mapping of name to (k,) float
-        ``cells``, ``diameter``, ``measure``, ``UF``, in 2-D ``CR`` and ``CRc``, ``components``.
+        ``cells``, ``diameter``, ``measure``, those of the metrics, ``components``.
+    metrics : sequence of str
+        Names of the metrics that were chosen; where a value does not exist (circle ratios of solids,
+        unless asked for), ``values`` lacks it.
+    objectives : mapping of name to float
+        Objectives of the partition that were chosen.
     """
 
     target: Mapping[str, Any]
     labels: Int
     mesh: Mesh
     values: Mapping[str, Float]
+    metrics: Sequence[str] = RATIOS
+    objectives: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def line(self) -> dict[str, Any]:
         """The level in one line: plain data.
 
-        Keys: ``target``, ``parts``, ``max_diameter``, the means of ``UF``, ``CR``, ``CRc``, the share
-        of parts that are ``connected``, and ``diameter_ratio``, the mean diameter over h*. What does
+        Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by its name (``UF``,
+        ``CR``, ``CRc`` if none were chosen), the share of parts that are ``connected``,
+        ``diameter_ratio``, the mean diameter over h*, and ``objectives`` if any were chosen. What does
         not exist (circle ratios of solids, h* of a count) is None.
         """
-        means = {name: self._mean(name) for name in ("UF", "CR", "CRc")}
         h_star = self.target.get("h_star")
-        return {
+        diameters = self.values["diameter"]
+        line = {
             "target": dict(self.target),
             "parts": self.mesh.n_cells,
-            "max_diameter": float(self.values["diameter"].max()),
-            **means,
+            "max_diameter": float(diameters.max()),
+            **{name: self._mean(name) for name in self.metrics},
             "connected": float((self.values["components"] == 1).mean()),
-            "diameter_ratio": None if h_star is None else float(self.values["diameter"].mean() / h_star),
         }
+        line.setdefault("diameter_ratio", None if h_star is None else float(diameters.mean() / h_star))
+        return line | ({"objectives": dict(self.objectives)} if self.objectives else {})
 
     def _mean(self, name: str) -> float | None:
         return float(self.values[name].mean()) if name in self.values else None
@@ -73,7 +78,7 @@ class Level:
 def quality(
     mesh: Mesh,
     labels: ArrayLike,
-    metrics: Iterable[Metric] = ("UF", "CR", "CRc"),
+    metrics: Iterable[Metric] = RATIOS,
     registry: Registry | None = None,
 ) -> dict[str, Float]:
     """Quality of every agglomerate.
@@ -108,13 +113,37 @@ def quality(
     if not isinstance(mesh, Mesh):
         raise OptionError(f"quality needs a Mesh and its labels, given {type(mesh).__name__}")
     labels = mesh.check_labels(labels)
-    return _measured(mesh, mesh.coarsen(labels), labels, _built(metrics, registry))
+    return _measured(mesh, mesh.coarsen(labels), labels, built_metrics(metrics, registry))
 
 
-def measure_levels(mesh: Mesh, hierarchy: Hierarchy, registry: Registry | None = None) -> list[Level]:
-    """Measure every level of a hierarchy of ``mesh``, finest first."""
-    ratios = ("CR", "CRc") if mesh.dim == 2 else ()
-    metrics = _built(("UF", *ratios, "components"), registry)
+def measure_levels(
+    mesh: Mesh,
+    hierarchy: Hierarchy,
+    registry: Registry | None = None,
+    metrics: Iterable[Metric] | None = None,
+) -> list[Level]:
+    """Measure every level of a hierarchy of ``mesh``, finest first.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    hierarchy : Hierarchy
+    registry : Registry, optional
+        Where names are looked up; the program's own by default.
+    metrics : iterable, optional
+        As for :func:`quality`; a name that is no metric's may be an objective's. By default UF, CR and
+        CRc, of solids UF alone.
+
+    Raises
+    ------
+    MeshError
+        If a metric that was asked for exists only in 2-D.
+    OptionError, PluginError
+        For an argument of a wrong kind, an option or a name that does not exist, or a metric that
+        misbehaves.
+    """
+    chosen, shown = _chosen(mesh, registry, metrics)
+    components = built_metrics(["components"], registry)
     levels = []
     for labels, target in zip(hierarchy.levels, hierarchy.targets, strict=True):
         coarse = mesh.coarsen(labels)
@@ -122,52 +151,31 @@ def measure_levels(mesh: Mesh, hierarchy: Hierarchy, registry: Registry | None =
             "cells": np.bincount(labels).astype(float),
             "diameter": coarse.cell_diameters,
             "measure": coarse.cell_measures,
-            **_measured(mesh, coarse, labels, metrics),
+            **_measured(mesh, coarse, labels, {**chosen.metrics, **components}),
         }
-        levels.append(Level(target, labels, coarse, values))
+        objectives = {each.name: each.value(hierarchy.graph, labels) for each in chosen.objectives}
+        levels.append(Level(target, labels, coarse, values, shown, objectives))
     return levels
 
 
-def summary(mesh: Mesh, hierarchy: Hierarchy, registry: Registry | None = None) -> list[dict[str, Any]]:
-    """One plain dict per level, finest first: :attr:`Level.line`."""
-    return [level.line for level in measure_levels(mesh, hierarchy, registry)]
+def _chosen(
+    mesh: Mesh, registry: Registry | None, metrics: Iterable[Metric] | None
+) -> tuple[Selection, Sequence[str]]:
+    """What is measured, and the names that are shown whether it exists or not."""
+    if metrics is None:
+        return select(RATIOS if mesh.dim == 2 else RATIOS[:1], registry), RATIOS
+    chosen = select(metrics, registry)
+    return chosen, tuple(chosen.metrics)
 
 
-def _built(metrics: Iterable[Metric], registry: Registry | None) -> dict[str, Member]:
-    """Metric objects, and how errors call them, by name."""
-    if isinstance(metrics, str):
-        raise OptionError(f"metrics must be a list or tuple of names, not the text {metrics!r}")
-    if not isinstance(metrics, Iterable):
-        raise OptionError(f"metrics must be a list or tuple of names, not {metrics!r:.60}")
-    built: dict[str, Member] = {}
-    for metric in metrics:
-        name, options = _named(metric) if isinstance(metric, tuple) else (metric, {})
-        if isinstance(name, str):
-            component = _registry(registry).build("metric", name, **options)
-            title = describe(_registry(registry).record("metric", name))
-        else:
-            component, name = name, type(name).__name__
-            title = f"metric {name!r}"
-        if name in built:
-            raise OptionError(f"metric {name!r} is given twice")
-        if isinstance(component, type) or not callable(getattr(component, "measure", None)):
-            raise OptionError(
-                f"{component!r:.60} is no metric: expected an object with the method measure(mesh, labels)"
-            )
-        built[name] = Member(component, title)
-    return built
-
-
-def _named(metric: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    if len(metric) == 2 and isinstance(metric[0], str) and isinstance(metric[1], Mapping):
-        return metric[0], metric[1]
-    raise OptionError(f"a metric is a name, (name, options) or an object, not {metric!r:.60}")
-
-
-def _registry(registry: Registry | None) -> Registry:
-    from agglo_core.registry import default
-
-    return default() if registry is None else registry
+def summary(
+    mesh: Mesh,
+    hierarchy: Hierarchy,
+    registry: Registry | None = None,
+    metrics: Iterable[Metric] | None = None,
+) -> list[dict[str, Any]]:
+    """One plain dict per level, finest first: :attr:`Level.line`; arguments as :func:`measure_levels`."""
+    return [level.line for level in measure_levels(mesh, hierarchy, registry, metrics)]
 
 
 def _measured(mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member]) -> dict[str, Float]:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from agglo_core.measure.agglomerates import Level, measure_levels
+from agglo_core.measure.selection import Metric
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.registry import Registry
 
-__all__ = ["Level", "Run", "measure_levels", "timed_run", "wanted"]
+__all__ = ["Level", "RunResult", "measure_levels", "timed_run", "wanted"]
 
 _WORDS = {
     "h_factor": "h ≤ {:g} h0",
@@ -24,7 +26,7 @@ _WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RunResult:
     """One way to agglomerate a mesh and what came of it.
 
     Attributes
@@ -48,7 +50,13 @@ class Run:
     error: str = ""
 
 
-def timed_run(mesh: Mesh, name: str, agglomerated: Callable[[], Hierarchy]) -> Run:
+def timed_run(
+    mesh: Mesh,
+    name: str,
+    agglomerated: Callable[[], Hierarchy],
+    metrics: Iterable[Metric] | None = None,
+    registry: Registry | None = None,
+) -> RunResult:
     """Agglomerate on the clock, then measure the levels.
 
     Parameters
@@ -57,12 +65,14 @@ def timed_run(mesh: Mesh, name: str, agglomerated: Callable[[], Hierarchy]) -> R
     name : str
     agglomerated : callable
         Agglomerates ``mesh``; what it raises passes through.
+    metrics, registry : optional
+        As for :func:`measure_levels`.
     """
     _ = mesh.graph  # shared by all runs: not on the first one's clock
     start = time.perf_counter()
     hierarchy = agglomerated()
     seconds = time.perf_counter() - start
-    return Run(name, hierarchy, measure_levels(mesh, hierarchy), seconds)
+    return RunResult(name, hierarchy, measure_levels(mesh, hierarchy, registry, metrics), seconds)
 
 
 def wanted(target: Mapping[str, Any]) -> str:

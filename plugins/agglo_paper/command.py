@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from agglo_core.cli.arguments import bisectors_option, choice
+
 if TYPE_CHECKING:
     from agglo_paper.store import Unit
 
@@ -32,20 +34,29 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
     "-o", "--output", type=click.Path(path_type=Path, file_okay=False), default=Path("agglo-paper"),
     show_default=True, help="Folder of the pages and figures, and of results to go on from.",
 )  # fmt: skip
+@bisectors_option("Columns beside the paper's own (default: all).")
 @click.option("--quick", is_flag=True, help="Fewer grids, repetitions and meshes: a minute at most.")
 @click.option("--mesh", type=_FILE, help="Treat this mesh as a brain too.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
-def paper(what: tuple[str, ...], output: Path, quick: bool, mesh: Path | None, as_json: bool) -> None:
+def paper(
+    what: tuple[str, ...],
+    output: Path,
+    bisectors: Sequence[str],
+    quick: bool,
+    mesh: Path | None,
+    as_json: bool,
+) -> None:
     """Reproduce the paper: WHAT is one or more of its tables and figures (default all).
 
     Each cell is paper / ours, each row has a verdict and, where it differs, the reason. Every installed
-    bisector has a column. An interrupted run goes on where it was.
+    bisector, or each that is chosen, has a column. An interrupted run goes on where it was.
     """
+    chosen = {spec: choice("bisector", spec) for spec in bisectors} or None
     with _one_thread(), _hushed():
         from agglo_paper.pages import build
 
         with _progress() as done:
-            pages, front = build(what or ("all",), output, quick, mesh, done)
+            pages, front = build(what or ("all",), output, quick, mesh, done, chosen)
     if as_json:
         click.echo(json.dumps([page.data() for page in pages], indent=2, allow_nan=False))
         return

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from agglo_core import FileError, OptionError
 from agglo_core.io.atomic import staging
@@ -29,9 +29,16 @@ _DRAWN: Final = ("uf", "brain", "runtime")
 
 
 def build(
-    words: Sequence[str], folder: Path, quickly: bool, mesh: Path | None, begin: Begin
+    words: Sequence[str],
+    folder: Path,
+    quickly: bool,
+    mesh: Path | None,
+    begin: Begin,
+    bisectors: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None,
 ) -> tuple[list[Page], str]:
     """Compute and write the pages of these words, figures beside them; the front page if it is ``all``.
+
+    ``bisectors``, name and options by the head of their column, stand in for every installed one.
 
     Raises
     ------
@@ -40,7 +47,7 @@ def build(
     OptionError
         If figures are asked for without matplotlib.
     """
-    plan = (quick if quickly else full)(columns())
+    plan = (quick if quickly else full)(columns(chosen=bisectors))
     sources = ["brain", *([brain.source_of(mesh)] if mesh is not None else [])]
     asked = [word for word in _TABLES if word in words or "all" in words]
     shown = {"uf" if word == "cr" else word for word in asked}  # both have the same figures

@@ -85,14 +85,24 @@ def paper_columns() -> list[Strategy]:
     ]
 
 
-def columns(registry: Registry | None = None) -> list[Strategy]:
+def columns(
+    registry: Registry | None = None, chosen: Mapping[str, tuple[str, Mapping[str, Any]]] | None = None
+) -> list[Strategy]:
     """All columns: the paper's, then every bisector of the registry in the default pipeline.
+
+    ``chosen`` bisectors, name and options by the head of their column, stand in for every one.
 
     A bisector that also partitions gets a second column, ``NAME k-way``. One that cannot be used stays,
     with its ``problem``; a newly installed one appears by itself.
     """
     registry = registry or default()
-    ours = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
+    if chosen is None:
+        ours = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
+    else:
+        ours = [
+            _offered(registry.record("bisector", name), registry, head, options)
+            for head, (name, options) in chosen.items()
+        ]
     mine = {each.bisector for each in paper_columns()[1:3]}  # shown already, with the same pipeline
     rest = [each for group in ours for each in group if each.name not in mine]
     return [_checked(each, registry) for each in paper_columns()] + rest
@@ -106,19 +116,22 @@ def _checked(strategy: Strategy, registry: Registry) -> Strategy:
     return replace(strategy, package=_package(record), problem=_problem(record))
 
 
-def _offered(record: Record, registry: Registry) -> list[Strategy]:
+def _offered(
+    record: Record, registry: Registry, head: str = "", given: Mapping[str, Any] | None = None
+) -> list[Strategy]:
     name = f"{record.plugin}/{record.name}" if record.state == "conflict" else record.name
+    head, options = head or name, dict(given or {})
     problem = "" if record.state == "conflict" else _problem(record)
-    one = Strategy(name, name, package=_package(record), problem=problem)
+    one = Strategy(head, name, options, package=_package(record), problem=problem)
     if one.problem:
         return [one]
     try:
-        tool = registry.build("bisector", name)
+        tool = registry.build("bisector", name, **options)
     except AggloError as error:
-        return [Strategy(name, name, package=_package(record), problem=str(error))]
+        return [Strategy(head, name, options, package=_package(record), problem=str(error))]
     bisects = [one] if hasattr(tool, "bisect") or hasattr(tool, "bisect_level") else []
     if isinstance(tool, Partitioner):
-        bisects.append(Strategy(f"{name} k-way", name, method="kway", package=_package(record)))
+        bisects.append(Strategy(f"{head} k-way", name, options, method="kway", package=_package(record)))
     return bisects
 
 

@@ -37,7 +37,7 @@ MAY_IMPORT = {
     "io": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
     "interchange": EVERYBODY | {"graph", "hierarchy", "io", "kernels", "mesh"},
     "measure": EVERYBODY | {"agglomeration", "graph", "hierarchy", "mesh", "protocols", "registry"},
-    "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh"},
+    "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "registry"},
     "conformance": EVERYBODY
     | {"agglomeration", "graph", "hierarchy", "io", "measure", "mesh", "problems", "protocols", "registry"},
     "cli": EVERYBODY

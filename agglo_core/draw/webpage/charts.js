@@ -1,5 +1,5 @@
 // Box plots and sortable tables.
-const METRICS = ["UF", "CR", "CRc"];
+const METRICS = REPORT.metrics; // {name, low, high}: the ends of their axes
 
 // Quartiles by linear interpolation, whiskers to the last value within 1.5 boxes, the rest outliers.
 function boxOf(values) {
@@ -17,17 +17,19 @@ function boxOf(values) {
 }
 
 function boxesOf(level) {
-  level.boxes ??= Object.fromEntries(METRICS.map((name) => [name, boxOf(level.values[name])]));
+  const measured = METRICS.filter(({ name }) => level.values[name]);
+  level.boxes ??= Object.fromEntries(measured.map(({ name }) => [name, boxOf(level.values[name].filter(Number.isFinite))]));
   return level.boxes;
 }
 
 const percent = (value) => `${(100 * value).toFixed(2)}%`;
 
-function boxGlyph(b, colour, marked) {
-  const middle = 13;
+function boxGlyph(values, { low, high }, colour, part) {
+  const middle = 13, place = (value) => (value - low) / (high - low);
+  const b = Object.fromEntries(Object.entries(values).map(([key, value]) => [key, key === "outliers" ? value.map(place) : place(value)]));
   const line = (x1, x2, y1, y2, width = 1) =>
     element("line", { x1: percent(x1), x2: percent(x2), y1, y2, stroke: "#222", "stroke-width": width });
-  const label = `median ${b.median.toFixed(3)}, quartiles ${b.q1.toFixed(3)} and ${b.q3.toFixed(3)}, mean ${b.mean.toFixed(3)}`;
+  const label = `median ${values.median.toFixed(3)}, quartiles ${values.q1.toFixed(3)} and ${values.q3.toFixed(3)}, mean ${values.mean.toFixed(3)}`;
   const glyph = element("svg", { role: "img", "aria-label": label });
   for (const tick of [0, 0.25, 0.5, 0.75, 1]) {
     glyph.append(element("line", { x1: percent(tick), x2: percent(tick), y1: -3, y2: 29, stroke: "#e4e1da" }));
@@ -40,34 +42,36 @@ function boxGlyph(b, colour, marked) {
     line(b.median, b.median, 4, 22, 2.5),
     element("circle", { cx: percent(b.mean), cy: middle, r: 3, fill: "#fff", stroke: "#222" }),
   );
-  if (marked !== undefined) glyph.append(element("line", { x1: percent(marked), x2: percent(marked), y1: 0, y2: 26, stroke: EMPHASIS, "stroke-width": 2.5 }));
+  const marked = place(part);
+  if (Number.isFinite(marked)) glyph.append(element("line", { x1: percent(marked), x2: percent(marked), y1: 0, y2: 26, stroke: EMPHASIS, "stroke-width": 2.5 }));
   return glyph;
 }
 
-function axisGlyph() {
+function axisGlyph({ low, high }) {
   const glyph = element("svg", { "aria-hidden": "true" });
   for (const tick of [0, 0.5, 1]) {
     const anchor = tick === 0 ? "start" : tick === 1 ? "end" : "middle";
-    glyph.append(element("text", { x: percent(tick), y: 12, "text-anchor": anchor }, String(tick)));
+    glyph.append(element("text", { x: percent(tick), y: 12, "text-anchor": anchor }, String(Number((low + tick * (high - low)).toPrecision(3)))));
   }
   return glyph;
 }
 
 // One row a run, one column a metric, at the given level of each.
 function boxTable(table, place, chosen, part) {
-  const head = element("tr", {}, element("th", { scope: "col" }, "run"), ...METRICS.map((name) => element("th", { scope: "col" }, name)));
+  const head = element("tr", {}, element("th", { scope: "col" }, "run"), ...METRICS.map(({ name }) => element("th", { scope: "col" }, name)));
   const body = element("tbody");
   REPORT.runs.forEach((run, index) => {
     const level = run.levels[Math.min(place, run.levels.length - 1)];
     if (!level) return;
     const colour = REPORT.palette[index % REPORT.palette.length];
-    const cells = METRICS.map((name) => {
-      const marked = index === chosen && part !== null ? level.values[name][part] : undefined;
-      return element("td", {}, boxGlyph(boxesOf(level)[name], colour, marked));
+    const cells = METRICS.map((metric) => {
+      const values = boxesOf(level)[metric.name];
+      const marked = index === chosen && part !== null ? level.values[metric.name]?.[part] : undefined;
+      return values && Number.isFinite(values.median) ? element("td", {}, boxGlyph(values, metric, colour, marked)) : element("td", {}, "–");
     });
     body.append(element("tr", index === chosen ? { class: "chosen" } : {}, element("th", { scope: "row" }, run.name), ...cells));
   });
-  const foot = element("tr", {}, element("th"), ...METRICS.map(() => element("td", {}, axisGlyph())));
+  const foot = element("tr", {}, element("th"), ...METRICS.map((metric) => element("td", {}, axisGlyph(metric))));
   table.replaceChildren(element("thead", {}, head), body, element("tfoot", {}, foot));
 }
 

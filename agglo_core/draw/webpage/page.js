@@ -5,10 +5,11 @@ const state = { run: REPORT.runs.findIndex((run) => run.levels.length), level: 0
 const runNow = () => REPORT.runs[state.run];
 const levelNow = () => (state.level < 0 ? null : runNow().levels[state.level]);
 
-const FACTS = [
-  ["cells", "cells", shown], ["diameter", "diameter", shown], ["area", "measure", shown],
-  ["UF", "UF", fixed(3)], ["CR", "CR", fixed(3)], ["CRc", "CRc", fixed(3)], ["components", "components", shown],
-];
+const format = ({ low, high }) => (low >= 0 && high <= 1 ? fixed(3) : shown);
+const BASE = [["cells", "cells", shown], ["diameter", "diameter", shown], ["area", "measure", shown]];
+const LAST = ["components", "components", shown];
+const measured = METRICS.filter(({ name }) => ![...BASE, LAST].some(([, key]) => key === name));
+const FACTS = [...BASE, ...measured.map((metric) => [metric.name, metric.name, format(metric)]), LAST];
 
 function clamped() {
   state.level = Math.max(-1, Math.min(state.level, runNow().levels.length - 1));
@@ -90,9 +91,11 @@ function showRuns() {
     { name: "run", value: ({ run }) => run.name, cell: choose },
     { name: "level", value: ({ place }) => place, show: shown },
     { name: "target", value: ({ level }) => level.target, show: (text) => text ?? "–" },
-    number("K", "parts", shown), number("UF", "UF", fixed(3)), number("CR", "CR", fixed(3)), number("CRc", "CRc", fixed(3)),
+    number("K", "parts", shown), ...METRICS.map((metric) => number(metric.name, metric.name, format(metric))),
+    ...REPORT.objectives.map((name) => ({ name, value: ({ level }) => level.objectives?.[name], show: shown })),
     number("connected", "connected", (share) => `${shown(100 * share)} %`),
-    number("max diam", "max_diameter", shown), number("diam / h*", "diameter_ratio", fixed(3)),
+    number("max diam", "max_diameter", shown),
+    ...(METRICS.some(({ name }) => name === "diameter_ratio") ? [] : [number("diam / h*", "diameter_ratio", fixed(3))]),
     { name: "seconds", value: ({ run }) => (run.levels.length ? run.seconds : null), show: fixed(2) },
   ];
   sortable($("runs"), columns, rows, (line, { run, index, place }) => {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 import agglo_core
 from agglo_core.draw.plot import PALETTE, colouring
 from agglo_core.errors import MeshError, OptionError
-from agglo_core.measure.comparison import Level, Run, wanted
+from agglo_core.measure.comparison import Level, RunResult, wanted
 from agglo_core.mesh import Mesh
 
 __all__ = ["payload"]
 
+_ROUNDING = 1e-6
 _INTEGERS = (("Uint8", "<u1"), ("Uint16", "<u2"), ("Uint32", "<u4"))
 
 
-def payload(mesh: Mesh, runs: Sequence[Run], note: str = "") -> dict[str, Any]:
+def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, Any]:
     """Plain data of mesh and runs for the page; raises as :func:`write_page` does.
 
     Coordinates are relative to the origin of the mesh, as float32: a millionth of its size. The
@@ -41,23 +42,52 @@ def payload(mesh: Mesh, runs: Sequence[Run], note: str = "") -> dict[str, Any]:
         "faces": _integers(vertices),
         "sides": _integers(np.where(mesh.face_cells < 0, mesh.n_cells, mesh.face_cells)),
         "palette": PALETTE,
+        "metrics": _axes(runs),
+        "objectives": list(dict.fromkeys(name for level in _levels(runs) for name in level.objectives)),
         "runs": [_run(run) for run in runs],
     }
 
 
-def _run(run: Run) -> dict[str, Any]:
+def _levels(runs: Sequence[RunResult]) -> list[Level]:
+    return [level for run in runs for level in run.levels]
+
+
+def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
+    """Metrics and the ends of their axes: 0 and 1 for values in between, else the least and the largest."""
+    names = dict.fromkeys(name for level in _levels(runs) for name in level.metrics if name in level.values)
+    axes = []
+    for name in names:
+        values = np.concatenate([level.values[name] for level in _levels(runs) if name in level.values])
+        values = values[np.isfinite(values)]
+        low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+        if not len(values) or (low >= -_ROUNDING and high <= 1.0 + _ROUNDING):
+            low, high = 0.0, 1.0
+        elif low == high:
+            low, high = low - 0.5, high + 0.5
+        axes.append({"name": name, "low": low, "high": high})
+    return axes
+
+
+def _run(run: RunResult) -> dict[str, Any]:
     levels = [_level(level) for level in run.levels]
     return {"name": run.name, "seconds": run.seconds, "error": run.error, "levels": levels}
 
 
 def _level(level: Level) -> dict[str, Any]:
     return {
-        **{key: value for key, value in level.line.items() if key != "target"},
+        **{key: _finite(value) for key, value in level.line.items() if key != "target"},
         "target": wanted(level.target),
         "labels": _integers(level.labels),
         "colours": _integers(colouring(level.mesh, len(PALETTE))),
         "values": {name: _reals(values) for name, values in level.values.items()},
     }
+
+
+def _finite(value: Any) -> Any:
+    """``value`` as JSON knows it: numbers that are not finite become null."""
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _integers(values: ArrayLike) -> dict[str, str]:

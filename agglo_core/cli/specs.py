@@ -1,0 +1,162 @@
+"""What is typed in one word: a mesh, a component with its options, a list of either, numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.errors import FileError, OptionError
+from agglo_core.registry import default
+from agglo_core.registry.construct import checked_options, resolve
+from agglo_core.registry.options import Text
+
+if TYPE_CHECKING:
+    from agglo_core.mesh import Mesh
+
+__all__ = [
+    "all_bisectors",
+    "bisector_specs",
+    "choice",
+    "load_mesh",
+    "numbers",
+    "parse_spec",
+    "refuse_twins",
+    "split_specs",
+]
+
+_SAMPLE = re.compile(r"[A-Za-z_]\w*(:[^/\\]*)?")
+
+
+def load_mesh(text: str) -> Mesh:
+    """Read the mesh file ``text``, or make the sample it describes.
+
+    Raises
+    ------
+    FileError
+        If it is a file that cannot be read, or neither a file nor the form of a sample.
+    OptionError
+        If it has the form of a sample, but is none.
+    """
+    if not text:
+        raise FileError("the name of the mesh is empty; expected a file or a sample such as squares:n=64")
+    if Path(text).exists():
+        from agglo_core.io import read
+
+        return read(Path(text))
+    if not _SAMPLE.fullmatch(text):
+        raise FileError(
+            f"{text!r} is neither a file (there is none of that name) nor a sample such as squares:n=64"
+        )
+    from agglo_core import samples
+
+    try:
+        return samples.from_spec(text)
+    except OptionError as error:
+        raise OptionError(
+            f"{text!r} is neither a file (there is none of that name) nor a sample: {error}"
+        ) from error
+
+
+def parse_spec(text: str) -> tuple[str, dict[str, Text]]:
+    """Split ``"metis:ufactor=30,contig=true"`` into its name and options, each as it was typed.
+
+    Raises
+    ------
+    OptionError
+        If the name is missing, or an option is not of the form ``option=value`` or is given twice.
+    """
+    name, _, rest = text.partition(":")
+    if not name.strip():
+        raise OptionError(f"{text!r} has no name; expected NAME or NAME:option=value,…")
+    options: dict[str, Text] = {}
+    for item in rest.split(",") if rest else ():
+        option, equals, value = (part.strip() for part in item.partition("="))
+        if not equals or not option.isidentifier() or not value:
+            raise OptionError(f"{item!r} in {text!r} is not of the form option=value")
+        if option in options:
+            raise OptionError(f"{text!r} gives {option!r} twice")
+        options[option] = Text(value)
+    return name.strip(), options
+
+
+def split_specs(text: str) -> list[str]:
+    """Split ``"kmeans,metis:ufactor=30,contig=true,spectral"`` into its three components.
+
+    An item ``option=value`` belongs to the component before it.
+    """
+    specs: list[str] = []
+    for item in text.split(","):
+        continues = "=" in item.partition(":")[0]
+        if continues and specs:
+            specs[-1] += f",{item}"
+        else:
+            specs.append(item.strip())
+    return specs
+
+
+def all_bisectors() -> list[str]:
+    """Names of the bisectors that can be used here."""
+    return [record.name for record in default().list() if record.kind == "bisector" and record.state == "ok"]
+
+
+def bisector_specs(typed: Sequence[str]) -> list[str]:
+    """The bisectors of a repeatable option whose values may be comma lists; ``all`` is all that can be used.
+
+    Raises
+    ------
+    UsageError
+        If one is given twice.
+    """
+    specs = [spec for text in typed for spec in split_specs(text)]
+    refuse_twins("--bisector", specs)
+    expanded = [name for spec in specs for name in (all_bisectors() if spec == "all" else [spec])]
+    return list(dict.fromkeys(expanded))
+
+
+def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
+    """Name and options of a component that can be used, each option as its type wants it.
+
+    Raises
+    ------
+    PluginError
+        If there is no such component, or it cannot be used.
+    OptionError
+        For an option that it does not have, or a value that does not fit.
+    """
+    name, options = parse_spec(spec)
+    record = default().record(kind, name)
+    return name, checked_options(record, resolve(record), options)
+
+
+def refuse_twins(flag: str, specs: Sequence[str]) -> None:
+    """Raise UsageError if something is given twice."""
+    twice = sorted({spec for spec in specs if specs.count(spec) > 1})
+    if twice:
+        raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")
+
+
+def numbers(
+    number: type[int] | type[float], least: float | None = None
+) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
+    """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
+
+    def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
+        if text is None:
+            return None
+        try:
+            values = tuple(number(item) for item in text.split(","))
+        except ValueError:
+            noun = "whole numbers" if number is int else "numbers"
+            raise click.BadParameter(f"{text!r} is not a comma list of {noun}", param=parameter) from None
+        for value in values:
+            if not (0 < value < inf and value >= (least or 0)):
+                wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
+                raise click.BadParameter(f"each number must be {wanted}, given {value}", param=parameter)
+        return values
+
+    return read

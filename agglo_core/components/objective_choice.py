@@ -1,0 +1,100 @@
+"""What a refiner is told to pursue: an objective of the table, or a metric that knows what moves change."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.graph import Graph
+from agglo_core.graph.objectives import OBJECTIVES
+from agglo_core.protocols import IncrementalMetric
+from agglo_core.registry import Registry, default, describe
+
+__all__ = ["Pursuit", "pursuit"]
+
+Changes = Callable[[Graph, Int, Int, Int], Float]
+
+
+@dataclass(frozen=True)
+class Pursuit:
+    """What is pursued; lower is better, whatever the metric says of itself.
+
+    Attributes
+    ----------
+    name : str
+    rated : callable
+        Changes of the sum over the parts, in the direction of ``sign``.
+    sign : float
+        −1 for a metric of which more is better.
+    of_parts : callable, optional
+        Value of each part ``(k,)``, given a graph and labels; a metric has none, for it needs a mesh.
+    metric : object, optional
+    title : str
+        How errors call it.
+    """
+
+    name: str
+    rated: Changes
+    sign: float = 1.0
+    of_parts: Callable[[Graph, Int], Float] | None = None
+    metric: Any = None
+    title: str = ""
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of what is to be lowered; a PluginError if a metric gives anything else."""
+        values = np.asarray(self.rated(graph, labels, cells, parts), dtype=float)
+        if values.shape != cells.shape or not np.isfinite(values).all():
+            raise PluginError(
+                f"{self.title}: changes returned shape {values.shape}"
+                f"{'' if np.isfinite(values).all() else ' with values that are not finite'}; "
+                f"expected {cells.shape}, one finite number per move"
+            )
+        return self.sign * values
+
+
+def pursuit(objective: str | IncrementalMetric, registry: Registry | None = None) -> Pursuit:
+    """What an objective's name, a metric's name or a metric stands for.
+
+    Raises
+    ------
+    OptionError
+        If there is no such thing, or it cannot tell what a move changes.
+    PluginError
+        If the metric of that name cannot be used.
+    """
+    if not isinstance(objective, str):
+        return _of_metric(type(objective).__name__, objective, f"metric {type(objective).__name__}")
+    known = OBJECTIVES.get(objective)
+    if known is not None and known.changes is not None:
+        return Pursuit(known.name, known.changes, of_parts=known.of_parts, title=f"objective {objective!r}")
+    source = default() if registry is None else registry
+    plain = objective.rpartition("/")[2]
+    names = {record.name for record in source.list() if record.kind == "metric"}
+    if plain in names:
+        title = describe(source.record("metric", objective))
+        return _of_metric(objective, source.build("metric", objective), title)
+    able = [name for name, each in OBJECTIVES.items() if each.changes is not None]
+    if known is not None:
+        raise OptionError(f"objective {objective!r} cannot tell what a move changes; {', '.join(able)} can")
+    close = difflib.get_close_matches(objective, [*able, *names], n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    raise OptionError(
+        f"no objective is named {objective!r}{hint}; there are {', '.join(able)}, and metrics with a "
+        "method changes(graph, labels, cells, parts)"
+    )
+
+
+def _of_metric(name: str, metric: Any, title: str) -> Pursuit:
+    if isinstance(metric, type) or not callable(getattr(metric, "changes", None)):
+        raise OptionError(
+            f"{title} cannot be pursued: it has no method changes(graph, labels, cells, parts), which "
+            "tells what moves change"
+        )
+    sign = -1.0 if getattr(metric, "better", "low") == "high" else 1.0
+    return Pursuit(name, metric.changes, sign, metric=metric, title=title)

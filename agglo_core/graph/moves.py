@@ -1,0 +1,124 @@
+"""What moving one cell to another part changes, for many moves at once.
+
+Each function takes a graph, labels ``(n,)`` that number the parts of all blocks through, and moves: cell
+``cells[i]`` alone goes to part ``parts[i]``. It returns by how much the sum over all parts changes ``(q,)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask
+from agglo_core.graph.dual import Graph
+from agglo_core.graph.functionals import ratio
+
+__all__ = [
+    "Links",
+    "boundary_moves",
+    "cut_changes",
+    "inertia_changes",
+    "interface_changes",
+    "links",
+    "mass_centres",
+    "normalised_cut_changes",
+    "part_sums",
+    "squared_weight_changes",
+]
+
+
+@dataclass(frozen=True)
+class Links:
+    """Weight of the edges of each moving cell, ``(q,)`` each: all, to its own part, to the part it joins."""
+
+    total: Float
+    own: Float
+    there: Float
+
+
+def part_sums(labels: Int, values: Float | Int | Mask, k: int = 0) -> Float:
+    """Sum of the values ``(n,)`` of each label 0..k−1 or more."""
+    return np.bincount(labels, values, k).astype(np.float64)
+
+
+def mass_centres(graph: Graph, labels: Int, k: int = 0) -> tuple[Float, Float]:
+    """Weight ``(k,)`` and centre of weight ``(k, d)`` of each part."""
+    mass = part_sums(labels, graph.weights, k)
+    moments = [part_sums(labels, graph.weights * x, k) for x in graph.centroids.T]
+    return mass, np.stack([ratio(moment, mass) for moment in moments], axis=1)
+
+
+def links(graph: Graph, labels: Int, cells: Int, parts: Int, edge_weights: Float | None = None) -> Links:
+    """Edges of the moving cells; ``edge_weights`` is ``(m,)``, one per CSR entry, 1 by default."""
+    move, entry = _entries(graph, cells)
+    weights = np.ones(len(entry)) if edge_weights is None else edge_weights[entry]
+    beside = labels[graph.indices[entry]]
+    q = len(cells)
+    return Links(
+        part_sums(move, weights, q),
+        part_sums(move, weights * (beside == labels[cells][move]), q),
+        part_sums(move, weights * (beside == parts[move]), q),
+    )
+
+
+def boundary_moves(graph: Graph, labels: Int) -> tuple[Int, Int]:
+    """Every move of a boundary cell to a neighbouring part, once: cells and parts ``(q,)``."""
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    beside = labels[graph.indices]
+    crossing = np.flatnonzero(labels[rows] != beside)
+    stride = int(labels.max(initial=0)) + 1
+    cells, parts = np.divmod(np.unique(rows[crossing] * stride + beside[crossing]), stride)
+    return cells, parts
+
+
+def interface_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+    """Changes of the measure of the faces between parts ``(q,)``."""
+    shared = links(graph, labels, cells, parts, graph.interface)
+    return shared.own - shared.there
+
+
+def cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+    """Changes of the number of edges between parts ``(q,)``."""
+    shared = links(graph, labels, cells, parts)
+    return shared.own - shared.there
+
+
+def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+    """Changes of the sum over the parts of edges cut over volume ``(q,)``."""
+    shared = links(graph, labels, cells, parts)
+    rows = np.repeat(labels, np.diff(graph.indptr))
+    k = int(labels.max(initial=0)) + 1
+    cuts = part_sums(rows, rows != labels[graph.indices], k)
+    volumes = part_sums(labels, np.diff(graph.indptr), k)
+    own = labels[cells]
+    left = ratio(cuts[own] - shared.total + 2.0 * shared.own, volumes[own] - shared.total)
+    joined = ratio(cuts[parts] + shared.total - 2.0 * shared.there, volumes[parts] + shared.total)
+    return left - ratio(cuts, volumes)[own] + joined - ratio(cuts, volumes)[parts]
+
+
+def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+    """Changes of the moment of inertia of the parts about their centroids ``(q,)``."""
+    k = int(labels.max(initial=0)) + 1
+    mass, means = mass_centres(graph, labels, k)
+    own, weight, place = labels[cells], graph.weights[cells], graph.centroids[cells]
+    lost = ratio(weight * mass[own], mass[own] - weight) * ((place - means[own]) ** 2).sum(axis=1)
+    won = ratio(weight * mass[parts], mass[parts] + weight) * ((place - means[parts]) ** 2).sum(axis=1)
+    changes: Float = won - lost
+    return changes
+
+
+def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+    """Changes of the sum of the squared weights of the parts ``(q,)``."""
+    sums = part_sums(labels, graph.weights)
+    weight = graph.weights[cells]
+    changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
+    return changes
+
+
+def _entries(graph: Graph, cells: Int) -> tuple[Int, Int]:
+    """The CSR entries of some cells, one after the other, and the place in ``cells`` each belongs to."""
+    counts = np.diff(graph.indptr)[cells]
+    move = np.repeat(np.arange(len(cells)), counts)
+    first = np.cumsum(counts) - counts
+    return move, np.arange(len(move)) - first[move] + graph.indptr[cells][move]

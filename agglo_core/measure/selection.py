@@ -1,0 +1,105 @@
+"""Which metrics and objectives are measured: from names, options and objects to what can be called."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from agglo_core.agglomeration.run import Member
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.graph.objectives import OBJECTIVES, Objective
+from agglo_core.protocols import QualityMetric
+from agglo_core.registry import Registry, default, describe
+
+__all__ = ["RATIOS", "Metric", "Selection", "built_metrics", "select"]
+
+Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
+"""A metric's name, a metric, or a name with its options."""
+
+RATIOS = ("UF", "CR", "CRc")
+"""What is measured where nothing else is asked for; of solids the first alone."""
+
+_RESERVED = ("connected", "diameter", "max_diameter", "measure", "objectives", "parts", "target")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Metrics by name, as they are shown, and objectives."""
+
+    metrics: Mapping[str, Member]
+    objectives: tuple[Objective, ...] = ()
+
+
+def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Selection:
+    """Metrics, and objectives where a name is no metric's.
+
+    Raises
+    ------
+    OptionError
+        For an argument of a wrong kind or an option that does not exist.
+    PluginError
+        If a name is neither a metric's nor an objective's.
+    """
+    source = default() if registry is None else registry
+    wanted = _listed(chosen)
+    known = {record.name for record in source.list() if record.kind == "metric"}
+    names = [each for each in wanted if isinstance(each, str) and each in OBJECTIVES and each not in known]
+    rest = [each for each in wanted if each not in names]
+    for each in rest:
+        if isinstance(each, str) and "/" not in each and each not in known:
+            raise PluginError(_unknown(each, sorted(known)))
+    metrics = built_metrics(rest, source)
+    for name in metrics:
+        if name in _RESERVED:
+            raise OptionError(f"metric {name!r} cannot be listed: every level has a value of that name")
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise OptionError(f"objective {twice[0]!r} is given twice")
+    return Selection(metrics, tuple(OBJECTIVES[name] for name in names))
+
+
+def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
+    """Metric objects, and how errors call them, by name."""
+    source = default() if registry is None else registry
+    built: dict[str, Member] = {}
+    for metric in _listed(chosen):
+        name, options = _named(metric) if isinstance(metric, tuple) else (metric, {})
+        if isinstance(name, str):
+            title = describe(source.record("metric", name))
+            component = source.build("metric", name, **options)
+        else:
+            component, name = name, type(name).__name__
+            title = f"metric {name!r}"
+        if name in built:
+            raise OptionError(f"metric {name!r} is given twice")
+        if isinstance(component, type) or not callable(getattr(component, "measure", None)):
+            raise OptionError(
+                f"{component!r:.60} is no metric: expected an object with the method measure(mesh, labels)"
+            )
+        built[name] = Member(component, title)
+    return built
+
+
+def _unknown(name: str, metrics: Sequence[str]) -> str:
+    close = difflib.get_close_matches(name, [*metrics, *OBJECTIVES], n=1)
+    hint = f" (did you mean {close[0]!r}?)" if close else ""
+    return (
+        f"no metric or objective is named {name!r}{hint}; metrics: {', '.join(metrics) or 'none'}; "
+        f"objectives: {', '.join(OBJECTIVES)}"
+    )
+
+
+def _listed(chosen: Iterable[Metric]) -> list[Metric]:
+    if isinstance(chosen, str):
+        raise OptionError(f"metrics must be a list or tuple of names, not the text {chosen!r}")
+    if not isinstance(chosen, Iterable):
+        raise OptionError(f"metrics must be a list or tuple of names, not {chosen!r:.60}")
+    return list(chosen)
+
+
+def _named(metric: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
+    if len(metric) == 2 and isinstance(metric[0], str) and isinstance(metric[1], Mapping):
+        return metric[0], metric[1]
+    raise OptionError(f"a metric is a name, (name, options) or an object, not {metric!r:.60}")
