@@ -135,13 +135,13 @@ def test_paper_grids_agree_with_the_published_ones(name: str, file: str) -> None
     [
         ("voronoy:n=3", "did you mean 'voronoi'"),
         ("squares", "needs a value for n"),
-        ("squares:n=many", "no whole number"),
+        ("squares:n=many", "n of sample 'squares' .* must be a whole number, given 'many'; squares takes n"),
         ("squares:n=", "takes n"),
         ("squares:n=0", ">= 1"),
         ("voronoi:n=5,sede=1", r"takes n, seed \(default 0\)"),
         ("voronoi:n=5,seed=-1", ">= 0"),
         ("voronoi:n=5,n=6", "cannot use"),
-        ("paper:brain", "triangles, squares, random, voronoi"),
+        ("paper:brain", "'triangles' or 'squares' or 'random' or 'voronoi', given 'brain'"),
     ],
 )
 def test_bad_specs_are_explained(spec: str, message: str) -> None:
