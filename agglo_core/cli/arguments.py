@@ -46,7 +46,7 @@ COMPONENT = "NAME[:opt=val,…]"
 """Metavar of an option that names a component."""
 FILE = click.Path(path_type=Path)
 
-_SAMPLE = re.compile(r"[A-Za-z_]\w*(:[^/\\]*)?")
+_SAMPLE = re.compile(r"([\w.-]+/)?[A-Za-z_]\w*(:(\w+=.*|[^/\\]*))?")
 _TARGETS = {
     "h_star": "--h-star",
     "h_factor": "--h-factor",

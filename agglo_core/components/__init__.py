@@ -118,6 +118,7 @@ def _formats() -> list[Component]:
             kind="format",
             name=name,
             target=f"agglo_core.io.{target}",
+            requires=("meshlane",) if target.startswith("meshlane") else (),
             promises={"pickles": True} | ({"3d": True} if name in ("vtu", "npz") else {}),
             summary=summary,
         )

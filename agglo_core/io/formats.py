@@ -102,7 +102,9 @@ class Formats:
                 return known
             readers.append(known.title)
         if readers:
-            raise FileError(f"{' and '.join(readers)} can only read such files; {self._expected('write')}")
+            raise FileError(
+                f"{' and '.join(readers)} can read such files, but not write them; {self._expected('write')}"
+            )
         raise self._unknown(path, writing=True)
 
     def _with_options(self, known: KnownFormat) -> KnownFormat:
@@ -141,13 +143,12 @@ class Formats:
                 yield KnownFormat(record, tool), ""
 
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
+        """Why no format claims the file, with all that cannot be used: one of them might."""
         given = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
-        failed = [f"{describe(r)}: {unusable(r)}" for r in self.registry.list() if r.kind == "plugin"]
         lines = [f"{given}; {self._expected('write' if writing else 'read')}"]
-        for what, reasons in (
-            ("formats", [reason for known, reason in self._survey() if known is None]),
-            ("plugins", failed),
-        ):
+        formats = [reason for known, reason in self._survey() if known is None]
+        plugins = [f"{describe(r)}: {r.reason}" for r in self.registry.list() if r.kind == "plugin"]
+        for what, reasons in (("formats", formats), ("plugins", plugins)):
             if reasons:
                 lines.append(f"{what} that cannot be used: {'; '.join(reasons)}")
         return FileError("; ".join(lines))
@@ -157,7 +158,7 @@ class Formats:
         usable = [known for known, _ in self._survey() if known is not None and known.has(method)]
         suffixes = dict.fromkeys(suffix for known in usable for suffix in known.tool.suffixes)
         if not suffixes:
-            return "no format can be used (agglo's own come with its plugin 'defaults')"
+            return f"there is no format that could {method} it: agglo's own come with its plugin 'defaults'"
         return f"expected one of {' '.join(suffixes)}"
 
 

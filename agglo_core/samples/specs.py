@@ -83,5 +83,6 @@ def _given(spec: str, rest: str, accepted: Sequence[Option]) -> dict[str, Text]:
 
 
 def _usage(record: Record, accepted: Sequence[Option]) -> str:
-    options = [o.name if o.required else f"{o.name} (default {o.default})" for o in accepted]
+    defaults = ["" if option.required else f", default {option.default}" for option in accepted]
+    options = [f"{o.name} ({o.type_name}{default})" for o, default in zip(accepted, defaults, strict=True)]
     return f"{record.name} takes {', '.join(options) or 'no options'}"
