@@ -51,7 +51,7 @@ def _check_end(path: Path) -> None:
 
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
-    """Cells that meshlane finds in a process apart; names of tags that are sets, and of data left out."""
+    """Cells that meshlane finds, in a separate process; names of tags that are sets, and of data left out."""
     size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory(prefix="agglo-") as folder:

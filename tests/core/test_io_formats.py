@@ -211,7 +211,7 @@ def test_a_stranger_may_come_last_too(toy: Path) -> None:
     assert read(toy, registry=registry).n_cells == 4
 
 
-def test_if_all_refuse_each_is_heard(tmp_path: Path) -> None:
+def test_if_all_refuse_each_is_named(tmp_path: Path) -> None:
     class Own(AggloError):
         pass
 
@@ -433,6 +433,29 @@ def test_the_program_without_its_own_formats(tmp_path: Path, command: str) -> No
 
 
 # -- our own classes ---------------------------------------------------------------------------
+
+
+def test_suffixes_are_known_without_the_readers() -> None:
+    source = """
+import sys
+from agglo_core.io import Meshlane, Npz, OpenFoam, Vtu
+assert {".vtu", ".npz", ".msh", ".foam"} <= {s for f in (Meshlane, Npz, OpenFoam, Vtu) for s in f.suffixes}
+print([name for name in ("numpy", "scipy", "meshlane", "agglo_core.mesh") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_strangers_are_not_imported_where_ours_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "late_format.py").write_text("Format = None")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry = having(mine="late_format:Format")
+    write(tmp_path / "a.vtu", squares(2), registry=registry)
+    assert read(tmp_path / "a.vtu", registry=registry).n_cells == 4
+    assert "late_format" not in sys.modules
+    with pytest.raises(FileError, match=r"format 'mine' \(.*\): its target is None, expected a class"):
+        check_writable(tmp_path / "a.xyz", registry=registry)
+    monkeypatch.delitem(sys.modules, "late_format")
 
 
 def test_the_suffixes_are_those_that_meshlane_reads() -> None:
