@@ -169,7 +169,14 @@ class Format(Protocol):
     """Reads meshes from files of one format.
 
     ``suffixes`` are in small letters with their dot; ``lossless`` says whether what is written is read
-    back to the last bit, hierarchy included.
+    back to the last bit, hierarchy included. An AggloError refuses a file, and the next format of its
+    suffix is asked; OSErrors are told as they are; anything else is a mistake of the format.
+
+    Three attributes are optional, false where they are missing. ``last_resort``: it is asked after all
+    others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its ``write`` itself sees
+    to it that files appear whole or not at all; others write into a temporary folder.
+
+    An option ``merge_points`` (bool) of the constructor is what ``agglo.read(…, merge_points=False)`` sets.
     """
 
     suffixes: tuple[str, ...]
@@ -182,7 +189,10 @@ class Format(Protocol):
 
 @runtime_checkable
 class WritableFormat(Protocol):
-    """Optional: a format that is also written."""
+    """Optional: a format that is also written.
+
+    Whatever files ``write`` leaves beside ``path`` move with it to where the user wants them.
+    """
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write the mesh, and the hierarchy if given; an AggloError says what the format cannot hold."""

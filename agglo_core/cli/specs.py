@@ -29,7 +29,7 @@ __all__ = [
     "split_specs",
 ]
 
-_SAMPLE = re.compile(r"[A-Za-z_]\w*(:[^/\\]*)?")
+_SAMPLE = re.compile(r"([\w.-]+/)?[A-Za-z_]\w*(:(\w+=.*|[^/\\]*))?")
 
 
 def load_mesh(text: str) -> Mesh:

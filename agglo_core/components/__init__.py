@@ -23,11 +23,32 @@ _SHAPES = {
     "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
     "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
 }
+_FORMATS = {
+    "vtu": ("vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
+    "npz": ("npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
+    "meshlane": ("meshlane_format:Meshlane", "Gmsh, legacy VTK and more, where no other format reads them."),
+    "openfoam": ("meshlane_format:OpenFoam", "OpenFOAM cases, read by way of their .foam file."),
+}
+_SAMPLES = {
+    "triangles": "Unit square of n × n squares, each cut in two triangles.",
+    "squares": "Unit square of n × n squares.",
+    "random_triangles": "Delaunay triangles of n random points in the unit square (about 2n cells).",
+    "voronoi": "Voronoi cells of n random points in the unit square.",
+    "hexagons": "n rows of n regular hexagons.",
+    "ring": "Annulus with n quadrilaterals around it, about n²/9 in all.",
+    "strip": "n squares in a row.",
+    "disconnected": "Two unit squares apart, each of n × n squares.",
+    "boxes": "Unit cube of n × n × n cubes.",
+    "tetrahedra": "Unit cube of n × n × n cubes, each cut in six tetrahedra.",
+    "paper": "The paper's fine grids: triangles, squares, random or voronoi.",
+    "brain": "Section of a human brain: 13,978 triangles.",
+    "brain_holes": "The same section with five holes: 13,327 triangles.",
+}
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Refiner, fixer, metrics and geometric bisectors."""
+    """Refiner, fixer, geometric bisectors, metrics, formats and samples."""
     geometric = {"deterministic": True, "balanced": True, "3d": True, "pickles": True}
     return [
         Component(
@@ -87,6 +108,35 @@ def agglo_components() -> list[Component]:
             )
             for name, (target, summary) in _SHAPES.items()
         ),
+        *_formats(),
+        *_samples(),
+    ]
+
+
+def _formats() -> list[Component]:
+    return [
+        Component(
+            kind="format",
+            name=name,
+            target=f"agglo_core.io.{target}",
+            requires=("meshlane",) if target.startswith("meshlane") else (),
+            promises={"pickles": True} | ({"3d": True} if name in ("vtu", "npz") else {}),
+            summary=summary,
+        )
+        for name, (target, summary) in _FORMATS.items()
+    ]
+
+
+def _samples() -> list[Component]:
+    return [
+        Component(
+            kind="sample",
+            name=name,
+            target=f"agglo_core.samples:{name}",
+            promises={"3d": True} if name in ("boxes", "tetrahedra") else {},
+            summary=summary,
+        )
+        for name, summary in _SAMPLES.items()
     ]
 
 

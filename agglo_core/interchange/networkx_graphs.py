@@ -110,7 +110,7 @@ def graph_from_networkx(
         raise MeshError(f"nodes need the attribute {centroid!r}, 2 or 3 coordinates each; {given}")
     size = _column(nodes, measure, None)
     size = np.ones(len(nodes)) if size is None else frozen_float(size)
-    heft = _column(nodes, weight, None)
+    load = _column(nodes, weight, None)
     exposed = _column(nodes, boundary, None)
     matrix = _adjacency(network, interface)
     graph = Graph(
@@ -118,7 +118,7 @@ def graph_from_networkx(
         indices=frozen_index(matrix.indices),
         interface=matrix.data,
         measures=size,
-        weights=size if heft is None or np.array_equal(heft, size) else heft,
+        weights=size if load is None or np.array_equal(load, size) else load,
         boundary=np.zeros(len(nodes)) if exposed is None else exposed,
         data={name: _data(nodes, name, dtypes.get(name)) for name in (dtypes if data is None else data)},
         **_geometry(network, nodes, centroids),

@@ -8,9 +8,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from agglo_core.errors import OptionError
-from agglo_core.io import write
 from agglo_core.io.level_tags import check_belongs
 from agglo_core.io.tags import cell_data
+from agglo_core.io.vtu_write import write_vtu
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -41,5 +41,5 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
         check_belongs(mesh, hierarchy)
     with TemporaryDirectory(prefix="agglo") as folder:
         path = Path(folder) / "mesh.vtu"
-        write(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy)))
+        write_vtu(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy)), None)
         return pyvista.read(path)

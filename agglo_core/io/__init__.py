@@ -1,28 +1,37 @@
-"""Files: ``.vtu`` by our own reader and writer, lossless ``.npz``, every other format through meshlane.
+"""Files, each by the format that its suffix stands for: one of agglo's own, or of a plugin.
 
 :func:`read` gives the mesh of a file, :func:`read_hierarchy` also the hierarchy stored with it, and
-:func:`write` writes both; :mod:`agglo_core` offers all three.
+:func:`write` writes both; :mod:`agglo_core` offers all three. Formats are components like any other (kind
+``format``, :class:`~agglo_core.protocols.Format`); agglo's own are :class:`Vtu`, :class:`Npz`,
+:class:`Meshlane` and :class:`OpenFoam`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agglo_core.errors import FileError, MeshError, OptionError
+from agglo_core.errors import FileError, OptionError
+from agglo_core.io.border import naming, read_by, read_hierarchy_by, write_by
+from agglo_core.io.formats import Formats, KnownFormat
+from agglo_core.io.meshlane_format import Meshlane, OpenFoam
+from agglo_core.io.npz_format import Npz
+from agglo_core.io.vtu_format import Vtu
+from agglo_core.registry import Registry, default
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["check_writable", "read", "read_hierarchy", "write"]
+__all__ = ["Meshlane", "Npz", "OpenFoam", "Vtu", "check_writable", "read", "read_hierarchy", "write"]
 
 
-def read(path: str | PathLike[str], *, merge_points: bool = True) -> Mesh:
+def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Registry | None = None) -> Mesh:
     """Mesh of a file; its suffix says the format.
+
+    Several formats may claim a suffix. The first that accepts the file reads it: agglo's own are asked
+    before those of plugins, and what goes through meshlane is asked last.
 
     Integer cell data become cell tags. What was left out or normalised (other cell data, orphan
     points, clockwise cells, lower-dimensional cells, higher-order nodes) is counted in
@@ -33,6 +42,8 @@ def read(path: str | PathLike[str], *, merge_points: bool = True) -> Mesh:
     path : path
     merge_points : bool
         Merge exactly equal points. An ``.npz`` written by :func:`write` is never changed.
+    registry : Registry, optional
+        Where the formats are looked up; by default, that of the program.
 
     Raises
     ------
@@ -41,32 +52,54 @@ def read(path: str | PathLike[str], *, merge_points: bool = True) -> Mesh:
     MeshError
         For a mesh that breaks a rule, naming file and cells.
     OptionError
-        If ``path`` is no path.
+        If ``path`` is no path, or the format always merges points.
+    PluginError
+        If a format misbehaves: what it returns is no mesh, or it raises what is no AggloError.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> agglo.write("grid.vtu", agglo.samples.squares(4))
+    >>> agglo.read("grid.vtu")
+    Mesh('grid', 2-D, 16 cells, 40 faces, 25 points)
     """
-    return _read(path, merge_points)[0]
+    source = _existing(path)
+    options = {} if merge_points else {"merge_points": False}
+    with naming(source):
+        return _formats(registry, options).first_accepted(source, lambda known: read_by(known, source))
 
 
-def read_hierarchy(path: str | PathLike[str]) -> tuple[Mesh, Hierarchy | None]:
+def read_hierarchy(
+    path: str | PathLike[str], *, registry: Registry | None = None
+) -> tuple[Mesh, Hierarchy | None]:
     """Mesh of a file and the hierarchy stored with it, if any.
 
-    An ``.npz`` holds the whole hierarchy; in other formats it is found in the integer cell data
+    An ``.npz`` holds the whole hierarchy; in most other formats it is found in the integer cell data
     ``level_0``, ``level_1``, … (their targets are not stored there).
+
+    Parameters
+    ----------
+    path : path
+    registry : Registry, optional
+        Where the formats are looked up; by default, that of the program.
 
     Raises
     ------
-    FileError, MeshError, OptionError
+    FileError, MeshError, OptionError, PluginError
         As :func:`read`.
     """
-    mesh, hierarchy = _read(path, True)
-    if hierarchy is None:
-        from agglo_core.io.level_tags import split_levels
-
-        with _naming(Path(path)):
-            return split_levels(mesh)
-    return mesh, hierarchy
+    source = _existing(path)
+    with naming(source):
+        return _formats(registry).first_accepted(source, lambda known: read_hierarchy_by(known, source))
 
 
-def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+def write(
+    path: str | PathLike[str],
+    mesh: Mesh,
+    hierarchy: Hierarchy | None = None,
+    *,
+    registry: Registry | None = None,
+) -> None:
     """Write a mesh, and the hierarchy if given; the suffix says the format.
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as
@@ -76,6 +109,14 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
     files, and coarse meshes of more levels than there are now are removed (only files named
     ``NAME_level<number>.vtu`` beside the new one that this program wrote).
 
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+    hierarchy : Hierarchy, optional
+    registry : Registry, optional
+        Where the formats are looked up; by default, that of the program.
+
     Raises
     ------
     FileError
@@ -84,68 +125,57 @@ def write(path: str | PathLike[str], mesh: Mesh, hierarchy: Hierarchy | None = N
         If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
     OptionError
         If an argument is not of its type.
+    PluginError
+        If a format misbehaves: it writes nothing, or raises what is no AggloError.
     """
     target = _checked_path("write", path)
     _check_written(mesh, hierarchy)
-    check_writable(target)
-    with _naming(target):
+    with naming(target):
+        known = _writer(target, registry)
         if hierarchy is not None:
             from agglo_core.io.level_tags import check_belongs
 
             check_belongs(mesh, hierarchy)
-        suffix = target.suffix.lower()
-        if suffix == ".vtu":
-            from agglo_core.io.vtu_write import write_vtu
-
-            write_vtu(target, mesh, hierarchy)
-        elif suffix == ".npz":
-            from agglo_core.io.npz import write_npz
-
-            write_npz(target, mesh, hierarchy)
-        else:
-            from agglo_core.io.meshlane_write import write_foreign
-
-            write_foreign(target, mesh, hierarchy)
+        write_by(known, target, mesh, hierarchy)
 
 
-def check_writable(path: str | PathLike[str]) -> None:
-    """Raise FileError unless a file can be written there: known suffix, existing folder, no folder itself."""
+def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:
+    """Raise FileError unless a file can be written there, as far as can be seen before.
+
+    Some format must write its suffix, its folder must exist, and no folder have its name.
+    """
     target = _checked_path("write", path)
-    with _naming(target):
-        if target.is_dir():
-            raise FileError("is a folder, expected a file name")
-        _check_suffix(target, writing=True)
-        if not target.parent.is_dir():
-            raise FileError(f"the folder {target.parent} does not exist")
-        from agglo_core.io.atomic import check_replaceable
-
-        check_replaceable(target)
+    with naming(target):
+        _writer(target, registry)
 
 
-def _read(path: str | PathLike[str], merge_points: bool) -> tuple[Mesh, Hierarchy | None]:
+def _formats(registry: Registry | None, options: dict[str, bool] | None = None) -> Formats:
+    return Formats(default() if registry is None else registry, options or {})
+
+
+def _writer(target: Path, registry: Registry | None) -> KnownFormat:
+    """The format that writes the file, which can be put in its place."""
+    if target.is_dir():
+        raise FileError("is a folder, expected a file name")
+    known = _formats(registry).writer(target)
+    if not target.parent.is_dir():
+        raise FileError(f"the folder {target.parent} does not exist")
+    from agglo_core.io.atomic import check_replaceable
+
+    check_replaceable(target)
+    return known
+
+
+def _existing(path: object) -> Path:
     source = _checked_path("read", path)
-    with _naming(source):
+    with naming(source):
         if source.is_dir():
             raise FileError("is a folder, expected a file")
         if not source.exists():
             raise FileError("no such file")
-        _check_suffix(source, writing=False)
         if not source.is_file():
             raise FileError("is not a regular file")
-        if source.stat().st_size == 0 and source.suffix.lower() != ".foam":
-            raise FileError("is empty")
-        suffix = source.suffix.lower()
-        if suffix == ".npz":
-            from agglo_core.io.npz import read_npz
-
-            return read_npz(source, merge_points=merge_points)
-        if suffix == ".vtu":
-            from agglo_core.io.vtu_read import read_vtu
-
-            return read_vtu(source, merge_points=merge_points), None
-        from agglo_core.io.meshlane_read import read_foreign
-
-        return read_foreign(source, merge_points=merge_points), None
+    return source
 
 
 def _checked_path(function: str, path: object) -> Path:
@@ -167,33 +197,3 @@ def _check_written(mesh: object, hierarchy: object) -> None:
     if hierarchy is not None and not isinstance(hierarchy, Hierarchy):
         given = type(hierarchy).__name__
         raise OptionError(f"{call}: the hierarchy must be a Hierarchy, given {given}")
-
-
-def _check_suffix(path: Path, *, writing: bool) -> None:
-    if path.suffix.lower() in (".vtu", ".npz"):
-        return
-    from agglo_core.io.meshlane_read import suffixes
-
-    known = [".vtu", ".npz", *suffixes(writing=writing)]
-    if path.suffix.lower() not in known:
-        given = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
-        raise FileError(f"{given}; expected one of {' '.join(known)}")
-
-
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Put the file's name before the message of whatever goes wrong with it."""
-    try:
-        yield
-    except FileError as error:
-        raise FileError(_named(path, error)) from error.__cause__
-    except MeshError as error:
-        raise MeshError(_named(path, error)) from error.__cause__
-    except (OSError, MemoryError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else repr(error)
-        raise FileError(f"{path}: {reason}") from error
-
-
-def _named(path: Path, error: Exception) -> str:
-    text = str(error)
-    return text if text.startswith(f"{path}: ") else f"{path}: {text}"

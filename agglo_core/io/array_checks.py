@@ -1,4 +1,4 @@
-"""Whether the arrays of a stored mesh are a mesh: the file may have been written by other hands."""
+"""Whether the arrays of a stored mesh are a mesh: another program may have written the file."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _unbalanced(mesh: Mesh) -> Int:
 
 
 def _gaping(mesh: Mesh) -> Int:
-    """Solid cells whose outward face vectors do not sum to nothing."""
+    """Solid cells whose outward face vectors do not sum to zero."""
     owner, neighbour = mesh.face_cells.T
     inner = neighbour >= 0
     vector = mesh.face_normals * mesh.face_measures[:, None]

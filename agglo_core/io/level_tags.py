@@ -1,4 +1,4 @@
-"""Hierarchies and files: what the labels of levels say without their targets."""
+"""Hierarchies in files that keep the labels of levels as cell data, and no targets."""
 
 from __future__ import annotations
 

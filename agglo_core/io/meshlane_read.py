@@ -19,21 +19,10 @@ from agglo_core.io.tags import note_left_out
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra
 
-__all__ = ["read_foreign", "suffixes"]
+__all__ = ["read_foreign"]
 
 _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
-_READ_ONLY, _WRITE_ONLY = (".foam",), (".svg",)
 _MEMORY, _MEMORY_PER_BYTE = 8 << 30, 400
-
-
-def suffixes(*, writing: bool) -> list[str]:
-    """Suffixes that meshlane reads, or reads and writes."""
-    from meshlane import extension_to_filetypes
-
-    left_out = {".vtu", ".npz", *_WRITE_ONLY, *(_READ_ONLY if writing else ())}
-    return sorted(
-        suffix for suffix in extension_to_filetypes if suffix.count(".") == 1 and suffix not in left_out
-    )
 
 
 def read_foreign(path: Path, *, merge_points: bool) -> Mesh:
@@ -62,7 +51,7 @@ def _check_end(path: Path) -> None:
 
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
-    """Cells that meshlane finds in a process apart; names of tags that are sets, and of data left out."""
+    """Cells that meshlane finds, in a separate process; names of tags that are sets, and of data left out."""
     size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory(prefix="agglo-") as folder:

@@ -1,6 +1,6 @@
-"""What meshlane read, as cells; run as a program in a process of its own by ``agglo_core.io.meshlane_read``.
+"""What meshlane read, as cells; run as a program of its own by ``agglo_core.io.meshlane_read``.
 
-meshlane prints, exits, and on some truncated files never ends: a process apart, with limits on its
+meshlane prints, exits, and on some truncated files never ends. A separate process, with limits on its
 processor time and memory, contains all of that.
 """
 

@@ -40,7 +40,7 @@ def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     """
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
-    blocks = _triangles_and_so_on(mesh)
+    blocks = _blocks(mesh)
     cuts = np.cumsum([len(rows) for _, rows in blocks])[:-1]
     points = np.zeros((mesh.n_points, 3))
     points[:, : mesh.dim] = mesh.points
@@ -52,7 +52,7 @@ def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
 
 
 def _silently(target: Path, points: Any, blocks: Any, data: Any) -> None:
-    """Let meshlane write; it prints, and meets meshes it cannot express unprepared."""
+    """Let meshlane write in silence; what a format cannot express may make it raise anything."""
     import meshlane
 
     said = io.StringIO()
@@ -66,8 +66,8 @@ def _silently(target: Path, points: Any, blocks: Any, data: Any) -> None:
         raise FileError(f"meshlane cannot write it: {reason[:300]}; .vtu and .npz can hold it") from error
 
 
-def _triangles_and_so_on(mesh: Mesh) -> list[tuple[str, NDArray[Any]]]:
-    """Runs of cells of one kind, in order."""
+def _blocks(mesh: Mesh) -> list[tuple[str, NDArray[Any]]]:
+    """Blocks of consecutive cells of one type, with their nodes."""
     names, offsets, vertices = _polygons(mesh) if mesh.dim == 2 else _tetrahedra(mesh)
     sizes = np.diff(offsets)
     cuts = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), len(sizes)]

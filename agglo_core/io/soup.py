@@ -56,7 +56,7 @@ class Soup(NamedTuple):
 
 
 def mesh_from_soup(soup: Soup, *, merge_points: bool, weak: bool, name: str) -> Mesh:
-    """Mesh of the cells of the highest dimension; those one lower become face tags, the rest go.
+    """Mesh of the cells of the highest dimension; those one lower become face tags, the rest are dropped.
 
     Raises
     ------

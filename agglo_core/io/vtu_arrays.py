@@ -26,7 +26,7 @@ _EXPANSION = 10_000  # more than lzma's largest ratio on real data: bounds what 
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file: its XML tree, and how its binary arrays are coded."""
+    """A parsed file: its XML tree, and how its binary arrays are encoded."""
 
     root: ElementTree.Element
     order: Literal["<", ">"]
@@ -41,7 +41,7 @@ class Document:
         Raises
         ------
         FileError
-            Naming the array: unknown type or format, broken coding, too short.
+            Naming the array: unknown type or format, broken encoding, too short.
         """
         name = element.get("Name", "Points")
         try:
@@ -77,7 +77,9 @@ class Document:
         width = self.header.itemsize
         prefix, after = _take(data, start, width, raw)
         size = int(np.frombuffer(prefix, self.header)[0])
-        if raw or len(base64.b64decode(data[start:after])) == width:  # the length coded apart from the data
+        if (
+            raw or len(base64.b64decode(data[start:after])) == width
+        ):  # the length is encoded apart from the data
             return _take(data, after, size, raw)[0]
         return _take(data, start, width + size, raw)[0][width:]
 
@@ -115,7 +117,7 @@ def _numbers(words: list[str], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _take(data: bytes, start: int, size: int, raw: bool) -> tuple[bytes, int]:
-    """``size`` bytes coded from ``start`` on, and the place after them."""
+    """``size`` bytes encoded from ``start`` on, and the place after them."""
     stop = start + (size if raw else (size + 2) // 3 * 4)
     if stop > len(data):
         raise ValueError(f"truncated: {stop - start} bytes expected at {start}, {len(data) - start} found")

@@ -1,4 +1,4 @@
-"""Reading VTU (VTK XML unstructured grids): every coding, several pieces, polyhedra in both layouts."""
+"""Reading VTU (VTK XML unstructured grids): every encoding, several pieces, polyhedra in both layouts."""
 
 from __future__ import annotations
 

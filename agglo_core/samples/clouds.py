@@ -15,14 +15,30 @@ _SNAP = 1e-10
 
 
 def random_triangles(n: int, seed: int = 0) -> Mesh:
-    """Delaunay triangles of ``n`` uniform points and round(√(n/2)) evenly spaced ones per side."""
+    """Delaunay triangles of ``n`` uniform points and round(√(n/2)) evenly spaced ones per side.
+
+    Parameters
+    ----------
+    n : int
+        Random points in the unit square: about 2n cells.
+    seed : int
+        Of the random numbers: 0 or more, the same seed gives the same mesh.
+    """
     n = check_size(n, 1, "n", "random_triangles")
     rng = np.random.default_rng(check_size(seed, 0, "seed", "random_triangles"))
     return delaunay_mesh(rng.random((n, 2)), f"random triangles n={n} seed={seed}")
 
 
 def voronoi(n: int, seed: int = 0) -> Mesh:
-    """Voronoi cells of ``n`` uniform points, clipped to the unit square; cell i belongs to point i."""
+    """Voronoi cells of ``n`` uniform points, clipped to the unit square; cell i belongs to point i.
+
+    Parameters
+    ----------
+    n : int
+        Random points in the unit square: n cells.
+    seed : int
+        Of the random numbers: 0 or more, the same seed gives the same mesh.
+    """
     n = check_size(n, 1, "n", "voronoi")
     rng = np.random.default_rng(check_size(seed, 0, "seed", "voronoi"))
     return voronoi_mesh(rng.random((n, 2)), f"voronoi n={n} seed={seed}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -14,11 +15,16 @@ from agglo_core.samples.regular import squares, triangles
 __all__ = ["paper"]
 
 
-def paper(name: str) -> Mesh:
+def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
     """Fine grid of the paper (§4): ``triangles``, ``squares``, ``random`` or ``voronoi``.
 
     128 triangles, 256 squares, 286 Delaunay triangles of 128 random points, 256 Voronoi cells. The
     random numbers are one MATLAB stream of default seed: the random points first, then the seeds.
+
+    Parameters
+    ----------
+    name : {"triangles", "squares", "random", "voronoi"}
+        Which of the four.
 
     Raises
     ------

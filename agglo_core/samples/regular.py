@@ -28,14 +28,26 @@ def _lattice(nx: int, ny: int) -> tuple[Float, Int]:
 
 
 def squares(n: int) -> Mesh:
-    """Unit square cut into ``n`` × ``n`` squares."""
+    """Unit square cut into ``n`` × ``n`` squares.
+
+    Parameters
+    ----------
+    n : int
+        Squares along each side: n² cells.
+    """
     n = check_size(n, 1, "n", "squares")
     points, cells = _lattice(n, n)
     return Mesh.from_polygons(points / n, cells, name=f"squares {n}x{n}")
 
 
 def triangles(n: int) -> Mesh:
-    """Unit square cut into ``n`` × ``n`` squares, each split along the diagonal of direction (1, −1)."""
+    """Unit square cut into ``n`` × ``n`` squares, each split along the diagonal of direction (1, −1).
+
+    Parameters
+    ----------
+    n : int
+        Squares along each side: 2n² cells.
+    """
     n = check_size(n, 1, "n", "triangles")
     points, cells = _lattice(n, n)
     halves = cells[:, [0, 1, 3, 1, 2, 3]].reshape(-1, 3)
@@ -43,14 +55,26 @@ def triangles(n: int) -> Mesh:
 
 
 def strip(n: int) -> Mesh:
-    """``n`` squares in a row, of total length 1."""
+    """``n`` squares in a row, of total length 1.
+
+    Parameters
+    ----------
+    n : int
+        Squares in all: n cells.
+    """
     n = check_size(n, 1, "n", "strip")
     points, cells = _lattice(n, 1)
     return Mesh.from_polygons(points / n, cells, name=f"strip of {n}")
 
 
 def disconnected(n: int) -> Mesh:
-    """Two unit squares half a unit apart, each cut into ``n`` × ``n`` squares."""
+    """Two unit squares half a unit apart, each cut into ``n`` × ``n`` squares.
+
+    Parameters
+    ----------
+    n : int
+        Squares along each side: 2n² cells.
+    """
     n = check_size(n, 1, "n", "disconnected")
     points, cells = _lattice(n, n)
     both = np.concatenate((points / n, points / n + [1.5, 0.0]))
@@ -61,6 +85,11 @@ def hexagons(n: int) -> Mesh:
     """``n`` rows of ``n`` regular hexagons, odd rows shifted by half a cell; total width 1 for n > 1.
 
     Corners are counted on a lattice of half widths and half radii, so that neighbours share them.
+
+    Parameters
+    ----------
+    n : int
+        Hexagons in each row, and rows: n² cells.
     """
     n = check_size(n, 1, "n", "hexagons")
     j, i = np.divmod(np.arange(n * n), n)
@@ -73,7 +102,13 @@ def hexagons(n: int) -> Mesh:
 
 
 def ring(n: int) -> Mesh:
-    """Annulus of radii 1/2 and 1: ``n`` quadrilaterals around, in as many layers as make them squarish."""
+    """Annulus of radii 1/2 and 1: ``n`` quadrilaterals around, in as many layers as make them squarish.
+
+    Parameters
+    ----------
+    n : int
+        Quadrilaterals around it, 3 or more: about n²/9 cells.
+    """
     n = check_size(n, 3, "n", "ring")
     layers = max(1, round(n / (3 * np.pi)))
     lattice, cells = _lattice(n, layers)  # x counts around, y inwards

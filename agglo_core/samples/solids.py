@@ -14,7 +14,13 @@ __all__ = ["boxes", "tetrahedra"]
 
 
 def boxes(n: int) -> Mesh:
-    """Unit cube cut into ``n``³ cubes."""
+    """Unit cube cut into ``n``³ cubes.
+
+    Parameters
+    ----------
+    n : int
+        Cubes along each edge: n³ cells.
+    """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
     n = check_size(n, 1, "n", "boxes")
@@ -25,7 +31,13 @@ def boxes(n: int) -> Mesh:
 
 
 def tetrahedra(n: int) -> Mesh:
-    """Unit cube cut into ``n``³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn)."""
+    """Unit cube cut into ``n``³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn).
+
+    Parameters
+    ----------
+    n : int
+        Cubes along each edge: 6n³ cells.
+    """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
     n = check_size(n, 1, "n", "tetrahedra")

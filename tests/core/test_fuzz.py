@@ -9,7 +9,7 @@ import pytest
 from fuzz.corpus import valid_files
 from fuzz.fuzz_files import fuzz, judge
 
-from agglo_core import FileError, Mesh, read, samples, write
+from agglo_core import FileError, Mesh, PluginError, read, samples, write
 
 
 @pytest.mark.parametrize(("suffix", "count"), [(".vtu", 80), (".npz", 60), (".msh", 10)])
@@ -39,13 +39,16 @@ def test_the_fuzzer_sees_faults(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     def leak(_: Path) -> None:
         raise KeyError("x")
 
+    def blame(file: Path) -> None:
+        raise PluginError(f"{file}: format 'npz' raised KeyError: 'x'")
+
     def nameless(_: Path) -> None:
         raise FileError("it is broken")
 
     file = tmp_path / "m.npz"
     write(file, samples.squares(3))
     monkeypatch.setattr(fuzzer, "SECONDS", 1)
-    for reader, kind in ((spin, "hang"), (leak, "leak"), (nameless, "nameless")):
+    for reader, kind in ((spin, "hang"), (leak, "leak"), (blame, "leak"), (nameless, "nameless")):
         monkeypatch.setattr(fuzzer, "read_hierarchy", reader)
         assert judge(file, command=False).kind == kind
 

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from agglo_core import samples
-from agglo_core.errors import OptionError
+from agglo_core import Component, Registry, components, hookimpl, samples
+from agglo_core.cli.arguments import load_mesh
+from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.mesh import Mesh
+from agglo_core.registry import default
+from agglo_core.registry.construct import resolve
+from agglo_core.registry.options import options_of
 
 _PUBLISHED = Path(os.environ.get("AGGLO_PAPER_DATA", Path(__file__).parents[3] / "shared/data/paper"))
 
@@ -135,13 +140,13 @@ def test_paper_grids_agree_with_the_published_ones(name: str, file: str) -> None
     [
         ("voronoy:n=3", "did you mean 'voronoi'"),
         ("squares", "needs a value for n"),
-        ("squares:n=many", "no whole number"),
+        ("squares:n=many", "n of sample 'squares' .* must be a whole number, given 'many'; squares takes n "),
         ("squares:n=", "takes n"),
         ("squares:n=0", ">= 1"),
-        ("voronoi:n=5,sede=1", r"takes n, seed \(default 0\)"),
+        ("voronoi:n=5,sede=1", r"takes n \(a whole number\), seed \(a whole number, default 0\)"),
         ("voronoi:n=5,seed=-1", ">= 0"),
         ("voronoi:n=5,n=6", "cannot use"),
-        ("paper:brain", "triangles, squares, random, voronoi"),
+        ("paper:brain", "'triangles' or 'squares' or 'random' or 'voronoi', given 'brain'"),
     ],
 )
 def test_bad_specs_are_explained(spec: str, message: str) -> None:
@@ -157,3 +162,110 @@ def test_bad_sizes_are_refused() -> None:
 
 def test_every_sample_is_listed() -> None:
     assert set(samples.names()) == set(samples.__all__) - {"names", "from_spec"}
+
+
+# -- samples of strangers ----------------------------------------------------------------------
+
+
+def plate(n: int, corner: Literal["sharp", "round"] = "sharp", holes: bool = False, name: str = "") -> Mesh:
+    """Unit square of n × n squares."""
+    mesh = samples.squares(n)
+    return Mesh.from_polygons(
+        mesh.points,
+        (mesh.boundary_loops.loop_offsets, mesh.boundary_loops.vertices),
+        name=f"{corner} {holes!r} {name!r}",
+    )
+
+
+def fails(how: Literal["key", "mesh", "exit"]) -> Mesh:
+    """Does not make a mesh."""
+    raise {"key": KeyError("x"), "mesh": MeshError("cell 3"), "exit": SystemExit(1)}[how]
+
+
+def no_mesh() -> Any:
+    """Makes a graph."""
+    return samples.squares(2).graph
+
+
+class Strangers:
+    @hookimpl
+    def agglo_components(self) -> list[Component]:
+        own = [Component("sample", each.__name__, f"{__name__}:{each.__name__}") for each in (plate, fails)]
+        return [
+            *own,
+            Component("sample", "no_mesh", f"{__name__}:no_mesh"),
+            Component("sample", "squares", f"{__name__}:plate"),
+            Component("sample", "needy", f"{__name__}:plate", requires=("no_such_thing",)),
+        ]
+
+
+@pytest.fixture
+def registry() -> Registry:
+    registry = Registry()
+    registry.register(Strangers(), "mine", distribution="my-dist", version="2")
+    registry.register(components, "defaults", distribution="agglo", version="1")
+    return registry
+
+
+@pytest.mark.parametrize(
+    ("spec", "name"),
+    [
+        ("plate:2", "sharp False ''"),
+        ("plate:n=2,corner=round,holes=true", "round True ''"),
+        ("plate: 2 , name = 007", "sharp False '007'"),
+        ("plate:2,name=a=b", "sharp False 'a=b'"),
+        ("mine/plate:2,name=true", "sharp False 'true'"),
+        ("mine/squares:2", "sharp False ''"),
+        ("squares:2", "squares 2x2"),
+    ],
+)
+def test_a_strangers_sample_takes_its_options(registry: Registry, spec: str, name: str) -> None:
+    mesh = samples.from_spec(spec, registry)
+    assert mesh.n_cells == 4
+    assert mesh.name == name
+
+
+@pytest.mark.parametrize(
+    ("spec", "error", "message"),
+    [
+        ("plate:2,corner=blunt", OptionError, "must be 'sharp' or 'round', given 'blunt'; plate"),
+        ("plate:2,holes=1", OptionError, r"holes of sample 'plate' .* must be true or false, given 1"),
+        ("plate:2,4", OptionError, r"cannot use '4' in sample 'plate:2,4'; plate takes n \("),
+        ("plate:=2", OptionError, "cannot use '=2'"),
+        ("plat:2", OptionError, r"is named 'plat' \(did you mean 'plate'\?\); available: boxes, "),
+        ("other/plate:2", OptionError, "no sample is named 'other/plate'"),
+        ("fails:key", PluginError, r"'fails' \(plugin 'mine', distribution my-dist 2\) .* KeyError: 'x'"),
+        ("fails:exit", PluginError, "SystemExit"),
+        ("fails:mesh", MeshError, "^cell 3$"),
+        ("no_mesh:2", OptionError, "cannot use '2' in sample 'no_mesh:2'; no_mesh takes no options"),
+        ("no_mesh", PluginError, r"sample 'no_mesh' \(plugin 'mine', .*\) made Graph.*, expected a Mesh"),
+        ("needy:2", PluginError, "'needy' .* cannot be used: needs no_such_thing"),
+    ],
+)  # fmt: skip
+def test_what_a_strangers_sample_refuses(registry: Registry, spec: str, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        samples.from_spec(spec, registry)
+
+
+def test_only_samples_that_can_be_used_are_listed(registry: Registry) -> None:
+    assert samples.names(registry) == [*samples.names(), "plate", "fails", "no_mesh"]
+    assert samples.names()[:4] == ["triangles", "squares", "random_triangles", "voronoi"]
+    registry.block("defaults", "not today")
+    assert samples.names(registry) == ["plate", "fails", "no_mesh", "squares"]
+    with pytest.raises(PluginError, match=r"sample 'voronoi' .* cannot be used: blocked: not today"):
+        samples.from_spec("voronoi:3", registry)
+
+
+@pytest.mark.parametrize("name", samples.names())
+def test_every_option_is_typed_and_explained(name: str) -> None:
+    for option in options_of(resolve(default().record("sample", name))) or ():
+        assert option.about
+        assert option.type_name != "any"
+
+
+def test_qualified_names_can_be_typed() -> None:
+    assert load_mesh("defaults/squares:3").n_cells == 9
+    with pytest.raises(OptionError, match="no sample is named 'image'"):
+        load_mesh("image:file=folder/a.png")  # a value may be a path
+    with pytest.raises(OptionError, match=r"'meshes/plate' is neither a file .* nor a sample: no sample"):
+        load_mesh("meshes/plate")

@@ -2,10 +2,10 @@
 
 ``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``
 
-Each damaged file must be read, or refused by an AggloError that names it, within 10 s. One that is read
-goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the others, in a process
-of its own: exit code 0 with the files, or 2 with none of them and no traceback. What fails is kept
-in the folder ``--keep``; ``--replay FILE`` judges one file again.
+Each damaged file must be read, or refused by an AggloError that names it and is no PluginError, within
+10 s. One that is read goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the
+others, in a process of its own: exit code 0 with the files, or 2 with none of them and no traceback. What
+fails is kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
 """
 
 # ruff: noqa: T201
@@ -31,7 +31,7 @@ import numpy as np
 from fuzz.corpus import valid_files
 from fuzz.damage import damaged
 
-from agglo_core import AggloError
+from agglo_core import AggloError, PluginError
 from agglo_core.cli import main
 from agglo_core.io import read_hierarchy
 
@@ -74,6 +74,8 @@ def judge(file: Path, command: bool) -> Verdict:
         with _alarm(SECONDS):
             read_hierarchy(file)
             verdict = Verdict("mesh")
+    except PluginError as error:  # what a format raises that is no refusal
+        return Verdict("leak", str(error))
     except AggloError as error:
         verdict = Verdict("refused", str(error))
         if not str(error).startswith(str(file)):

@@ -1,0 +1,124 @@
+"""What goes to a format and comes back is checked here, and every error names the file and the culprit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
+from agglo_core.io.atomic import staging
+from agglo_core.io.formats import KnownFormat
+from agglo_core.registry.attribution import attributed
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["naming", "read_by", "read_hierarchy_by", "write_by"]
+
+_ON_PURPOSE = (AggloError, OSError, MemoryError)
+
+
+def read_by(known: KnownFormat, path: Path) -> Mesh:
+    """Mesh of a file by one format.
+
+    Raises
+    ------
+    AggloError
+        Why the format refuses the file.
+    PluginError
+        If it raises anything else, or returns no mesh.
+    """
+    _check_content(known, path)
+    with attributed(known.title, spare=_ON_PURPOSE):
+        given = known.tool.read(path)
+    return _checked_mesh(known, "read", given)
+
+
+def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
+    """Mesh and hierarchy of a file by one format, from its cell data where the format keeps no hierarchies.
+
+    Raises as :func:`read_by`.
+    """
+    mesh, hierarchy = _stored(known, path) if known.has("read_hierarchy") else (read_by(known, path), None)
+    if hierarchy is not None:
+        return mesh, hierarchy
+    from agglo_core.io.level_tags import split_levels
+
+    return split_levels(mesh)
+
+
+def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write by one format, so that files appear whole or not at all.
+
+    Raises
+    ------
+    AggloError
+        Why the format refuses the mesh.
+    PluginError
+        If it raises anything else, or writes nothing.
+    """
+    if known.has("atomic"):
+        with attributed(known.title, spare=_ON_PURPOSE):
+            known.tool.write(path, mesh, hierarchy)
+        return
+    with staging(path) as folder:
+        target = folder / path.name
+        with attributed(known.title, spare=_ON_PURPOSE):
+            known.tool.write(target, mesh, hierarchy)
+        if not target.is_file():
+            raise PluginError(f"{known.title}: write() left no file of the name it was given")
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before the message of whatever goes wrong with it."""
+    try:
+        yield
+    except OptionError:
+        raise
+    except AggloError as error:
+        family = next((each for each in (MeshError, PluginError) if isinstance(error, each)), FileError)
+        text = str(error)
+        raise family(text if text.startswith(f"{path}: ") else f"{path}: {text}") from error.__cause__
+    except (OSError, MemoryError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else repr(error)
+        raise FileError(f"{path}: {reason}") from error
+
+
+def _check_content(known: KnownFormat, path: Path) -> None:
+    if path.stat().st_size == 0 and not known.has("reads_empty"):
+        raise FileError("is empty")
+
+
+def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
+    """What a format that keeps hierarchies returns."""
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io.level_tags import check_belongs
+
+    _check_content(known, path)
+    with attributed(known.title, spare=_ON_PURPOSE):
+        given = known.tool.read_hierarchy(path)
+    if not isinstance(given, tuple) or len(given) != 2:
+        raise PluginError(f"{known.title}: read_hierarchy() returned {given!r:.60}, expected a pair")
+    mesh, hierarchy = _checked_mesh(known, "read_hierarchy", given[0]), given[1]
+    if hierarchy is None:
+        return mesh, None
+    if not isinstance(hierarchy, Hierarchy):
+        raise PluginError(
+            f"{known.title}: read_hierarchy() returned the hierarchy {hierarchy!r:.60}, "
+            "expected a Hierarchy or None"
+        )
+    with attributed(known.title):
+        check_belongs(mesh, hierarchy)
+    return mesh, hierarchy
+
+
+def _checked_mesh(known: KnownFormat, method: str, given: Any) -> Mesh:
+    from agglo_core.mesh import Mesh
+
+    if not isinstance(given, Mesh):
+        raise PluginError(f"{known.title}: {method}() returned {given!r:.60}, expected a Mesh")
+    return given

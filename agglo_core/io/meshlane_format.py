@@ -1,0 +1,73 @@
+"""Every other format, by the package meshlane: what no format of agglo or a plugin reads, it is asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["Meshlane", "OpenFoam"]
+
+_SUFFIXES = """
+    .avs .bdf .cdb .cgns .dat .dato .e .ele .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
+    .msh .nas .node .obj .off .ply .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml
+"""
+
+
+class Meshlane:
+    """The files that the package meshlane reads and writes: Gmsh, legacy VTK, Abaqus, STL, MED and more.
+
+    What is written is read back and compared; what the file would lose is refused.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    """
+
+    suffixes: tuple[str, ...] = tuple(_SUFFIXES.split())
+    lossless: bool = False
+    atomic: bool = True
+    last_resort: bool = True
+
+    def __init__(self, merge_points: bool = True) -> None:
+        self.merge_points = merge_points
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a file; raises FileError or MeshError."""
+        from agglo_core.io.meshlane_read import read_foreign
+
+        return read_foreign(path, merge_points=self.merge_points)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write the mesh and the labels of its levels; raises FileError or MeshError."""
+        from agglo_core.io.meshlane_write import write_foreign
+
+        write_foreign(path, mesh, hierarchy)
+
+
+class OpenFoam:
+    """OpenFOAM cases by the package meshlane: the file, often empty, marks the folder of the case.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    """
+
+    suffixes: tuple[str, ...] = (".foam",)
+    lossless: bool = False
+    reads_empty: bool = True
+    last_resort: bool = True
+
+    def __init__(self, merge_points: bool = True) -> None:
+        self.merge_points = merge_points
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of the case; raises FileError or MeshError."""
+        from agglo_core.io.meshlane_read import read_foreign
+
+        return read_foreign(path, merge_points=self.merge_points)

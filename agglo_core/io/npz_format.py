@@ -1,0 +1,45 @@
+"""npz, numpy's archive, as a format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["Npz"]
+
+
+class Npz:
+    """npz without pickle: everything a mesh and its hierarchy hold, or polygons in a plain layout.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points of the plain layout; a file written by agglo is never changed.
+    """
+
+    suffixes: tuple[str, ...] = (".npz",)
+    lossless: bool = True
+    atomic: bool = True
+
+    def __init__(self, merge_points: bool = True) -> None:
+        self.merge_points = merge_points
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of an archive; raises FileError or MeshError."""
+        return self.read_hierarchy(path)[0]
+
+    def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
+        """Return the mesh and the hierarchy stored with it, if any; raises FileError or MeshError."""
+        from agglo_core.io.npz import read_npz
+
+        return read_npz(path, merge_points=self.merge_points)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write mesh and hierarchy; raises FileError."""
+        from agglo_core.io.npz import write_npz
+
+        write_npz(path, mesh, hierarchy)

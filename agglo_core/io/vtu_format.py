@@ -1,0 +1,41 @@
+"""VTU, the XML files of unstructured grids that ParaView opens, as a format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["Vtu"]
+
+
+class Vtu:
+    """VTU by agglo's own reader and writer: any mesh, its cell tags, the labels of all levels.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    """
+
+    suffixes: tuple[str, ...] = (".vtu",)
+    lossless: bool = False
+    atomic: bool = True
+
+    def __init__(self, merge_points: bool = True) -> None:
+        self.merge_points = merge_points
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a VTU file; raises FileError or MeshError."""
+        from agglo_core.io.vtu_read import read_vtu
+
+        return read_vtu(path, merge_points=self.merge_points)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write the mesh, and each coarse mesh beside it; raises FileError or MeshError."""
+        from agglo_core.io.vtu_write import write_vtu
+
+        write_vtu(path, mesh, hierarchy)

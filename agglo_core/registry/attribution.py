@@ -1,0 +1,32 @@
+"""Errors that say whose component raised them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from agglo_core.errors import PluginError
+from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
+
+__all__ = ["attributed"]
+
+
+@contextmanager
+def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+    """Turn whatever a component raises into a PluginError that begins with ``owner``; ``spare`` passes.
+
+    Parameters
+    ----------
+    owner : str
+        The component as :func:`~agglo_core.registry.describe` calls it.
+    spare : tuple of exception types
+        What the component may raise on purpose. A PluginError is given its owner even then.
+    """
+    try:
+        yield
+    except PluginError as error:
+        raise PluginError(f"{owner}: {error}") from error
+    except spare:
+        raise
+    except PLUGIN_FAILURES as error:
+        raise PluginError(f"{owner} raised {raised(error)}") from error

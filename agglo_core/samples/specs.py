@@ -1,0 +1,88 @@
+"""Samples by name and by text: those of this package and those of plugins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.mesh import Mesh
+from agglo_core.registry import Record, Registry, default, describe
+from agglo_core.registry.construct import checked_options, resolve
+from agglo_core.registry.options import Option, Text, options_of
+
+__all__ = ["from_spec", "names"]
+
+
+def names(registry: Registry | None = None) -> list[str]:
+    """Names of the samples that can be used, agglo's own first.
+
+    Parameters
+    ----------
+    registry : Registry, optional
+        Where they are looked up; by default, that of the program.
+    """
+    records = (default() if registry is None else registry).list()
+    usable = [record for record in records if record.kind == "sample" and record.state == "ok"]
+    return [record.name for record in sorted(usable, key=lambda record: not record.in_tree)]
+
+
+def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
+    """Mesh from a text ``name:option=value,…``; the first option may go without its name.
+
+    Parameters
+    ----------
+    spec : str
+        Such as ``squares:n=64``, ``squares:64``, ``voronoi:n=5000,seed=3`` or ``paper:random``. The name
+        may be qualified as ``plugin/name``.
+    registry : Registry, optional
+        Where the sample is looked up; by default, that of the program.
+
+    Raises
+    ------
+    OptionError
+        If there is no such sample or option, or a value does not fit; lists what there is.
+    PluginError
+        If the sample cannot be used, fails, or makes something other than a Mesh.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> samples.from_spec("voronoi:300,seed=3").n_cells
+    300
+    """
+    name, _, rest = spec.partition(":")
+    known = default() if registry is None else registry
+    try:
+        record = known.record("sample", name.strip())
+    except PluginError as error:
+        raise OptionError(str(error)) from error
+    target = resolve(record)
+    accepted = options_of(target) or ()
+    try:
+        options = checked_options(record, target, _given(spec, rest, accepted))
+    except OptionError as error:
+        raise OptionError(f"{error}; {_usage(record, accepted)}") from error
+    made = known.assemble(record, options)
+    if not isinstance(made, Mesh):
+        raise PluginError(f"{describe(record)} made {made!r:.60}, expected a Mesh")
+    return made
+
+
+def _given(spec: str, rest: str, accepted: Sequence[Option]) -> dict[str, Text]:
+    """The options of a text, each as it was typed."""
+    options: dict[str, Text] = {}
+    items = [item.strip() for item in rest.split(",") if item.strip()]
+    for position, item in enumerate(items):
+        option, equals, value = (part.strip() for part in item.partition("="))
+        if not equals and position == 0 and accepted:
+            option, value = accepted[0].name, option
+        if not option or not value or option in options:
+            raise OptionError(f"cannot use {item!r} in sample {spec!r}")
+        options[option] = Text(value)
+    return options
+
+
+def _usage(record: Record, accepted: Sequence[Option]) -> str:
+    defaults = ["" if option.required else f", default {option.default}" for option in accepted]
+    options = [f"{o.name} ({o.type_name}{default})" for o, default in zip(accepted, defaults, strict=True)]
+    return f"{record.name} takes {', '.join(options) or 'no options'}"
