@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agglo_core.errors import FileError, OptionError
-from agglo_core.io.border import naming, read_by, read_hierarchy_by, write_by
+from agglo_core.io.file_checks import naming, read_by, read_hierarchy_by, write_by
 from agglo_core.io.formats import Formats, KnownFormat
 from agglo_core.io.meshlane_format import Meshlane, OpenFoam
 from agglo_core.io.npz_format import Npz

@@ -16,7 +16,7 @@ from agglo_core.samples.clouds import random_triangles, voronoi
 from agglo_core.samples.paper_grids import paper
 from agglo_core.samples.regular import disconnected, hexagons, ring, squares, strip, triangles
 from agglo_core.samples.solids import boxes, tetrahedra
-from agglo_core.samples.specs import from_spec, names
+from agglo_core.samples.by_name import from_spec, names
 
 __all__ = [
     "boxes",
