@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from agglo_core import FileError, OptionError
 from agglo_core.io.atomic import staging
-from agglo_paper import brain, figures, multigrid, runtime, shapes, statistics
+from agglo_paper import brain, figures, multigrid, runtime, shape_tables, statistics
 from agglo_paper.front_page import front
 from agglo_paper.grids import GRIDS
 from agglo_paper.plan import Plan, full, quick
@@ -106,7 +106,7 @@ def _write(file: Path, text: str) -> None:
 def _units(plan: Plan, word: str, sources: Sequence[str]) -> Iterable[Unit]:
     match word:
         case "uf" | "cr":
-            return shapes.units(plan)
+            return shape_tables.units(plan)
         case "brain":
             return (unit for source in sources for unit in brain.units(plan, source))
         case "runtime":
@@ -120,7 +120,7 @@ def _units(plan: Plan, word: str, sources: Sequence[str]) -> Iterable[Unit]:
 def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> list[Page]:
     match word:
         case "uf" | "cr":
-            return [shapes.page(plan, results, word)]
+            return [shape_tables.page(plan, results, word)]
         case "brain":
             return [brain.page(plan, results, source) for source in sources]
         case "runtime":
