@@ -99,7 +99,7 @@ def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> li
     return chosen
 
 
-def bisectors_option(help: str) -> Decorator:
+def bisectors_option(about: str) -> Decorator:
     """Decorator that adds ``--bisector``, repeatable, for a command that takes ``bisectors``: texts."""
     return click.option(
         "--bisector",
@@ -107,7 +107,7 @@ def bisectors_option(help: str) -> Decorator:
         multiple=True,
         metavar=COMPONENT,
         callback=read_bisectors,
-        help=f"{help} Repeatable, or a comma list; 'all' for all that can be used.",
+        help=f"{about} Repeatable, or a comma list; 'all' for all that can be used.",
     )
 
 
@@ -187,15 +187,15 @@ def agglomeration_options(
         With "several" the command gets ``methods`` besides, a list of words, empty if none was given.
     """
     if command is not None:
-        return _with(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
+        return _gathering(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
     several = bisectors_option("How a piece is split (default kmeans); several are compared.")
     chosen = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
     options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, _CONFIG]
-    return lambda inner: _with(inner, options, _ALL)
+    return lambda inner: _gathering(inner, options, _ALL)
 
 
-def _with(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
+def _gathering(command: Command, options: Sequence[Decorator], names: Sequence[str]) -> Command:
     """The command with these options, those of some names gathered in one argument ``agglomeration``."""
 
     @wraps(command)

@@ -55,7 +55,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
     """
     if quiet:
         hush()
-    chosen = {spec: choice("bisector", spec) for spec in bisectors or _usable(quiet)}
+    chosen = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet)}
     _check_folder(output)
     from agglo_core import samples
 
@@ -82,7 +82,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         click.echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
 
 
-def _usable(quiet: bool) -> list[str]:
+def _bisectors(quiet: bool) -> list[str]:
     """Names of the bisectors that can be used; those that lack a package are noted."""
     records = [record for record in default().list() if record.kind == "bisector"]
     for record in records:

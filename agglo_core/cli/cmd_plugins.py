@@ -154,7 +154,7 @@ def _options_data(record: Record) -> dict[str, Any]:
 def _data(record: Record) -> dict[str, Any]:
     """Plain data of a record; a broken declaration may hold anything, so its values become text."""
     component, declared = record.component, record.component or record.command
-    sound = component is not None and record.state != "broken"
+    whole = component is not None and record.state != "broken"
     return {
         "kind": str(record.kind),
         "name": str(record.name),
@@ -166,6 +166,6 @@ def _data(record: Record) -> dict[str, Any]:
         "missing": list(record.missing),
         "target": str(declared.target) if declared else "",
         "summary": str(declared.summary) if declared else "",
-        "requires": list(component.requires) if component and sound else [],
-        "promises": dict(component.promises) if component and sound else {},
+        "requires": list(component.requires) if component and whole else [],
+        "promises": dict(component.promises) if component and whole else {},
     }

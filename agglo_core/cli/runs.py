@@ -169,10 +169,10 @@ def _cells(level: Level) -> list[str]:
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
     keys = ("parts", *level.metrics, "connected", *_last(level))
-    return [wanted(level.target), *(short(line[key]) for key in keys)]
+    return [wanted(level.target), *(_short(line[key]) for key in keys)]
 
 
-def short(value: Any) -> str:
+def _short(value: Any) -> str:
     """A number as columns of ratios show it: three decimals, or four digits where it is large."""
     if isinstance(value, float) and abs(value) < 1000.0:
         return f"{value:.3f}"

@@ -117,7 +117,7 @@ class CentredCircleRatio:
 
 
 class DiameterRatio:
-    """Diameter over the size aimed at.
+    """Diameter over the size asked for.
 
     Parameters
     ----------

@@ -11,7 +11,14 @@ import click
 import pytest
 
 from agglo_core import FileError, OptionError, PluginError, agglomerate, samples, write
-from agglo_core.cli.arguments import agglomeration_options, choice, load_mesh, refuse_twins
+from agglo_core.cli.arguments import (
+    agglomeration_options,
+    all_bisectors,
+    choice,
+    load_mesh,
+    metrics_option,
+    refuse_twins,
+)
 from agglo_core.registry.options import parse_value
 
 
@@ -100,3 +107,85 @@ def test_importing_it_loads_nothing_heavy() -> None:
     )
     answer = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"
+
+
+@click.command()
+@click.option("--bisector", help="In words of its own.")
+@agglomeration_options
+@click.option("--method")
+def older(bisector: str, method: str, agglomeration: dict[str, Any]) -> object:
+    """A command that chooses bisector and method by options of its own."""
+    return bisector, method, agglomeration
+
+
+@click.command()
+@agglomeration_options(bisector="one")
+def one(agglomeration: dict[str, Any]) -> dict[str, Any]:
+    """A command that takes one bisector."""
+    return agglomeration
+
+
+@click.command()
+@agglomeration_options(bisector="several", method="several")
+@metrics_option
+def several(agglomeration: dict[str, Any], **rest: Any) -> object:
+    """A command that takes several bisectors and methods."""
+    return agglomeration, rest
+
+
+def test_a_command_with_a_bisector_of_its_own_keeps_it() -> None:
+    done = older.main(["--bisector", "x", "--method", "y", "--seed", "1"], standalone_mode=False)
+    assert done == ("x", "y", {"seed": 1})
+
+
+def test_one_bisector_and_all_else_are_arguments_of_agglomerate() -> None:
+    words = (
+        "--bisector kmeans:iterations=9 --method kway --not-nested --refiner none --merge "
+        "--post-refiner interface --h-star 1 --config run.toml"
+    )
+    found = one.main(words.split(), standalone_mode=False)
+    assert found == {
+        "bisector": ("kmeans", {"iterations": 9}),
+        "method": "kway",
+        "nested": False,
+        "refiners": (),
+        "merge": True,
+        "post_refiners": (("interface", {}),),
+        "h_star": (1.0,),
+        "config": Path("run.toml"),
+    }
+    assert one.main([], standalone_mode=False) == {}
+    for wrong in ("--post-refiner none --post-refiner interface", "--method direct"):
+        with pytest.raises(click.UsageError):
+            one.main(wrong.split(), standalone_mode=False)
+    with pytest.raises(PluginError, match="no constraint is named 'nosuch'"):
+        one.main(["--constraint", "nosuch"], standalone_mode=False)
+
+
+def test_several_are_comma_lists_and_repeatable() -> None:
+    words = ["--bisector", "kmeans,metis:ufactor=30,contig=true", "--bisector", "inertial"]
+    given, rest = several.main([*words, "--method", "kway, recursive", "--seed", "2"], standalone_mode=False)
+    assert given == {"seed": 2}
+    assert rest == {
+        "bisectors": ["kmeans", "metis:ufactor=30,contig=true", "inertial"],
+        "methods": ["kway", "recursive"],
+        "metrics": None,
+    }
+    _, rest = several.main(["--bisector", "sweep,all"], standalone_mode=False)
+    assert rest["bisectors"] == ["sweep", *(name for name in all_bisectors() if name != "sweep")]
+    assert "coordinate" in rest["bisectors"]
+    with pytest.raises(click.UsageError, match="--bisector kmeans is given twice"):
+        several.main(["--bisector", "kmeans,inertial", "--bisector", "kmeans"], standalone_mode=False)
+
+
+def test_metrics_and_objectives_are_refused_before_a_mesh_is_read() -> None:
+    _, rest = several.main(["--metrics", "UF,diameter_ratio:h_star=2,balance"], standalone_mode=False)
+    assert rest["metrics"] == ["UF", ("diameter_ratio", {"h_star": "2"}), "balance"]
+    for text, message in {
+        "UF,compactnes": "did you mean 'compactness'",
+        "diameter_ratio": "needs a value for h_star",
+        "diameter_ratio:h_sta=2": "did you mean 'h_star'",
+        "UF,UF": "given twice",
+    }.items():
+        with pytest.raises((OptionError, PluginError), match=message):
+            several.main(["--metrics", text], standalone_mode=False)

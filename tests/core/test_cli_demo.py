@@ -142,3 +142,13 @@ def test_the_brain_of_the_demo(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) ->
             assert level["connected"] == 1
             assert level["max_diameter"] <= level["target"] * (1 + 1e-9)
     assert data["files"][0].endswith("report.html")
+
+
+def test_bisectors_can_be_chosen(agglo: Agglo, small: None, tmp_path: Path) -> None:
+    code, out, _ = agglo("demo", "--bisector", "inertial,kmeans:iterations=5", "--json")
+    assert code == 0
+    data = json.loads(out)
+    assert [run["bisector"] for run in data["runs"]] == ["inertial", "kmeans:iterations=5"]
+    names = {file.name for file in (tmp_path / "agglo-demo").iterdir()}
+    assert {"inertial.vtu", "kmeans_iterations_5.vtu", "kmeans_iterations_5_level0.vtu"} <= names
+    assert agglo("demo", "--bisector", "kmean").err.count("did you mean 'kmeans'?") == 1

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,10 +21,12 @@ import pytest
 from agglo_core import samples
 from agglo_core.draw.plot import PALETTE, colouring
 from agglo_core.draw.webpage import write_page
+from agglo_core.draw.webpage.sections import OWN
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure.comparison import RunResult, measure_levels
 from agglo_core.mesh import Mesh
+from agglo_core.registry import Component, Registry, hookimpl
 
 EVIL = '<b>&amp;</script><script>document.title = "taken"</script><!--title-->/*data*/'
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -152,6 +157,101 @@ def test_what_cannot_be_shown_is_refused_and_leaves_nothing(
     with pytest.raises(FileError, match="no regular file"):
         write_page(tmp_path / "folder.html", mesh, runs)
     assert [each.name for each in tmp_path.iterdir()] == ["folder.html"]
+
+
+class Steps:
+    """A section of a plugin."""
+
+    title = "Steps & <more>"
+
+    def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
+        return f"<p onclick='f()'>{mesh.n_cells} cells, {len(runs)} runs</p><script>f()</script>"
+
+
+class Raises(Steps):
+    title = "never seen"
+
+    def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
+        raise ZeroDivisionError("no <steps>")
+
+
+class Numbers(Steps):
+    def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
+        return 7  # type: ignore[return-value]
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> Registry:
+    """One with sections: good, bad and not here."""
+    home = SimpleNamespace(Steps=Steps, Raises=Raises, Numbers=Numbers)
+    monkeypatch.setitem(sys.modules, "sections_home", home)
+    names = {"raises": "Raises", "steps": "Steps", "numbers": "Numbers"}
+    sections = [Component("section", name, f"sections_home:{target}") for name, target in names.items()]
+    absent = Component("section", "absent", "sections_home:Absent", requires=("no_such_package",))
+    made = Registry()
+    made.register(
+        SimpleNamespace(agglo_components=hookimpl(lambda: [*sections, absent])),
+        "mine",
+        distribution="theirs",
+        version="2",
+    )
+    return made
+
+
+def test_sections_of_plugins_come_last_and_cannot_do_harm(
+    mesh: Mesh, runs: list[RunResult], registry: Registry, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "a.html"
+    write_page(path, mesh, runs, registry=registry)
+    text = path.read_text()
+    own, theirs = text.split('<section class="theirs">', 1)
+    assert own.count("<section") == len(OWN) == 5
+    assert own.index("</script>", own.index('"use strict"')) > own.index("</main>")  # ours is read before
+    assert "<h2>Steps &amp; &lt;more&gt;</h2>" in theirs
+    assert "<p onclick='f()'>240 cells, 3 runs</p><script>f()</script>" in theirs
+    assert "never seen" not in text
+    assert "absent" not in theirs
+    who = (
+        "section 'raises' (plugin 'mine', distribution theirs 2) is left out of the report: ZeroDivisionError"
+    )
+    assert f"{html.escape(who)}: no &lt;steps&gt;" in theirs
+    assert who in caplog.text
+    assert "section 'numbers' (plugin 'mine'" in caplog.text
+    assert "html returned int, expected a text" in caplog.text
+
+
+def test_the_policy_lets_the_script_of_the_page_run_and_no_other(page: Path) -> None:
+    text = page.read_text()
+    (policy,) = re.findall(r'Content-Security-Policy"\s+content="([^"]*)"', text)
+    scripts = dict(each.strip().split(" ", 1) for each in policy.split(";"))
+    digest = hashlib.sha256(re.findall(r"<script>(.*?)</script>", text, re.S)[0].encode()).digest()
+    assert scripts["script-src"] == f"'sha256-{base64.b64encode(digest).decode()}'"
+    assert scripts["default-src"] == scripts["form-action"] == scripts["base-uri"] == "'none'"
+
+
+def test_chosen_metrics_have_their_own_axes(tmp_path: Path) -> None:
+    mesh = samples.ring(24)
+    hierarchy = Hierarchy(mesh, mesh.graph, [sectors(mesh, 4)], [{"n_parts": 4}], nested=True)
+
+    class Holes:
+        better, bounds, homogeneity = "low", (0.0, np.inf), 0
+
+        def measure(self, mesh: Mesh, labels: np.ndarray) -> np.ndarray:
+            return np.array([np.nan, 2.0, 4.0, 3.0])
+
+    levels = measure_levels(mesh, hierarchy, metrics=["CR", "cells", Holes(), "balance"])
+    write_page(tmp_path / "a.html", mesh, [RunResult("r", hierarchy, levels)])
+    data = data_of(tmp_path / "a.html")
+    assert data["metrics"] == [
+        {"name": "CR", "low": 0.0, "high": 1.0},
+        {"name": "cells", "low": 17.5, "high": 18.5},
+        {"name": "Holes", "low": 2.0, "high": 4.0},
+    ]
+    assert data["objectives"] == ["balance"]
+    (level,) = data["runs"][0]["levels"]
+    assert level["Holes"] is None
+    assert level["objectives"]["balance"] == pytest.approx(levels[0].objectives["balance"])
+    np.testing.assert_array_equal(unpacked(level["values"]["cells"]), np.full(4, 18.0))
 
 
 # -- in a browser ------------------------------------------------------------------------------

@@ -47,6 +47,16 @@ def test_draws_runs_with_different_numbers_of_levels(tmp_path: Path, suffix: str
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_titles_give_the_means_of_the_metrics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    titles: list[str] = []
+    monkeypatch.setattr("agglo_core.draw.plot._frame", lambda axis, mesh, title: titles.append(title))
+    mesh = samples.squares(2)
+    draw(mesh, {"run": _halves(mesh)}, tmp_path / "a.png")
+    draw(mesh, {"run": _halves(mesh)}, tmp_path / "a.png", ["cells", "convexity", "interface"])
+    assert titles[1] == "2 parts\nUF 1.00   CR 0.45"
+    assert titles[3] == "2 parts\ncells 2.00   convexity 1.00   interface 1.00"
+
+
 def test_colours_fill_the_cells_and_leave_holes_open(tmp_path: Path) -> None:
     from matplotlib.image import imread
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,8 +12,9 @@ import pytest
 from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.measure.agglomerates import quality, summary
+from agglo_core.measure.agglomerates import measure_levels, quality, summary
 from agglo_core.mesh import Mesh
+from agglo_core.registry import Component, Registry, hookimpl
 
 
 class FirstCell:
@@ -120,3 +123,57 @@ def test_summary_of_solids_has_no_circles() -> None:
     assert line["CRc"] is None
     assert line["UF"] == pytest.approx(1.0)
     assert line["max_diameter"] == pytest.approx(1.5)
+
+
+def test_levels_are_measured_by_the_metrics_that_are_chosen() -> None:
+    mesh = samples.squares(4)
+    hierarchy = _hierarchy(mesh, _quarters(4))
+    metrics = ("CR", ("diameter_ratio", {"h_star": 0.5}), FirstCell(), "interface", "balance")
+    (level,) = measure_levels(mesh, hierarchy, metrics=metrics)
+    assert level.metrics == ("CR", "diameter_ratio", "FirstCell")
+    assert set(level.values) == {"cells", "diameter", "measure", *level.metrics, "components"}
+    assert list(level.line) == [
+        *("target", "parts", "max_diameter", "CR", "diameter_ratio", "FirstCell", "connected", "objectives")
+    ]
+    assert level.line["FirstCell"] == 5.0  # the mean of 0, 2, 8, 10
+    assert level.line["diameter_ratio"] == pytest.approx(2**0.5)
+    assert level.line["objectives"] == pytest.approx({"interface": 2.0, "balance": 0.25})
+    assert summary(mesh, hierarchy, metrics=metrics) == [level.line]
+
+
+def test_a_metric_comes_before_an_objective_of_its_name() -> None:
+    mesh = samples.squares(4)
+    (level,) = measure_levels(mesh, _hierarchy(mesh, _quarters(4)), metrics=["cut", "compactness"])
+    assert level.line["cut"] == 4.0  # the mean over the parts, not the 8 edges in all
+    assert list(level.objectives) == ["compactness"]
+
+
+def test_names_are_looked_up_in_the_registry_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    registry, home = Registry(), SimpleNamespace(FirstCell=FirstCell)
+    monkeypatch.setitem(sys.modules, "first_home", home)
+    import agglo_core.components
+
+    registry.register(agglo_core.components, "defaults", distribution="agglo")
+    mine = Component("metric", "first", "first_home:FirstCell")
+    registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: [mine])), "mine")
+    mesh = samples.squares(4)
+    hierarchy = _hierarchy(mesh, _quarters(4))
+    assert summary(mesh, hierarchy, registry, ["first"])[0]["first"] == 5.0
+    with pytest.raises(PluginError, match="no metric or objective is named 'first'"):
+        summary(mesh, hierarchy, metrics=["first"])
+
+
+def test_choices_that_make_no_sense_are_explained() -> None:
+    mesh, solid = samples.squares(4), samples.boxes(2)
+    hierarchy = _hierarchy(mesh, _quarters(4))
+    with pytest.raises(PluginError, match=r"is named 'compactnes' \(did you mean 'compactness'\?\)"):
+        summary(mesh, hierarchy, metrics=["compactnes"])
+    with pytest.raises(OptionError, match="'balance' is given twice"):
+        summary(mesh, hierarchy, metrics=["balance", "balance"])
+    with pytest.raises(OptionError, match="not the text 'UF'"):
+        summary(mesh, hierarchy, metrics="UF")
+    parts = type("parts", (FirstCell,), {})()
+    with pytest.raises(OptionError, match="every level has a value of that name"):
+        summary(mesh, hierarchy, metrics=[parts])
+    with pytest.raises(MeshError, match="CR exists only for 2-D"):
+        summary(solid, _hierarchy(solid, np.repeat([0, 1], 4)), metrics=["UF", "CR"])

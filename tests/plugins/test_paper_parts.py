@@ -220,3 +220,11 @@ def test_figures_are_the_same_bytes_each_time(tmp_path: Path) -> None:
     assert one == two
     assert b"gnn, 16 parts" in one
     assert samples.paper("squares").name.encode() in one
+
+
+def test_columns_beside_the_papers_own_can_be_chosen() -> None:
+    chosen = {"inertial": ("inertial", {}), "metis:ufactor=30": ("metis", {"ufactor": 30})}
+    own, rest = columns()[:4], columns(chosen=chosen)[4:]
+    assert columns(chosen=chosen)[:4] == own
+    assert [each.name for each in rest if not each.problem][:2] == ["inertial", "metis:ufactor=30"]
+    assert rest[1].data()["options"] == {"ufactor": 30}

@@ -45,9 +45,7 @@ def _theirs(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> Iterat
                 raise TypeError(f"html returned {type(fragment).__name__}, expected a text")
             f"{title}{fragment}".encode()  # what cannot be written must not take the report with it
         except PLUGIN_FAILURES as error:
-            logging.getLogger("agglo").warning(
-                "%s is left out of the report: %s", describe(record), raised(error)
-            )
-            why = html.escape(f"{describe(record)} is left out: {raised(error)}")
-            title, fragment = record.name, f'<p class="hint">{why}</p>'
+            why = f"{describe(record)} is left out of the report: {raised(error)}"
+            logging.getLogger("agglo").warning("%s", why)
+            title, fragment = record.name, f'<p class="hint">{html.escape(why)}</p>'
         yield f'<section class="theirs">\n<h2>{html.escape(title)}</h2>\n{fragment}\n</section>'
