@@ -23,11 +23,17 @@ _SHAPES = {
     "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
     "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
 }
+_PROBLEMS = {
+    "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
+    "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),
+    "constant": ("named:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
+    "sine": ("named:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
+}
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Refiner, fixer, metrics and geometric bisectors."""
+    """Refiner, fixer, metrics, geometric bisectors and problems."""
     geometric = {"deterministic": True, "balanced": True, "3d": True, "pickles": True}
     return [
         Component(
@@ -85,5 +91,15 @@ def agglo_components() -> list[Component]:
                 summary=summary,
             )
             for name, (target, summary) in _SHAPES.items()
+        ),
+        *(
+            Component(
+                kind="problem",
+                name=name,
+                target=f"agglo_core.problems.{target}",
+                promises={"pickles": True},
+                summary=summary,
+            )
+            for name, (target, summary) in _PROBLEMS.items()
         ),
     ]
