@@ -104,6 +104,8 @@ def _read(key: str, path: Path, readers: Mapping[str, Callable[[Path], Any]]) ->
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise OptionError(f"{key} must end in {', '.join(readers)}, given {path.name!r}")
+    if not path.is_file():
+        raise FileError(f"{key}: {path}: no such file")
     try:
         return reader(path)
     except OSError as error:
