@@ -103,8 +103,9 @@ def _solver(spec: str, given: Mapping[str, Any]) -> Any:
     try:
         return default().build("solver", name, **options, **given)
     except PluginError as error:
-        hint = "; choose another one by --solver" if name == _DEFAULT_SOLVER else ""
-        raise PluginError(f"{error}{hint}") from error
+        if name != _DEFAULT_SOLVER:
+            raise
+        raise PluginError(f"{error}; choose another one by --solver") from error
 
 
 def _check_files(output: Path | None, plot: Path | None, tool: object, solver: str) -> None:

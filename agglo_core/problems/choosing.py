@@ -18,6 +18,7 @@ from agglo_core.registry.construct import resolve
 __all__ = ["discretisation_of", "named_problem", "read_problem", "require_accepted"]
 
 _KIND = "problem"
+_OFFERED = ("accepts", *sorted(name for name in vars(Discretisation) if not name.startswith("_")))
 _NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -91,9 +92,20 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
 
 
 def discretisation_of(solver: object, problem: Problem) -> Discretisation | None:
-    """What tells the meaning of the unknowns a solver has in a problem; None if nothing does."""
+    """What tells the meaning of the unknowns a solver has in a problem; None if nothing does.
+
+    Raises
+    ------
+    OptionError
+        If what the solver calls its ``discretisation`` lacks something of it.
+    """
     found = getattr(solver, "discretisation", None)
-    return found if found is not None and problem.kind in found.accepts else None
+    if found is None:
+        return None
+    lacking = [name for name in _OFFERED if not hasattr(found, name)]
+    if lacking:
+        raise OptionError(f"the discretisation of {type(solver).__name__} lacks {', '.join(lacking)}")
+    return found if problem.kind in found.accepts else None
 
 
 def _is_declared(name: str, registry: Registry) -> bool:

@@ -49,7 +49,7 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     held = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
     natural = outer & ~held
     if natural.any():
-        _demand_held(mesh, held)
+        _require_held(mesh, held)
     return Boundary(tags, frozen_int(np.flatnonzero(held)), frozen_int(np.flatnonzero(natural)))
 
 
@@ -63,7 +63,7 @@ def _tags(mesh: Mesh, name: str) -> Int:
     return frozen_int(np.zeros(mesh.n_faces))
 
 
-def _demand_held(mesh: Mesh, held: np.ndarray) -> None:
+def _require_held(mesh: Mesh, held: np.ndarray) -> None:
     """Raise OptionError if some component of the domain has no Dirichlet face."""
     component = mesh.graph.components()
     fixed = np.zeros(int(component.max()) + 1, bool)

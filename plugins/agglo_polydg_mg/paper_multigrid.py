@@ -14,7 +14,7 @@ from agglo_core.problems import MultigridLevel, Problem, Solution
 from agglo_core.protocols import Smoother
 from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import Chain, make_chain
-from agglo_polydg_mg.option_checks import chosen, demand_count, demand_fraction, demand_name, demand_truth
+from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
 from agglo_polydg_mg.smoothers import smoother_of
@@ -79,13 +79,13 @@ class PaperMultigrid:
         schwarz_coarse: bool = True,
         coarse_solver: str | SolveMaker = "lu",
     ) -> None:
-        demand_count("smoothing_steps", smoothing_steps, 1)
-        demand_count("max_iterations", max_iterations, 1)
+        require_count("smoothing_steps", smoothing_steps, 1)
+        require_count("max_iterations", max_iterations, 1)
         if levels is not None:
-            demand_count("levels", levels, 2)
-        demand_fraction("tolerance", tolerance)
-        demand_name("operators", operators, ("rediscretised", "inherited"))
-        demand_truth("schwarz_coarse", schwarz_coarse)
+            require_count("levels", levels, 2)
+        require_fraction("tolerance", tolerance)
+        require_name("operators", operators, ("rediscretised", "inherited"))
+        require_truth("schwarz_coarse", schwarz_coarse)
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.smoothing_steps, self.levels = smoothing_steps, levels
         self.tolerance, self.max_iterations = tolerance, max_iterations

@@ -11,7 +11,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Problem, Solution
 from agglo_core.problems.conjugate_gradients import conjugate_gradients
 from agglo_polydg_mg.operators import fine_system
-from agglo_polydg_mg.option_checks import demand_count, demand_fraction
+from agglo_polydg_mg.option_checks import require_count, require_fraction
 from agglo_polydg_mg.polydg import PolyDG
 
 __all__ = ["PlainCG"]
@@ -48,8 +48,8 @@ class PlainCG:
         penalty: float = 10.0,
         scaled_basis: bool = False,
     ) -> None:
-        demand_fraction("tolerance", tolerance)
-        demand_count("max_iterations", max_iterations, 1)
+        require_fraction("tolerance", tolerance)
+        require_count("max_iterations", max_iterations, 1)
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.tolerance, self.max_iterations = tolerance, max_iterations
 

@@ -18,7 +18,7 @@ from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.evaluate import evaluate
 from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.norms import errors
-from agglo_polydg_mg.option_checks import demand_count, demand_positive, demand_truth
+from agglo_polydg_mg.option_checks import require_count, require_positive, require_truth
 from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.sampling import samples_of
 
@@ -51,9 +51,9 @@ class PolyDG:
     scaled_basis: bool
 
     def __post_init__(self) -> None:
-        demand_count("degree", self.degree, 1, 6)
-        demand_positive("penalty", self.penalty)
-        demand_truth("scaled_basis", self.scaled_basis)
+        require_count("degree", self.degree, 1, 6)
+        require_positive("penalty", self.penalty)
+        require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:
         """Basis of the space on a mesh; a mesh in 3-D is a MeshError."""

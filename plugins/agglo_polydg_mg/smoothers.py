@@ -72,6 +72,8 @@ def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
     """
     if isinstance(given, Smoother) and not isinstance(given, type):
         return given
+    if given is damped_jacobi:
+        return BlockJacobi()  # blocks are those of A itself
     if callable(given):
         return _Made(given)
     if isinstance(given, str) and given in _OWN:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -135,7 +136,7 @@ def test_blocks_of_unequal_sizes_are_solved_exactly() -> None:
     root = random.random((11, 11))
     A = root @ root.T + 11 * np.eye(11)
     wanted, r = np.zeros(11), random.random(11)
-    for a, b in zip(offsets, offsets[1:], strict=False):
+    for a, b in pairwise(offsets):
         wanted[a:b] = np.linalg.solve(A[a:b, a:b], r[a:b])
     assert local_solve(sparse.csr_array(A), offsets)(r) == pytest.approx(wanted)
     even = np.arange(0, 12, 1)
