@@ -71,7 +71,7 @@ class PolyDG:
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, discretised anew: their own penalty, the means of κ over their cells."""
-        return self.assemble(corrections(_diffusion(problem), mesh, labels), mesh.coarsen(labels)).A
+        return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
 
     def project(self, mesh: Mesh, function: Field) -> Float:
         """Coefficients ``(n,)`` of the L2 projection."""
@@ -114,14 +114,15 @@ def _diffusion(problem: Problem) -> Diffusion:
     return problem
 
 
-def corrections(problem: Diffusion, mesh: Mesh, labels: Int) -> Diffusion:
+def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
     """The problem of the corrections on agglomerates: the same conditions, with data 0."""
+    asked = _diffusion(problem)
     return Diffusion(
-        kappa=_averaged(problem.kappa, mesh, labels),
+        kappa=_averaged(asked.kappa, mesh, labels),
         source=0.0,
-        dirichlet=dict.fromkeys(problem.dirichlet, 0.0),
-        neumann=dict.fromkeys(problem.neumann, 0.0),
-        boundary=problem.boundary,
+        dirichlet=dict.fromkeys(asked.dirichlet, 0.0),
+        neumann=dict.fromkeys(asked.neumann, 0.0),
+        boundary=asked.boundary,
     )
 
 
