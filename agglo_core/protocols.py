@@ -230,7 +230,11 @@ class ProblemKind(Protocol):
 
 @runtime_checkable
 class Smoother(Protocol):
-    """What a level of a multigrid method is smoothed by."""
+    """What a level of a multigrid method is smoothed by.
+
+    One that does without the correction of the next level says ``uses_coarse = False``, so that no matrix
+    is factorised for it.
+    """
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
         """Return ``smooth(b, x)``, which gives a better x ``(n,)`` of A x = b."""
@@ -290,6 +294,7 @@ class Solver(Protocol):
     ``accepts``, if there, lists the kinds of problem it takes; ``discretisation``, if there, tells what
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
+    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

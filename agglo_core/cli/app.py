@@ -20,6 +20,7 @@ from agglo_core.cli.cmd_mesh import mesh
 from agglo_core.cli.cmd_plugins import plugins
 from agglo_core.cli.cmd_quality import quality
 from agglo_core.cli.cmd_run import run
+from agglo_core.cli.cmd_solve import solve
 from agglo_core.cli.console import notices
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import AggloError, PluginError
@@ -101,7 +102,7 @@ def app(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for _command in (demo, run, compare, quality, mesh, plugins, check):
+for _command in (demo, run, compare, quality, mesh, solve, plugins, check):
     app.add_command(_command)
 
 

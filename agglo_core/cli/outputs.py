@@ -16,7 +16,14 @@ if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
-__all__ = ["as_file_name", "check_outputs", "check_report", "refuse_solids", "write_outputs"]
+__all__ = [
+    "as_file_name",
+    "check_outputs",
+    "check_picture",
+    "check_report",
+    "refuse_solids",
+    "write_outputs",
+]
 
 _PICTURES = (".png", ".pdf", ".svg")
 
@@ -34,7 +41,7 @@ def check_outputs(
         If a picture is asked for and matplotlib is not installed.
     """
     if plot is not None:
-        _check_picture(plot)
+        check_picture(plot)
     if report is not None:
         check_report(report)
     if output is None:
@@ -63,7 +70,10 @@ def refuse_solids(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) ->
         raise OptionError(f"{' and '.join(flags)} {verb} plane meshes; {name} is {mesh.dim}-dimensional")
 
 
-def _check_picture(plot: Path) -> None:
+def check_picture(plot: Path) -> None:
+    """Raise FileError unless a picture can be written there, as far as can be seen; OptionError without
+    matplotlib.
+    """
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
     if plot.suffix.lower() not in _PICTURES:

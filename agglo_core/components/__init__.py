@@ -1,4 +1,4 @@
-"""The built-in components, declared through the same hook as any plugin's."""
+"""The built-in components, declared through the same hook as any plugin's: one table a kind."""
 
 from __future__ import annotations
 
@@ -44,72 +44,87 @@ _SAMPLES = {
     "brain": "Section of a human brain: 13,978 triangles.",
     "brain_holes": "The same section with five holes: 13,327 triangles.",
 }
+_PROBLEMS = {
+    "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
+    "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),
+    "constant": ("named:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
+    "sine": ("named:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
+}
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Refiner, fixer, geometric bisectors, metrics, formats and samples."""
-    geometric = {"deterministic": True, "balanced": True, "3d": True, "pickles": True}
+    """Refiners, the fixer, geometric bisectors, metrics, formats, samples and problems."""
+    return [*_refiners(), *_bisectors(), *_metrics(), *_formats(), *_samples(), *_problems()]
+
+
+def _refiners() -> list[Component]:
+    alike = {"deterministic": True, "3d": True, "pickles": True}
     return [
         Component(
             kind="refiner",
             name="interface",
             target="agglo_core.components.refiners:InterfaceRefiner",
-            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            promises=alike | {"invariant": True},
             summary="Moves boundary cells to shorten the interface.",
         ),
-        _descent(),
+        Component(
+            kind="refiner",
+            name="descent",
+            target="agglo_core.components.descent:DescentRefiner",
+            promises=alike,
+            summary="Moves boundary cells to improve an objective or a metric of your choice.",
+        ),
         Component(
             kind="fixer",
             name="connectivity",
             target="agglo_core.components.fixers:ConnectivityFixer",
-            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            promises=alike | {"invariant": True},
             summary="Loose components join the neighbour they share most interface with.",
         ),
+    ]
+
+
+def _bisectors() -> list[Component]:
+    alike = {"deterministic": True, "3d": True, "pickles": True}
+    return [
         Component(
             kind="bisector",
             name="coordinate",
             target="agglo_core.components.geometric:CoordinateBisection",
-            promises=geometric,
+            promises=alike | {"balanced": True},
             summary="Halves by measure across the longest extent along x, y (or z).",
         ),
         Component(
             kind="bisector",
             name="inertial",
             target="agglo_core.components.geometric:InertialBisection",
-            promises=geometric | {"invariant": True},
+            promises=alike | {"balanced": True, "invariant": True},
             summary="Halves by measure across the principal axis.",
         ),
         Component(
             kind="bisector",
             name="sweep",
             target="agglo_core.components.straight_cuts:SweepBisection",
-            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
+            promises=alike | {"invariant": True},
             summary="The best straight cut along eight rotated principal axes: short and compact.",
         ),
-        *(
-            Component(
-                kind="metric",
-                name=name,
-                target=f"agglo_core.components.metrics:{target}",
-                promises={"deterministic": True, "pickles": True}
-                | ({"3d": True} if "CR" not in name else {}),
-                summary=summary,
-            )
-            for name, (target, summary) in _METRICS.items()
-        ),
-        *(
-            Component(
-                kind="metric",
-                name=name,
-                target=f"agglo_core.components.shape_metrics:{target}",
-                promises={"deterministic": True, "pickles": True},
-                summary=summary,
-            )
-            for name, (target, summary) in _SHAPES.items()
-        ),
-        *_formats(),
-        *_samples(),
+    ]
+
+
+def _metrics() -> list[Component]:
+    targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in _METRICS.items()}
+    targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in _SHAPES.items()}
+    return [
+        Component(
+            kind="metric",
+            name=name,
+            target=f"agglo_core.components.{target}",
+            promises={"deterministic": True, "pickles": True}
+            | ({"3d": True} if name in _METRICS and "CR" not in name else {}),
+            summary=summary,
+        )
+        for name, (target, summary) in targets.items()
     ]
 
 
@@ -140,11 +155,14 @@ def _samples() -> list[Component]:
     ]
 
 
-def _descent() -> Component:
-    return Component(
-        kind="refiner",
-        name="descent",
-        target="agglo_core.components.descent:DescentRefiner",
-        promises={"deterministic": True, "3d": True, "pickles": True},
-        summary="Moves boundary cells to improve an objective or a metric of your choice.",
-    )
+def _problems() -> list[Component]:
+    return [
+        Component(
+            kind="problem",
+            name=name,
+            target=f"agglo_core.problems.{target}",
+            promises={"pickles": True},
+            summary=summary,
+        )
+        for name, (target, summary) in _PROBLEMS.items()
+    ]

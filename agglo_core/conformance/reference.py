@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, splu
 
 from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Field, Linear, Problem, Solution
@@ -83,6 +84,8 @@ def _system(problem: Problem, hierarchy: Hierarchy) -> tuple[Any, Float, Int]:
     if isinstance(problem, Linear):
         sizes = np.diff(problem.block_offsets)
         return sparse.csr_array(problem.A), problem.b, np.repeat(np.arange(len(sizes)), sizes)
+    if not isinstance(problem, Diffusion):
+        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
     if hierarchy.fine is None:
         raise ValueError("diffusion needs a mesh, and this hierarchy belongs to a bare graph")
     A, b = _fluxes(problem, hierarchy.fine)
@@ -115,7 +118,7 @@ def _fluxes(problem: Diffusion, mesh: Mesh) -> tuple[Any, Float]:
 
 def _boundary(problem: Diffusion, mesh: Mesh, middle: Float) -> tuple[Float, Float]:
     """Value on each Dirichlet face (NaN elsewhere) and outward flux on each Neumann face (0 elsewhere)."""
-    tags = mesh.face_tags.get("boundary", np.zeros(mesh.n_faces, np.int64))
+    tags = mesh.face_tags.get(problem.boundary, np.zeros(mesh.n_faces, np.int64))
     values = np.full(mesh.n_faces, np.nan if problem.dirichlet else 0.0)
     natural = np.zeros(mesh.n_faces)
     for target, data in ((values, problem.dirichlet), (natural, problem.neumann)):

@@ -1,6 +1,26 @@
-"""Problems a solver takes, and what it gives back."""
+"""What is to be solved, what a solver gives back, and what both mean on a mesh."""
 
-from agglo_core.problems.diffusion import Diffusion, Field, Linear, Problem, Solution
+from agglo_core.problems.choosing import discretisation_of, named_problem, read_problem, require_accepted
+from agglo_core.problems.diffusion import Diffusion
+from agglo_core.problems.discretisation import Discretisation, Samples
+from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import MultigridLevel
+from agglo_core.problems.problem import Field, Problem
+from agglo_core.problems.solution import Solution
+from agglo_core.problems.system import System
 
-__all__ = ["Diffusion", "Field", "Linear", "MultigridLevel", "Problem", "Solution"]
+__all__ = [
+    "Diffusion",
+    "Discretisation",
+    "Field",
+    "Linear",
+    "MultigridLevel",
+    "Problem",
+    "Samples",
+    "Solution",
+    "System",
+    "discretisation_of",
+    "named_problem",
+    "read_problem",
+    "require_accepted",
+]

@@ -1,17 +1,45 @@
-"""Problems a Solver takes and what it gives back."""
+"""Diffusion: −∇·(κ∇u) = f.
+
+As a TOML table, with numbers by cell tag and boundary tag, no expressions:
+
+.. code-block:: toml
+
+    source = 1.0                              # a number for all cells,
+    [kappa.material]                          # or one for each value of a cell tag
+    1 = 1.0
+    2 = 1e6
+    [dirichlet]                               # by value of the face tag "boundary"
+    1 = 0.0
+    [neumann]                                 # outward flux κ ∂u/∂n; faces without entry are insulated
+    2 = 1.0
+
+κ and source are 1 unless given. With neither [dirichlet] nor [neumann] u = 0 on the whole boundary;
+[neumann] alone leaves u known up to a constant only, and is refused by solvers. A first line
+``boundary = "gmsh:physical"`` names another face tag of the mesh in place of "boundary".
+"""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
-from agglo_core.arrays import Float, Int
+import numpy as np
 
-__all__ = ["Diffusion", "Linear", "Problem", "Solution"]
+from agglo_core.arrays import Float
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problems.problem import Field
+from agglo_core.problems.table import boundary_values, cell_values, face_tag, require_keys
 
-Field = float | Float | Callable[[Float], Float]
-"""A number, one value per cell ``(n,)``, or a callable of points ``(q, d)`` returning ``(q,)``."""
+__all__ = ["Diffusion"]
+
+_KEYS = ("boundary", "kappa", "source", "dirichlet", "neumann")
+_BOUNDARY = "boundary"
+_ZERO = 1e-9
+_log = logging.getLogger("agglo")
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,41 +56,88 @@ class Diffusion:
         a tag in ``dirichlet``: with fluxes alone u is known only up to a constant.
     exact : callable, optional
         The solution, when known, for error norms.
+    boundary : str
+        Face tag of the mesh that holds the parts of the boundary; if a mesh has no tag ``"boundary"`` the
+        parts are all 0 there.
+
+    Raises
+    ------
+    OptionError
+        If data do not have one of these forms.
     """
+
+    kind: ClassVar[str] = "diffusion"
 
     kappa: Field = 1.0
     source: Field = 1.0
     dirichlet: Mapping[int, Field] = field(default_factory=dict)
     neumann: Mapping[int, Field] = field(default_factory=dict)
     exact: Callable[[Float], Float] | None = None
+    boundary: str = _BOUNDARY
+
+    def __post_init__(self) -> None:
+        for name in ("kappa", "source"):
+            if isinstance(getattr(self, name), str):
+                raise OptionError(
+                    f"{name} must be a number, values of cells or a callable; given {getattr(self, name)!r}"
+                )
+        for name in ("dirichlet", "neumann"):
+            if not isinstance(getattr(self, name), Mapping):
+                raise OptionError(
+                    f"{name} must be a mapping from boundary tags to data; given {getattr(self, name)!r:.60}"
+                )
+        if self.exact is not None and not callable(self.exact):
+            raise OptionError(f"exact must be a callable of points; given {self.exact!r:.60}")
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
+        """Return the problem a table describes, see :mod:`agglo_core.problems.diffusion`.
+
+        Raises
+        ------
+        OptionError
+            For a key, tag or value that does not exist or is lacking, anything but finite numbers, or a
+            coefficient that is not positive.
+        """
+        require_keys(table, _KEYS)
+        empty = [key for key in ("dirichlet", "neumann") if table.get(key) == {}]
+        if empty:
+            raise OptionError(f"[{empty[0]}] is empty: give a number by boundary tag, or leave it out")
+        boundary = face_tag("boundary", table.get("boundary", _BOUNDARY), mesh, always=_BOUNDARY)
+        dirichlet = boundary_values("dirichlet", table.get("dirichlet", {}), mesh, boundary)
+        neumann = boundary_values("neumann", table.get("neumann", {}), mesh, boundary)
+        both = sorted(set(dirichlet) & set(neumann))
+        if both:
+            raise OptionError(f"boundary tag {both[0]} stands in dirichlet and in neumann")
+        kappa = cell_values("kappa", table.get("kappa", 1.0), mesh)
+        if np.min(kappa) <= 0.0:
+            raise OptionError(f"kappa must be positive, given {np.min(kappa):g}")
+        source = cell_values("source", table.get("source", 1.0), mesh)
+        return cls(kappa, source, dirichlet, neumann, boundary=boundary)
+
+    @classmethod
+    def example(cls, mesh: Mesh) -> Self:
+        """Return −Δu = 1 with u = 0 on the whole boundary."""
+        return cls()
+
+    def posed_on(self, mesh: Mesh) -> Self:
+        """Return the problem without ``exact`` if u = 0 on the boundary of the mesh and ``exact`` is not."""
+        given = self.dirichlet or self.neumann
+        if self.exact is None or given or np.abs(self.exact(_boundary_points(mesh))).max() < _ZERO:
+            return self
+        _log.info(
+            "what is given as exact is not 0 on this boundary, so the solution is not known: "
+            "no errors are given"
+        )
+        return replace(self, exact=None)
 
 
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """Solve A x = b, the unknowns of cell c being ``block_offsets[c]:block_offsets[c + 1]``."""
-
-    A: Any
-    b: Float
-    block_offsets: Int
-
-
-Problem = Diffusion | Linear
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """A solution ``x`` of ``A x = b`` and how it was reached.
-
-    ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
-    after each iteration, the first one before any.
-    """
-
-    x: Float
-    A: Any
-    b: Float
-    operators: list[tuple[Any, Any]]
-    residuals: Float
-    converged: bool
-    reason: str
-    iterations: int
-    seconds: Mapping[str, float]
+def _boundary_points(mesh: Mesh) -> Float:
+    """Points ``(q, d)`` on the edges of the boundary's faces: vertices, and two between them."""
+    outside = mesh.face_cells[:, 1] < 0
+    sizes = np.diff(mesh.face_offsets)
+    onward = np.arange(1, len(mesh.face_vertices) + 1)
+    onward[mesh.face_offsets[1:] - 1] = mesh.face_offsets[:-1]
+    chosen = np.repeat(outside, sizes)
+    ends = mesh.points[mesh.face_vertices[chosen]], mesh.points[mesh.face_vertices[onward[chosen]]]
+    return np.concatenate([(1.0 - at) * ends[0] + at * ends[1] for at in (0.0, 0.3, 0.5)])

@@ -20,7 +20,7 @@ __all__ = [
     "hookimpl",
 ]
 
-CORE_COMMANDS: Final = ("demo", "run", "compare", "quality", "mesh", "plugins", "check")
+CORE_COMMANDS: Final = ("demo", "run", "compare", "quality", "mesh", "solve", "plugins", "check")
 """Names of agglo's own commands, which no plugin can take."""
 
 hookspec = pluggy.HookspecMarker("agglo")

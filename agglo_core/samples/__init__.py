@@ -12,11 +12,11 @@ Mesh('squares 4x4', 2-D, 16 cells, 40 faces, 25 points)
 from __future__ import annotations
 
 from agglo_core.samples.brain_section import brain, brain_holes
+from agglo_core.samples.by_name import from_spec, names
 from agglo_core.samples.clouds import random_triangles, voronoi
 from agglo_core.samples.paper_grids import paper
 from agglo_core.samples.regular import disconnected, hexagons, ring, squares, strip, triangles
 from agglo_core.samples.solids import boxes, tetrahedra
-from agglo_core.samples.by_name import from_spec, names
 
 __all__ = [
     "boxes",

@@ -1,11 +1,11 @@
-"""Declaration of PolyDG and its multigrid solvers."""
+"""Declaration of PolyDG, its multigrid solvers and their smoothers."""
 
-from agglo_core import Command, Component, hookimpl
+from agglo_core import Component, hookimpl
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The paper's solver, and the one it is compared with."""
+    """The paper's solver, the one it is compared with, and smoothers."""
     return [
         Component(
             kind="solver",
@@ -21,14 +21,18 @@ def agglo_components() -> list[Component]:
             promises={"deterministic": True, "pickles": True},
             summary="PolyDG with plain conjugate gradients, for comparison.",
         ),
-    ]
-
-
-@hookimpl
-def agglo_commands() -> list[Command]:
-    """``agglo solve``."""
-    return [
-        Command(
-            "solve", "agglo_polydg_mg.solve:solve", "Solve a diffusion problem with PolyDG and multigrid."
+        Component(
+            kind="smoother",
+            name="schwarz",
+            target="agglo_polydg_mg.smoothers:Schwarz",
+            promises={"deterministic": True, "pickles": True},
+            summary="The paper's: conjugate gradients preconditioned by additive Schwarz.",
+        ),
+        Component(
+            kind="smoother",
+            name="block_jacobi",
+            target="agglo_polydg_mg.smoothers:BlockJacobi",
+            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            summary="Damped block Jacobi: linear and symmetric.",
         ),
     ]

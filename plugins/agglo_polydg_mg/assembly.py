@@ -8,48 +8,19 @@ constants do not depend on the ratio; for κ = 1 averages are arithmetic and γ 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion, Field
+from agglo_core.problems import Diffusion, Field, System
 from agglo_polydg_mg.basis import Basis, products
 from agglo_polydg_mg.boundary import boundary_faces, dirichlet_load, neumann_load
 from agglo_polydg_mg.penalty import face_penalty
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
 
-__all__ = ["System", "cell_means", "discretise", "face_coefficients", "load", "positive"]
-
-
-@dataclass(frozen=True, eq=False)
-class System:
-    """Matrix and right-hand side of a discretised problem.
-
-    Attributes
-    ----------
-    A : (n, n) sparse.bsr_array
-        Symmetric positive definite, one block per pair of neighbours.
-    b : (n,) float
-    basis : Basis
-        What the unknowns are coefficients of.
-    """
-
-    A: sparse.bsr_array
-    b: Float
-    basis: Basis
-
-    @property
-    def block_offsets(self) -> Int:
-        """The unknowns of cell c are ``block_offsets[c]:block_offsets[c + 1]``."""
-        return frozen_int(np.arange(self.basis.mesh.n_cells + 1) * self.basis.n_local)
-
-    def mass(self) -> sparse.bsr_array:
-        """Mass matrix, block diagonal."""
-        return self.basis.mass()
+__all__ = ["cell_means", "discretise", "face_coefficients", "load", "positive"]
 
 
 def discretise(
@@ -64,9 +35,9 @@ def discretise(
     degree : int
         p, 1..6.
     problem : Diffusion
-        Dirichlet and Neumann data refer to ``mesh.face_tags["boundary"]`` (all 0 where there is none).
-        Without any u = 0 on the whole boundary; with some, faces that have none are insulated. A callable
-        κ is sampled inside the cells and just inside their faces, so it may jump between cells.
+        Dirichlet and Neumann data refer to the face tag ``problem.boundary``. Without any u = 0 on the
+        whole boundary; with some, faces that have none are insulated. A callable κ is sampled inside the
+        cells and just inside their faces, so it may jump between cells.
     penalty : float
         Constant C of :func:`~agglo_polydg_mg.penalty.face_penalty`.
     scaled_basis : bool
@@ -89,7 +60,8 @@ def discretise(
     A = _matrix(basis, kappa, on_faces, sigma)
     b = load(basis, problem).reshape(mesh.n_cells, -1)
     b = b + dirichlet_load(basis, problem, boundary, on_faces[:, 0], sigma)
-    return System(A, frozen_float(b.ravel()), basis)
+    offsets = frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local)
+    return System(A, frozen_float(b.ravel()), offsets, mesh)
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:

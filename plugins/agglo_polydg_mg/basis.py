@@ -18,7 +18,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Field
-from agglo_polydg_mg.option_checks import demand_count
+from agglo_polydg_mg.option_checks import require_count
 from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
 
 __all__ = ["Basis", "block_diagonal", "legendre", "orders", "products", "project_between", "slopes"]
@@ -76,7 +76,7 @@ class Basis:
     def __post_init__(self) -> None:
         if self.mesh.dim != 2:
             raise MeshError(f"PolyDG takes 2-D meshes; given {self.mesh!r}")
-        demand_count("degree", self.degree, 1, 6)
+        require_count("degree", self.degree, 1, 6)
 
     @property
     def n_local(self) -> int:

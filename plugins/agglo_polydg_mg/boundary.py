@@ -33,9 +33,10 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     Raises
     ------
     OptionError
-        For a tag in both kinds of data or on no face, a component without Dirichlet faces.
+        For a face tag the mesh does not have, a value in both kinds of data or on no face, a component
+        without Dirichlet faces.
     """
-    tags = mesh.face_tags.get("boundary", frozen_int(np.zeros(mesh.n_faces)))
+    tags = _tags(mesh, problem.boundary)
     outer = mesh.face_cells[:, 1] < 0
     present = np.unique(tags[outer]).tolist()
     both = sorted(set(problem.dirichlet) & set(problem.neumann))
@@ -48,11 +49,21 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     held = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
     natural = outer & ~held
     if natural.any():
-        _demand_held(mesh, held)
+        _require_held(mesh, held)
     return Boundary(tags, frozen_int(np.flatnonzero(held)), frozen_int(np.flatnonzero(natural)))
 
 
-def _demand_held(mesh: Mesh, held: np.ndarray) -> None:
+def _tags(mesh: Mesh, name: str) -> Int:
+    """Values of the face tag that names the parts of the boundary; 0 if a mesh has no tag ``boundary``."""
+    if name in mesh.face_tags:
+        return mesh.face_tags[name]
+    if name != Diffusion.boundary:
+        known = ", ".join(mesh.face_tags) or "none"
+        raise OptionError(f"the mesh has no face tag {name!r} for the boundary; it has: {known}")
+    return frozen_int(np.zeros(mesh.n_faces))
+
+
+def _require_held(mesh: Mesh, held: np.ndarray) -> None:
     """Raise OptionError if some component of the domain has no Dirichlet face."""
     component = mesh.graph.components()
     fixed = np.zeros(int(component.max()) + 1, bool)

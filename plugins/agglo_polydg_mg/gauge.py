@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from agglo_core.arrays import Float
+from agglo_core.problems.conjugate_gradients import relative_size
 
 __all__ = ["Gauge"]
 
@@ -49,12 +50,5 @@ class Gauge:
     def __call__(self, r: Float) -> float:
         """Relative size; 0 where r and b are 0."""
         plain, scaled = self._sizes
-        size = _ratio(r, plain)
-        return size if self.kappa is None else max(size, _ratio(r / self.kappa, scaled))
-
-
-def _ratio(r: Float, size: float) -> float:
-    length = float(np.linalg.norm(r))
-    if size > 0.0:
-        return length / size
-    return float("inf") if length > 0.0 else 0.0
+        size = relative_size(r, plain)
+        return size if self.kappa is None else max(size, relative_size(r / self.kappa, scaled))

@@ -10,64 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion, Field, Linear, Problem
-from agglo_polydg_mg.assembly import System, cell_means, discretise, load
+from agglo_core.problems import Diffusion, Linear, Problem
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.gauge import Gauge
-from agglo_polydg_mg.option_checks import demand_count, demand_positive, demand_truth
-from agglo_polydg_mg.quadrature import sample
+from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
-__all__ = ["Chain", "Discretisation", "Fine", "fine_system", "make_chain"]
-
-
-@dataclass(frozen=True)
-class Discretisation:
-    """How a diffusion problem becomes a matrix.
-
-    Attributes
-    ----------
-    degree : int
-        Of the polynomials, 1..6.
-    penalty : float
-        Constant C of the penalty.
-    scaled_basis : bool
-        Whether the basis is scaled by the size of the bounding boxes; the paper's is not.
-
-    Raises
-    ------
-    OptionError
-        For a value outside of these.
-    """
-
-    degree: int
-    penalty: float
-    scaled_basis: bool
-
-    def __post_init__(self) -> None:
-        demand_count("degree", self.degree, 1, 6)
-        demand_positive("penalty", self.penalty)
-        demand_truth("scaled_basis", self.scaled_basis)
-
-    def __call__(self, mesh: Mesh, problem: Diffusion) -> System:
-        """Matrix and right-hand side of the problem on a mesh."""
-        return discretise(mesh, self.degree, problem, penalty=self.penalty, scaled_basis=self.scaled_basis)
-
-    def basis(self, mesh: Mesh) -> Basis:
-        """Basis of the space on a mesh."""
-        return Basis(mesh, self.degree, self.scaled_basis)
-
-    def gauge(self, mesh: Mesh, problem: Diffusion, b: Float) -> Gauge:
-        """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
-        kappa = cell_means(mesh, problem.kappa)
-        if kappa.min() == kappa.max():
-            return Gauge(b)
-        basis = self.basis(mesh)
-        return Gauge(b, np.repeat(kappa, basis.n_local), load(basis, problem) if problem.dirichlet else None)
+__all__ = ["Chain", "Fine", "fine_system", "make_chain"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +72,7 @@ class Fine(NamedTuple):
     gauge: Gauge
 
 
-def fine_system(problem: Problem, hierarchy: Hierarchy, how: Discretisation) -> Fine:
+def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> Fine:
     """The system on the mesh.
 
     A diffusion problem is discretised on the mesh of the hierarchy; a linear system is taken as it is.
@@ -132,9 +85,9 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: Discretisation) -> 
     """
     if isinstance(problem, Diffusion):
         mesh = _own_mesh(hierarchy)
-        system = how(mesh, problem)
-        A, b, width = system.A, system.b, system.basis.n_local
-        gauge = how.gauge(mesh, problem, b)
+        system = how.assemble(problem, mesh)
+        A, b, width = system.A, system.b, int(system.block_offsets[1])
+        gauge = how.residual_measure(problem, mesh, b)
     elif isinstance(problem, Linear):
         width = _width(problem, hierarchy.graph.n)
         A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
@@ -184,7 +137,7 @@ def _width(problem: Linear, n: int) -> int:
 
 
 def make_chain(
-    problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: Discretisation, inherited: bool
+    problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: PolyDG, inherited: bool
 ) -> Chain:
     """Chain of a problem: its system on the mesh, and what belongs to the coarse levels.
 
@@ -212,14 +165,14 @@ def make_chain(
     P = _polydg_prolongations([how.basis(each) for each in (mesh, *meshes)], labels)
     anew = None
     if not inherited:
-        problems = [_coarse_problem(problem, mesh, each) for each in labels]
-        anew = [_coarse_matrix(how, *each) for each in zip(meshes, problems, strict=True)]
+        problems = [corrections(problem, mesh, each) for each in labels]
+        anew = [_coarse_matrix(how, *each) for each in zip(problems, meshes, strict=True)]
     return Chain(b, A, P, width, anew, gauge)
 
 
-def _coarse_matrix(how: Discretisation, mesh: Mesh, problem: Diffusion) -> Any:
+def _coarse_matrix(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Any:
     try:
-        return how(mesh, problem).A
+        return how.assemble(problem, mesh).A
     except MeshError as error:  # a file with cells that overlap a little is served on its own cells
         raise MeshError(
             f"on the level of {mesh.n_cells} agglomerates: {error} (operators='inherited' does without)"
@@ -236,25 +189,6 @@ def _polydg_prolongations(bases: Sequence[Basis], labels: Sequence[Int]) -> list
         down = [project_between(bases[0], bases[at], labels[at - 1]) for at in (level, level + 1)]
         P.append(l2_projection(down[0], down[1], bases[0].mass(), bases[0].n_local))
     return P
-
-
-def _coarse_problem(problem: Diffusion, mesh: Mesh, labels: Int) -> Diffusion:
-    """The problem of the corrections on the agglomerates: the same conditions, with data 0."""
-    return Diffusion(
-        kappa=_averaged(problem.kappa, mesh, labels),
-        source=0.0,
-        dirichlet=dict.fromkeys(problem.dirichlet, 0.0),
-        neumann=dict.fromkeys(problem.neumann, 0.0),
-    )
-
-
-def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
-    """Coefficient of the agglomerates: the mean over their cells, a callable taken at centroids."""
-    if not callable(kappa) and np.ndim(kappa) == 0:
-        return kappa
-    cells = sample(kappa, mesh.cell_centroids, "kappa") if callable(kappa) else np.asarray(kappa, float)
-    weighted = np.bincount(labels, mesh.cell_measures * cells)
-    return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))
 
 
 def _constant_prolongations(hierarchy: Hierarchy, labels: Sequence[Int], width: int) -> list[Any]:

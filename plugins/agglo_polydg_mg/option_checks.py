@@ -9,10 +9,10 @@ from typing import Any
 
 from agglo_core.errors import OptionError
 
-__all__ = ["chosen", "demand_count", "demand_fraction", "demand_name", "demand_positive", "demand_truth"]
+__all__ = ["chosen", "require_count", "require_fraction", "require_name", "require_positive", "require_truth"]
 
 
-def demand_count(name: str, value: Any, least: int, most: int | None = None) -> None:
+def require_count(name: str, value: Any, least: int, most: int | None = None) -> None:
     """Raise OptionError unless ``value`` is a whole number from ``least`` to ``most``."""
     whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
@@ -20,19 +20,19 @@ def demand_count(name: str, value: Any, least: int, most: int | None = None) -> 
         raise OptionError(f"{name} must be a whole number, {wanted}; given {value!r}")
 
 
-def demand_positive(name: str, value: Any) -> None:
+def require_positive(name: str, value: Any) -> None:
     """Raise OptionError unless ``value`` is a number above 0, and finite."""
     if not (_is_number(value) and 0.0 < value < math.inf):
         raise OptionError(f"{name} must be a positive number; given {value!r}")
 
 
-def demand_fraction(name: str, value: Any) -> None:
+def require_fraction(name: str, value: Any) -> None:
     """Raise OptionError unless ``value`` is a number between 0 and 1, both excluded."""
     if not (_is_number(value) and 0.0 < value < 1.0):
         raise OptionError(f"{name} must be a number between 0 and 1; given {value!r}")
 
 
-def demand_truth(name: str, value: Any) -> None:
+def require_truth(name: str, value: Any) -> None:
     """Raise OptionError unless ``value`` is True or False."""
     if not isinstance(value, bool):
         raise OptionError(f"{name} must be true or false; given {value!r}")
@@ -42,11 +42,11 @@ def chosen(name: str, value: Any, known: Mapping[str, Any]) -> Any:
     """What a name stands for; a callable stands for itself, and anything else is an OptionError."""
     if callable(value):
         return value
-    demand_name(name, value, known)
+    require_name(name, value, known)
     return known[value]
 
 
-def demand_name(name: str, value: Any, known: Iterable[str]) -> None:
+def require_name(name: str, value: Any, known: Iterable[str]) -> None:
     """Raise OptionError unless ``value`` is one of the known names."""
     if value not in (accepted := tuple(known)):
         raise OptionError(f"{name} must be one of {', '.join(accepted)}; given {value!r}")

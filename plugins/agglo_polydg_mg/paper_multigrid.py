@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 import time
-from typing import Literal
+from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 
+from agglo_core.arrays import Int, frozen_int
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.problems import Problem, Solution
+from agglo_core.problems import MultigridLevel, Problem, Solution
+from agglo_core.protocols import Smoother
 from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
-from agglo_polydg_mg.operators import Chain, Discretisation, make_chain
-from agglo_polydg_mg.option_checks import chosen, demand_count, demand_fraction, demand_name, demand_truth
-from agglo_polydg_mg.schwarz import (
-    COARSE_SOLVERS,
-    SMOOTHERS,
-    SmootherMaker,
-    SolveMaker,
-    block_jacobi,
-    correction,
-    damped_jacobi,
-)
+from agglo_polydg_mg.operators import Chain, make_chain
+from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
+from agglo_polydg_mg.smoothers import smoother_of
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["PaperMultigrid"]
@@ -49,12 +46,14 @@ class PaperMultigrid:
     operators : "rediscretised" or "inherited"
         Coarse matrices: discretised on the agglomerates as in the paper, or Pᵀ A P. Those of a
         :class:`~agglo_core.problems.Linear` problem are inherited in any case.
-    smoother : "schwarz", "block_jacobi" or callable
-        Conjugate gradients preconditioned by additive Schwarz as in the paper, damped Jacobi, or what makes
-        one from the same arguments as :func:`~agglo_polydg_mg.schwarz.schwarz`.
+    smoother : str, object with ``setup``, or callable
+        Name of a component of kind ``smoother``, such as ``"schwarz"`` (conjugate gradients preconditioned
+        by additive Schwarz as in the paper) and ``"block_jacobi"``; a
+        :class:`~agglo_core.protocols.Smoother`; or what makes one from the same arguments as
+        :func:`~agglo_polydg_mg.schwarz.schwarz`.
     schwarz_coarse : bool
-        Whether the Schwarz preconditioner has a coarse space, the next level. Blocks and coarse matrix
-        of this preconditioner are inherited whatever ``operators`` says, as in the paper's experiments.
+        Whether smoothers that use it get the correction of the next level. The coarse matrix of this
+        correction is inherited whatever ``operators`` says, as in the paper's experiments.
     coarse_solver : "lu", "dense" or callable
         Sparse or dense direct solver, or what makes one from a matrix.
 
@@ -63,6 +62,8 @@ class PaperMultigrid:
     The paper's smoother makes the cycle a nonlinear map: it does not serve as a preconditioner of
     conjugate gradients.
     """
+
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
 
     def __init__(
         self,
@@ -74,22 +75,22 @@ class PaperMultigrid:
         penalty: float = 10.0,
         scaled_basis: bool = False,
         operators: Literal["rediscretised", "inherited"] = "rediscretised",
-        smoother: str | SmootherMaker = "schwarz",
+        smoother: str | Smoother | SmootherMaker = "schwarz",
         schwarz_coarse: bool = True,
         coarse_solver: str | SolveMaker = "lu",
     ) -> None:
-        demand_count("smoothing_steps", smoothing_steps, 1)
-        demand_count("max_iterations", max_iterations, 1)
+        require_count("smoothing_steps", smoothing_steps, 1)
+        require_count("max_iterations", max_iterations, 1)
         if levels is not None:
-            demand_count("levels", levels, 2)
-        demand_fraction("tolerance", tolerance)
-        demand_name("operators", operators, ("rediscretised", "inherited"))
-        demand_truth("schwarz_coarse", schwarz_coarse)
-        self.discretisation = Discretisation(degree, penalty, scaled_basis)
+            require_count("levels", levels, 2)
+        require_fraction("tolerance", tolerance)
+        require_name("operators", operators, ("rediscretised", "inherited"))
+        require_truth("schwarz_coarse", schwarz_coarse)
+        self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.smoothing_steps, self.levels = smoothing_steps, levels
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.inherited = operators == "inherited"
-        self.smoother = chosen("smoother", smoother, SMOOTHERS)
+        self.smoother = smoother_of(smoother)
         self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
         self.schwarz_coarse = schwarz_coarse
 
@@ -108,7 +109,7 @@ class PaperMultigrid:
         chain = make_chain(problem, hierarchy, labels, self.discretisation, self.inherited)
         times.append(time.perf_counter())
         try:
-            step = self._cycle(chain)
+            step = self._cycle(chain, labels)
         except np.linalg.LinAlgError as error:
             times.append(time.perf_counter())
             history = unsolved(chain.b, str(error))
@@ -129,17 +130,17 @@ class PaperMultigrid:
             seconds=dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True)),
         )
 
-    def _cycle(self, chain: Chain) -> Step:
+    def _cycle(self, chain: Chain, labels: Sequence[Int]) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""
-        direct = self.coarse_solver
-        schwarz = self.smoother is not damped_jacobi
-        matrices = chain.inherited if schwarz else chain.A  # the paper preconditions by inherited ones
-        levels = []
-        for level, P in enumerate(chain.P):
-            local = block_jacobi(matrices[level], chain.width)
-            wanted = schwarz and self.schwarz_coarse
-            coarse = correction(P, direct(matrices[level + 1])) if wanted else None
-            A = chain.A[level]
-            levels.append(Level(A, P, self.smoother(A, local, coarse, self.smoothing_steps)))
-        coarsest = direct(chain.A[-1])
+        parts = [frozen_int(np.arange(chain.finest.shape[0] // chain.width)), *labels]
+        levels = [self._level(chain, level, parts[level]) for level in range(len(chain.P))]
+        coarsest = self.coarse_solver(chain.A[-1])
         return lambda b, x: v_cycle(levels, coarsest, b, x)
+
+    def _level(self, chain: Chain, level: int, labels: Int) -> Level:
+        A, P = chain.A[level], chain.P[level]
+        wanted = self.schwarz_coarse and getattr(self.smoother, "uses_coarse", True)
+        coarse = correction(P, self.coarse_solver(chain.inherited[level + 1])) if wanted else None
+        offsets = frozen_int(np.arange(0, A.shape[0] + 1, chain.width))
+        told = MultigridLevel(A, chain.inherited[level], offsets, labels, P, coarse, self.smoothing_steps)
+        return Level(A, P, self.smoother.setup(told))

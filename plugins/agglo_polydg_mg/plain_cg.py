@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
+from typing import ClassVar
 
 import numpy as np
 
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Problem, Solution
-from agglo_polydg_mg.cycle import conjugate_gradients
-from agglo_polydg_mg.operators import Discretisation, fine_system
-from agglo_polydg_mg.option_checks import demand_count, demand_fraction
+from agglo_core.problems.conjugate_gradients import conjugate_gradients
+from agglo_polydg_mg.operators import fine_system
+from agglo_polydg_mg.option_checks import require_count, require_fraction
+from agglo_polydg_mg.polydg import PolyDG
 
 __all__ = ["PlainCG"]
 
@@ -35,6 +37,9 @@ class PlainCG:
         Scale the basis by the size of each cell's bounding box. The paper does not.
     """
 
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    plain_cg: ClassVar[bool] = True
+
     def __init__(
         self,
         degree: int = 1,
@@ -43,9 +48,9 @@ class PlainCG:
         penalty: float = 10.0,
         scaled_basis: bool = False,
     ) -> None:
-        demand_fraction("tolerance", tolerance)
-        demand_count("max_iterations", max_iterations, 1)
-        self.discretisation = Discretisation(degree, penalty, scaled_basis)
+        require_fraction("tolerance", tolerance)
+        require_count("max_iterations", max_iterations, 1)
+        self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.tolerance, self.max_iterations = tolerance, max_iterations
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

@@ -1,4 +1,4 @@
-"""Smoothers and coarse solvers: maps ``(b, x) → x`` and ``b → x`` made for one matrix, chosen by name."""
+"""Smoothing and coarse solves: maps ``(b, x) → x`` and ``b → x`` made for one matrix."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import splu
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, Int
 from agglo_polydg_mg.transfer import diagonal_blocks
 
 __all__ = [
     "COARSE_SOLVERS",
-    "SMOOTHERS",
-    "Smoother",
+    "Smooth",
     "SmootherMaker",
     "Solve",
     "SolveMaker",
@@ -24,18 +23,19 @@ __all__ = [
     "correction",
     "damped_jacobi",
     "dense",
+    "local_solve",
     "lu",
     "pcg_steps",
 ]
 
 Solve = Callable[[Float], Float]
 """Right-hand side or residual ``(n,)`` to solution or correction ``(n,)``."""
-Smoother = Callable[[Float, Float], Float]
+Smooth = Callable[[Float, Float], Float]
 """``(b, x)`` to a better x."""
 SolveMaker = Callable[[Any], Solve]
 """A matrix to what solves with it."""
-SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smoother]
-"""Matrix, solve in the cells, correction of the next level, number of steps to a smoother."""
+SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smooth]
+"""Matrix, solve in the parts, correction of the next level, number of steps to what smooths."""
 
 
 def lu(A: Any) -> Solve:
@@ -111,12 +111,48 @@ def block_jacobi(A: Any, width: int) -> Solve:
     return lambda r: (inverses @ r.reshape(-1, width, 1)).ravel()
 
 
+def local_solve(A: Any, block_offsets: Int) -> Solve:
+    """Exact solve with the diagonal blocks ``block_offsets[k]:block_offsets[k + 1]`` of any sizes.
+
+    Raises
+    ------
+    LinAlgError
+        If a block is singular.
+    """
+    sizes = np.diff(block_offsets)
+    if len(sizes) and sizes.min() == sizes.max() > 0:
+        return block_jacobi(A, int(sizes[0]))
+    entries = sparse.coo_array(A)
+    row, column = entries.coords
+    block = np.repeat(np.arange(len(sizes)), sizes)
+    inside = block[row] == block[column]
+    row, column, values = row[inside], column[inside], entries.data[inside]
+    groups = []
+    for size in np.unique(sizes[sizes > 0]).tolist():
+        chosen = np.flatnonzero(sizes == size)
+        place = np.full(len(sizes), -1)
+        place[chosen] = np.arange(len(chosen))
+        here = place[block[row]] >= 0
+        k, first = place[block[row[here]]], block_offsets[block[row[here]]]
+        blocks = np.zeros((len(chosen), size, size))
+        np.add.at(blocks, (k, row[here] - first, column[here] - first), values[here])
+        groups.append((block_offsets[chosen, None] + np.arange(size), np.linalg.inv(blocks)))
+
+    def solve(r: Float) -> Float:
+        x = np.zeros(len(r))
+        for unknowns, inverses in groups:
+            x[unknowns] = (inverses @ r[unknowns][:, :, None])[:, :, 0]
+        return x
+
+    return solve
+
+
 def correction(P: Any, solve: Solve) -> Solve:
     """The map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
     return lambda residual: P @ solve(P.T @ residual)
 
 
-def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
+def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
     """The paper's smoother: ``steps`` of conjugate gradients, preconditioned by additive Schwarz.
 
     Parameters
@@ -139,7 +175,7 @@ def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
     return lambda b, x: pcg_steps(A, b, x, precondition, steps)
 
 
-def damped_jacobi(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
+def damped_jacobi(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
     """Block Jacobi steps damped by 4/(3 λ_max), ``coarse`` unused: a linear, symmetric smoother."""
     damping = 4.0 / (3.0 * largest_eigenvalue(A, local))
 
@@ -160,5 +196,4 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = 20) -> float:
     return float(x @ (A @ before))
 
 
-SMOOTHERS: Final[Mapping[str, SmootherMaker]] = {"schwarz": schwarz, "block_jacobi": damped_jacobi}
 COARSE_SOLVERS: Final[Mapping[str, SolveMaker]] = {"lu": lu, "dense": dense}

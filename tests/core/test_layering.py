@@ -29,15 +29,15 @@ MAY_IMPORT = {
     "mesh": EVERYBODY | {"kernels"},
     "graph": EVERYBODY | {"kernels", "mesh"},
     "hierarchy": EVERYBODY | {"graph", "mesh"},
-    "problems": EVERYBODY | {"graph", "hierarchy", "mesh"},
+    "problems": EVERYBODY | {"graph", "hierarchy", "mesh", "registry"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},
     "agglomeration": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "protocols", "registry"},
     "components": EVERYBODY | {"graph", "kernels", "mesh", "protocols", "registry"},
     "samples": EVERYBODY | {"mesh", "registry"},
-    "io": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
+    "io": EVERYBODY | {"graph", "hierarchy", "mesh", "problems", "protocols", "registry"},
     "interchange": EVERYBODY | {"graph", "hierarchy", "io", "kernels", "mesh"},
     "measure": EVERYBODY | {"agglomeration", "graph", "hierarchy", "mesh", "protocols", "registry"},
-    "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "registry"},
+    "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
     | {"agglomeration", "graph", "hierarchy", "io", "measure", "mesh", "problems", "protocols", "registry"},
     "cli": EVERYBODY

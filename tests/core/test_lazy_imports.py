@@ -41,7 +41,16 @@ def loaded_by(source: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["--help"], ["--version"], ["plugins"], ["plugins", "-v"], ["plugins", "--json"], ["run", "--help"]],
+    [
+        [],
+        ["--help"],
+        ["--version"],
+        ["plugins"],
+        ["plugins", "-v"],
+        ["plugins", "--json"],
+        ["run", "--help"],
+        ["solve", "--help"],
+    ],
 )
 def test_the_command_line_starts_light(arguments: list[str]) -> None:
     source = f"""

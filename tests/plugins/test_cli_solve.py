@@ -164,7 +164,7 @@ def test_a_failed_picture_leaves_no_file(agglo: Agglo, monkeypatch: pytest.Monke
     def fail(*_: object) -> None:
         raise FileError("u.png: no space left")
 
-    monkeypatch.setattr("agglo_polydg_mg.solve.draw_solution", fail)
+    monkeypatch.setattr("agglo_core.draw.solution_picture.draw_solution", fail)
     done = agglo("solve", "squares:n=4", "-o", "u.vtu", "--plot", "u.png")
     assert (done.code, list(Path().iterdir())) == (2, [])
     assert "u.png: no space left" in done.err

@@ -8,7 +8,8 @@ from scipy import sparse
 from scipy.linalg import block_diag
 from scipy.sparse.linalg import cg
 
-from agglo_polydg_mg.cycle import Level, conjugate_gradients, stationary, v_cycle
+from agglo_core.problems.conjugate_gradients import conjugate_gradients
+from agglo_polydg_mg.cycle import Level, stationary, v_cycle
 from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.schwarz import (
     COARSE_SOLVERS,
@@ -151,7 +152,7 @@ def test_a_gauge_that_asks_for_more_is_obeyed() -> None:
     gauge = Gauge(b, np.geomspace(1, 1e4, 16), np.zeros(16))
     for history in (
         stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-6, 500, gauge),
-        conjugate_gradients(A, b, 1e-6, gauge=gauge),
+        conjugate_gradients(A, b, 1e-6, measure=gauge),
     ):
         assert history.converged
         assert gauge(b - A @ history.x) <= 1e-6

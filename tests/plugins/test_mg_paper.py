@@ -16,7 +16,7 @@ from agglo_core import AggloError, Hierarchy, Mesh, MeshError, OptionError, aggl
 from agglo_core.problems import Diffusion, Linear
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.plain_cg import PlainCG
-from agglo_polydg_mg.schwarz import Smoother, Solve
+from agglo_polydg_mg.schwarz import Smooth, Solve
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def test_every_switch_solves_the_same_system(solver: PaperMultigrid, voronoi: Hi
 def test_a_smoother_and_a_coarse_solver_of_ones_own(voronoi: Hierarchy) -> None:
     """Richardson steps on the Schwarz preconditioner, a solve by the inverse."""
 
-    def richardson(A: Array, local: Solve, coarse: Solve | None, steps: int) -> Smoother:
+    def richardson(A: Array, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
         assert coarse is not None
 
         def smooth(b: Array, x: Array) -> Array:

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from agglo_core import FileError, Mesh, OptionError, read, samples
 from agglo_core.io.vtu_arrays import parse
+from agglo_core.io.vtu_solution import write_solution
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.evaluate import evaluate, locate
 from agglo_polydg_mg.norms import errors
-from agglo_polydg_mg.output import sampled, write_solution
 from agglo_polydg_mg.quadrature import triangulate
+from agglo_polydg_mg.sampling import sampled, samples_of
 
 Array = NDArray[np.float64]
 
@@ -125,7 +126,7 @@ def test_norms_of_a_known_error() -> None:
 def test_a_file_holds_the_function(tmp_path: Path) -> None:
     _, mesh, _ = nested()
     basis = Basis(mesh, 3)
-    write_solution(tmp_path / "u.vtu", basis, basis.project(cubic))
+    write_solution(tmp_path / "u.vtu", mesh, samples_of(basis, basis.project(cubic)))
     document = parse((tmp_path / "u.vtu").read_bytes())
     arrays = {each.get("Name"): document.array(each) for each in document.root.iter("DataArray")}
     points = arrays["Points"].reshape(-1, 3)[:, :2]
@@ -139,10 +140,11 @@ def test_a_file_holds_the_function(tmp_path: Path) -> None:
 
 def test_files_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
     basis = Basis(samples.squares(2), 1)
+    found = samples_of(basis, np.zeros(basis.n))
     with pytest.raises(FileError, match=r"written as \.vtu"):
-        write_solution(tmp_path / "u.vtk", basis, np.zeros(basis.n))
+        write_solution(tmp_path / "u.vtk", basis.mesh, found)
     with pytest.raises(FileError, match="missing"):
-        write_solution(tmp_path / "missing" / "u.vtu", basis, np.zeros(basis.n))
+        write_solution(tmp_path / "missing" / "u.vtu", basis.mesh, found)
     with pytest.raises(OptionError, match="12"):
-        write_solution(tmp_path / "u.vtu", basis, np.zeros(5))
+        samples_of(basis, np.zeros(5))
     assert not list(tmp_path.iterdir())

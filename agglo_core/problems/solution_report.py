@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion, Solution
-from agglo_polydg_mg.assembly import load
-from agglo_polydg_mg.cycle import conjugate_gradients
-from agglo_polydg_mg.gauge import Gauge
-from agglo_polydg_mg.norms import errors
-from agglo_polydg_mg.operators import Discretisation
+from agglo_core.problems.conjugate_gradients import conjugate_gradients, relative_to
+from agglo_core.problems.discretisation import Discretisation
+from agglo_core.problems.problem import Problem
+from agglo_core.problems.solution import Solution
 
 __all__ = ["operator_complexity", "report", "text"]
+
+_USUAL_ERRORS = ("error_l2", "error_dg")
 
 
 def report(
     mesh: Mesh,
-    problem: Diffusion,
+    problem: Problem,
     solution: Solution,
     how: Discretisation | None = None,
     cg_tolerance: float | None = None,
@@ -31,7 +31,8 @@ def report(
     Parameters
     ----------
     how : Discretisation, optional
-        Without it, or without an exact solution, the errors are None.
+        Tells error norms, loads and the size of residuals. Without it there are no errors, the energy is
+        bᵀx, and residuals are measured by their 2-norm.
     cg_tolerance : float, optional
         If given, the iterations of plain conjugate gradients from 0 to this tolerance, with the same test;
         None if 10,000 do not suffice.
@@ -39,29 +40,28 @@ def report(
     Returns
     -------
     dict
-        ``energy`` is fᵀu, the work of source and fluxes (bᵀx if there is no ``how`` to tell them from
-        Dirichlet data); ``relative_residual`` is what :class:`~agglo_polydg_mg.gauge.Gauge` says of
-        b − A x; ``error_l2`` and ``error_dg`` are norms, not relative; ``operator_complexity`` is the number
-        of matrix entries of all levels over those of the finest.
+        ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x;
+        ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
+        unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
+        finest.
     """
     dofs = [A.shape[0] for A, _ in solution.operators]
-    gauge = how.gauge(mesh, problem, solution.b) if how else Gauge(solution.b)
-    found = (
-        errors(how.basis(mesh), solution.x, problem, penalty=how.penalty) if how and problem.exact else None
-    )
+    measure = how.residual_measure(problem, mesh, solution.b) if how else relative_to(solution.b)
+    norms = how.errors(problem, mesh, solution.x) if how else {}
+    load = how.load(problem, mesh, solution.b) if how else solution.b
     return {
         "dofs": dofs[0],
         "levels": [{"cells": n * mesh.n_cells // dofs[0], "dofs": n} for n in dofs],
         "iterations": solution.iterations,
         "converged": bool(solution.converged),
         "reason": solution.reason,
-        "relative_residual": gauge(solution.b - solution.A @ solution.x),
+        "relative_residual": measure(solution.b - solution.A @ solution.x),
         "residuals": np.asarray(solution.residuals).tolist(),
-        "error_l2": found.l2 if found else None,
-        "error_dg": found.dg if found else None,
-        "energy": float(_load(mesh, problem, solution, how) @ solution.x),
+        **dict.fromkeys(_USUAL_ERRORS),
+        **{f"error_{name}": float(value) for name, value in norms.items()},
+        "energy": float(load @ solution.x),
         "operator_complexity": operator_complexity(solution),
-        "cg_iterations": _plain_cg(solution, cg_tolerance, gauge),
+        "cg_iterations": _plain_cg(solution, cg_tolerance, measure),
         "seconds": dict(solution.seconds),
     }
 
@@ -72,15 +72,10 @@ def operator_complexity(solution: Solution) -> float:
     return float(sum(entries) / entries[0])
 
 
-def _load(mesh: Mesh, problem: Diffusion, solution: Solution, how: Discretisation | None) -> Float:
-    """Right-hand side without what Dirichlet data put there."""
-    return load(how.basis(mesh), problem) if how and problem.dirichlet else solution.b
-
-
-def _plain_cg(solution: Solution, tolerance: float | None, gauge: Gauge) -> int | None:
+def _plain_cg(solution: Solution, tolerance: float | None, measure: Callable[[Float], float]) -> int | None:
     if tolerance is None:
         return None
-    history = conjugate_gradients(solution.A, solution.b, tolerance, gauge=gauge)
+    history = conjugate_gradients(solution.A, solution.b, tolerance, measure=measure)
     return history.iterations if history.converged else None
 
 
@@ -97,7 +92,9 @@ def text(title: str, data: Mapping[str, Any]) -> str:
     ]
     if data["cg_iterations"] is not None:
         lines.insert(2, f"plain conjugate gradients: {data['cg_iterations']} iterations")
-    if data["error_l2"] is not None:
-        lines.append(f"error: L2 {data['error_l2']:.3e}, DG {data['error_dg']:.3e}")
+    errors = {name.removeprefix("error_").upper(): each for name, each in data.items() if "error_" in name}
+    known = [f"{name} {value:.3e}" for name, value in errors.items() if value is not None]
+    if known:
+        lines.append(f"error: {', '.join(known)}")
     lines.append(", ".join(f"{name} {value:.2f} s" for name, value in data["seconds"].items()))
     return "\n".join(lines)

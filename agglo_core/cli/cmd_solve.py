@@ -1,0 +1,173 @@
+"""``agglo solve``: agglomerate, solve a problem with any solver, report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
+from agglo_core.cli.console import explain_compilation, print_json
+from agglo_core.cli.outputs import check_picture, refuse_solids
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.registry import default
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+    from agglo_core.problems import Discretisation, Problem, Solution
+
+__all__ = ["solve"]
+
+_DEFAULT_SOLVER = "polydg_mg_paper"
+_NOT_CONVERGED = 3
+
+
+@click.command(short_help="Solve a problem with the help of a hierarchy.")
+@click.argument("source", metavar="MESH|SAMPLE")
+@click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
+@click.option("--bisector", metavar=COMPONENT, help="How a piece is split (default kmeans).")
+@click.option("--method", type=click.Choice(["recursive", "kway"]), help="Default recursive.")
+@click.option("--nested/--not-nested", default=None, help="Whether levels coarsen each other (default).")
+@agglomeration_options
+@click.option("--levels", type=int, help="Use the first so many of mesh, level 0, 1, … (default all).")
+@click.option("--degree", type=int, help="Of the polynomials (default: the solver's).")
+@click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
+@click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
+@click.option("--problem", default="constant", show_default=True, metavar="NAME[:opt=val,…]|FILE.toml")
+@click.option(
+    "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
+)
+@click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu).")
+@click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
+def solve(
+    source: str,
+    solver: str,
+    bisector: str | None,
+    method: str | None,
+    nested: bool | None,
+    agglomeration: Mapping[str, Any],
+    levels: int | None,
+    degree: int | None,
+    smoothing_steps: int | None,
+    tolerance: float | None,
+    problem: str,
+    cg: bool,
+    output: Path | None,
+    plot: Path | None,
+    as_json: bool,
+) -> int:
+    """Solve a problem on a mesh file or a sample: squares:n=64, voronoi:n=5000, paper:triangles, …
+
+    The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy; a
+    TOML file holds numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit code
+    3: not converged.
+    """
+    options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
+    tool = _solver(solver, _given(options))
+    chosen = choice("bisector", bisector) if bisector else None
+    how_coarse = {**agglomeration, **_given({"bisector": chosen, "method": method, "nested": nested})}
+    _check_files(output, plot, tool, solver)
+    explain_compilation()
+    mesh = load_mesh(source)
+    refuse_solids(mesh, source, {"--plot": plot})
+    asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
+    plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is looked at
+    solution = tool.solve(asked, _levelless(mesh) if plain and not how_coarse else _levels(mesh, how_coarse))
+    counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
+    from agglo_core.problems.solution_report import report, text
+
+    data = report(mesh, asked, solution, how, counted)
+    written = _write(mesh, solution, how, output, plot)
+    if as_json:
+        if cg and plain and solution.converged:
+            data["cg_iterations"] = solution.iterations
+        print_json(data)
+    else:
+        click.echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
+    return 0 if solution.converged else _NOT_CONVERGED
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _solver(spec: str, given: Mapping[str, Any]) -> Any:
+    name, options = parse_spec(spec)
+    twice = sorted(set(options) & set(given))
+    if twice:
+        raise OptionError(f"{twice[0]} is given twice: in --solver {spec} and by an option of its own")
+    try:
+        return default().build("solver", name, **options, **given)
+    except PluginError as error:
+        if name != _DEFAULT_SOLVER:
+            raise
+        raise PluginError(f"{error}; choose another one by --solver") from error
+
+
+def _check_files(output: Path | None, plot: Path | None, tool: object, solver: str) -> None:
+    """Find out before anything is computed."""
+    if (output or plot) and getattr(tool, "discretisation", None) is None:
+        raise OptionError(f"{solver} does not say what its unknowns mean: -o and --plot are not available")
+    if output is not None:
+        from agglo_core.io import check_writable
+
+        if output.suffix.lower() != ".vtu":
+            raise OptionError(f"{output}: a solution is written as .vtu")
+        check_writable(output)
+    if plot is not None:
+        check_picture(plot)
+
+
+def _posed(
+    text: str, mesh: Mesh, tool: object, solver: str, *, wanted: bool
+) -> tuple[Problem, Discretisation | None]:
+    """The problem asked for, and what tells the meaning of its unknowns; ``wanted`` if that is needed."""
+    from agglo_core.problems import discretisation_of, named_problem, require_accepted
+
+    is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
+    name, options = (text, {}) if is_file else parse_spec(text)
+    problem = named_problem(name, mesh, options)
+    require_accepted(tool, problem, solver)
+    how = discretisation_of(tool, problem)
+    if how is not None:
+        how.check(problem, mesh)
+    elif wanted:
+        raise OptionError(
+            f"{solver} does not say what the unknowns of a problem of kind {problem.kind} mean: "
+            "-o and --plot are not available"
+        )
+    return problem, how
+
+
+def _levelless(mesh: Mesh) -> Hierarchy:
+    from agglo_core.hierarchy import Hierarchy
+
+    return Hierarchy(mesh, mesh.graph, [], [], nested=True)
+
+
+def _levels(mesh: Mesh, how_coarse: Mapping[str, Any]) -> Hierarchy:
+    from agglo_core.agglomeration import agglomerate
+
+    return agglomerate(mesh, **how_coarse)
+
+
+def _write(
+    mesh: Mesh, solution: Solution, how: Discretisation | None, output: Path | None, plot: Path | None
+) -> list[str]:
+    """Leave the files asked for, the picture first: a failed one leaves no other file behind."""
+    if how is None or (output is None and plot is None):
+        return []
+    samples = how.sample(mesh, solution.x)
+    if plot is not None:
+        from agglo_core.draw.solution_picture import draw_solution
+
+        draw_solution(plot, samples)
+    if output is not None:
+        from agglo_core.io.vtu_solution import write_solution
+
+        write_solution(output, mesh, samples)
+    return [f"wrote {path}" for path in (output, plot) if path is not None]

@@ -1,0 +1,139 @@
+"""Problems by name or from a TOML file, and which of them a solver takes."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from agglo_core.errors import AggloError, FileError, OptionError, PluginError
+from agglo_core.mesh import Mesh
+from agglo_core.problems.discretisation import Discretisation
+from agglo_core.problems.problem import Problem
+from agglo_core.registry import Registry, default, describe
+from agglo_core.registry.construct import resolve
+
+__all__ = ["discretisation_of", "named_problem", "read_problem", "require_accepted"]
+
+_KIND = "problem"
+_OFFERED = ("accepts", *sorted(name for name in vars(Discretisation) if not name.startswith("_")))
+_NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
+
+
+def named_problem(
+    name: str, mesh: Mesh, options: Mapping[str, Any] = _NO_OPTIONS, registry: Registry | None = None
+) -> Problem:
+    """A problem by the name of its component, or of a TOML file, as it is posed on a mesh.
+
+    Parameters
+    ----------
+    name : str
+        ``constant``, ``sine``, another component of kind ``problem``, or a path.
+    mesh : Mesh
+    options : mapping
+        Of the component.
+    registry : Registry, optional
+        Where names are looked up; by default that of the program.
+
+    Raises
+    ------
+    FileError
+        As :func:`read_problem`, if it is none of the names.
+    OptionError
+        For an option that the component does not have, or that does not fit.
+    PluginError
+        If the component cannot be used.
+    """
+    registry = registry or default()
+    if Path(name).suffix.lower() == ".toml" or not _is_declared(name, registry):
+        if options:
+            raise OptionError(f"no problem is named {name!r} ({_known(registry)}), and files take no options")
+        problem = read_problem(Path(name), mesh, registry)
+    else:
+        problem = registry.build(_KIND, name, **options)
+    posed_on = getattr(problem, "posed_on", None)
+    return problem if posed_on is None else posed_on(mesh)
+
+
+def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Problem:
+    """Read a problem for ``mesh`` from a TOML file, whose key ``kind`` says the kind (default diffusion).
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, its kind is not known, or the kind refuses what it says; names the key.
+    """
+    registry = registry or default()
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise FileError(f"{path}: {_unreadable(error, registry)}") from None
+    kind = table.pop("kind", "diffusion")
+    try:
+        from_table = _reader_of(kind, registry)
+        return from_table(table, mesh, path.parent)  # type: ignore[no-any-return]
+    except AggloError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
+    """Raise OptionError if a solver says which kinds of problem it takes and this is none of them.
+
+    ``name`` is what the solver is called in the message; by default its class.
+    """
+    accepts = getattr(solver, "accepts", None)
+    if accepts is not None and problem.kind not in accepts:
+        called = name or type(solver).__name__
+        raise OptionError(
+            f"{called} takes problems of kind {', '.join(accepts)}; given one of kind {problem.kind}"
+        )
+
+
+def discretisation_of(solver: object, problem: Problem) -> Discretisation | None:
+    """What tells the meaning of the unknowns a solver has in a problem; None if nothing does.
+
+    Raises
+    ------
+    OptionError
+        If what the solver calls its ``discretisation`` lacks something of it.
+    """
+    found = getattr(solver, "discretisation", None)
+    if found is None:
+        return None
+    lacking = [name for name in _OFFERED if not hasattr(found, name)]
+    if lacking:
+        raise OptionError(f"the discretisation of {type(solver).__name__} lacks {', '.join(lacking)}")
+    return found if problem.kind in found.accepts else None
+
+
+def _is_declared(name: str, registry: Registry) -> bool:
+    try:
+        registry.record(_KIND, name)
+    except PluginError:
+        return False
+    return True
+
+
+def _reader_of(kind: Any, registry: Registry) -> Any:
+    """``from_table`` of the class that is declared by the name of a kind."""
+    if not isinstance(kind, str):
+        raise OptionError(f"kind must be the name of a kind of problem, given {kind!r:.60}")
+    record = registry.record(_KIND, kind)
+    from_table = getattr(resolve(record), "from_table", None)
+    if from_table is None:
+        raise OptionError(f"kind: {describe(record)} has a name alone: choose it without a file")
+    return from_table
+
+
+def _unreadable(error: Exception, registry: Registry) -> str:
+    if isinstance(error, FileNotFoundError):
+        return f"no such file, and no problem of that name ({_known(registry)})"
+    if isinstance(error, IsADirectoryError):
+        return f"a folder; a problem is a .toml file or a name ({_known(registry)})"
+    return str(error.strerror or error) if isinstance(error, OSError) else str(error)
+
+
+def _known(registry: Registry) -> str:
+    return ", ".join(sorted({r.name for r in registry.list() if r.kind == _KIND and r.state == "ok"}))

@@ -1,0 +1,90 @@
+"""What the unknowns of a method mean: the one thing files, pictures and error norms ask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from agglo_core.arrays import Float, Int
+from agglo_core.mesh import Mesh
+from agglo_core.problems.problem import Field, Problem
+from agglo_core.problems.system import System
+
+__all__ = ["Discretisation", "Samples"]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A function at points of each cell, and the simplices between them, for files and pictures.
+
+    No two cells share points, so that jumps stay visible.
+
+    Attributes
+    ----------
+    cells : (q,) int
+        Cell of each point.
+    points : (q, d) float
+    simplices : (t, d + 1) int
+        Triangles or tetrahedra, each within one cell, by their points.
+    values : (q,) float
+    """
+
+    cells: Int
+    points: Float
+    simplices: Int
+    values: Float
+
+
+@runtime_checkable
+class Discretisation(Protocol):
+    """How problems become linear systems on a mesh, and what their unknowns mean.
+
+    A solver that has one as its attribute ``discretisation`` gets files, pictures and error norms of
+    ``agglo solve``. ``accepts`` lists the kinds of problem it discretises; of all other problems, such as a
+    linear system, the unknowns mean what their author knows.
+    """
+
+    accepts: tuple[str, ...]
+
+    def check(self, problem: Problem, mesh: Mesh) -> None:
+        """Raise an AggloError if it cannot discretise the problem on the mesh, as far as is quickly seen."""
+        ...
+
+    def assemble(self, problem: Problem, mesh: Mesh) -> System:
+        """Return matrix and right-hand side of the problem on the mesh."""
+        ...
+
+    def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
+        """Return the matrix of the problem on the agglomerates ``labels (n_cells,)`` of the mesh.
+
+        Corrections are sought there: boundary conditions are the same, their data 0.
+        """
+        ...
+
+    def project(self, mesh: Mesh, function: Field) -> Float:
+        """Return the unknowns ``(n,)`` of the L2 projection of a function."""
+        ...
+
+    def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
+        """Return the values ``(q,)`` of the function with unknowns ``x (n,)`` at points; NaN outside."""
+        ...
+
+    def sample(self, mesh: Mesh, x: Float) -> Samples:
+        """Return the function with unknowns ``x (n,)`` at points of each cell."""
+        ...
+
+    def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
+        """Return norms of the error by name (``"l2"``, …), none if the exact solution is not known."""
+        ...
+
+    def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
+        """Return the right-hand side ``b (n,)`` of the problem without what Dirichlet data put there.
+
+        Its product with x is the work of source and fluxes.
+        """
+        ...
+
+    def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> Callable[[Float], float]:
+        """Return what measures residuals ``(n,)`` relative to the right-hand side ``b (n,)``."""
+        ...

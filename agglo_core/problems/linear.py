@@ -1,0 +1,156 @@
+"""Linear systems from elsewhere: A x = b, with unknowns in the cells of a mesh.
+
+As a TOML table:
+
+.. code-block:: toml
+
+    kind = "linear"
+    matrix = "A.mtx"                          # MatrixMarket, or .npz of scipy.sparse.save_npz
+    rhs = "b.npy"                             # or .mtx, .txt; n numbers
+    unknowns = 3                              # of each cell, one cell after the other; by default n / cells
+
+File names start from the folder of the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+from zipfile import BadZipFile
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError, OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problems.table import require_keys
+
+__all__ = ["Linear"]
+
+_KEYS = ("matrix", "rhs", "unknowns")
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Solve A x = b, the unknowns of cell c being ``block_offsets[c]:block_offsets[c + 1]``.
+
+    Raises
+    ------
+    OptionError
+        If ``block_offsets`` is no array ``(n_cells + 1,)``.
+    """
+
+    kind: ClassVar[str] = "linear"
+
+    A: Any
+    b: Float
+    block_offsets: Int
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.block_offsets) != 1:
+            raise OptionError(
+                f"block_offsets must be an array (n_cells + 1,), given {self.block_offsets!r:.60}; "
+                "a file names the matrix of a linear problem"
+            )
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
+        """Return the system a table describes, see :mod:`agglo_core.problems.linear`.
+
+        Raises
+        ------
+        OptionError
+            For keys that are unknown or lacking; a matrix that is not square, a right-hand side of another
+            size, unknowns that do not fit the cells.
+        FileError
+            If a file cannot be read, or holds values that are not finite real numbers.
+        """
+        require_keys(table, _KEYS)
+        matrix, rhs = (_file(key, table, folder) for key in ("matrix", "rhs"))
+        A = sparse.csr_array(_read("matrix", matrix, _MATRICES))
+        b = np.asarray(_read("rhs", rhs, _VECTORS))
+        _require_real(matrix, A.data)
+        _require_real(rhs, b)
+        n = A.shape[0]
+        if A.shape != (n, n):
+            raise OptionError(f"matrix: {matrix} must be square, given {A.shape[0]} x {A.shape[1]}")
+        if b.size != n:
+            raise OptionError(f"rhs: {rhs} has {b.size} numbers; the matrix has {n} rows")
+        width = _width(table.get("unknowns"), n, mesh)
+        return cls(A.astype(float), frozen_float(b.ravel()), frozen_int(np.arange(mesh.n_cells + 1) * width))
+
+    @classmethod
+    def example(cls, mesh: Mesh) -> Self:
+        """Return the shifted Laplacian of the dual graph, one unknown for each cell: well conditioned."""
+        links = mesh.graph.to_scipy()
+        shift = 0.1 * (float(links.sum()) / mesh.n_cells or 1.0)
+        A = sparse.csr_array(sparse.diags_array(links.sum(axis=1) + shift) - links)
+        b = frozen_float(1.0 + np.arange(mesh.n_cells) / mesh.n_cells)
+        return cls(A, b, frozen_int(np.arange(mesh.n_cells + 1)))
+
+
+def _file(key: str, table: Mapping[str, Any], folder: Path) -> Path:
+    name = table.get(key)
+    if not isinstance(name, str) or not name:
+        given = "not given" if name is None else f"given {name!r:.60}"
+        raise OptionError(f"{key} must be the name of a file, {given}")
+    return folder / name
+
+
+def _read(key: str, path: Path, readers: Mapping[str, Callable[[Path], Any]]) -> Any:
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise OptionError(f"{key} must end in {', '.join(readers)}, given {path.name!r}")
+    if not path.is_file():
+        raise FileError(f"{key}: {path}: no such file")
+    try:
+        return reader(path)
+    except OSError as error:
+        raise FileError(f"{key}: {path}: {error.strerror or error}") from error
+    except (ValueError, TypeError, KeyError, EOFError, BadZipFile) as error:
+        raise FileError(f"{key}: {path} cannot be read: {error}") from error
+
+
+def _matrix_market(path: Path) -> Any:
+    from scipy.io import mmread
+
+    return mmread(path)
+
+
+def _numbers(path: Path) -> Any:
+    return np.load(path, allow_pickle=False)
+
+
+def _dense(path: Path) -> Any:
+    found = _matrix_market(path)
+    return found.toarray() if sparse.issparse(found) else found
+
+
+_MATRICES: Mapping[str, Callable[[Path], Any]] = {".mtx": _matrix_market, ".npz": sparse.load_npz}
+_VECTORS: Mapping[str, Callable[[Path], Any]] = {".npy": _numbers, ".mtx": _dense, ".txt": np.loadtxt}
+
+
+def _require_real(path: Path, values: Any) -> None:
+    if np.iscomplexobj(values) or not np.issubdtype(values.dtype, np.number):
+        raise FileError(f"{path} holds {values.dtype}; expected real numbers")
+    if not np.isfinite(values).all():
+        raise FileError(f"{path} holds values that are not finite")
+
+
+def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
+    """Unknowns of each cell."""
+    if unknowns is None:
+        if n % mesh.n_cells or not n:
+            raise OptionError(f"matrix: its {n} rows cannot be shared equally by {mesh.n_cells} cells")
+        return n // mesh.n_cells
+    if not isinstance(unknowns, int) or isinstance(unknowns, bool) or unknowns < 1:
+        raise OptionError(f"unknowns must be a whole number, at least 1; given {unknowns!r:.60}")
+    if unknowns * mesh.n_cells != n:
+        raise OptionError(
+            f"unknowns = {unknowns} on {mesh.n_cells} cells make {unknowns * mesh.n_cells}; the matrix has "
+            f"{n} rows"
+        )
+    return unknowns

@@ -1,0 +1,135 @@
+"""PolyDG as a discretisation: what its options mean in matrices, loads, samples and error norms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion, Field, Problem, Samples, System
+from agglo_polydg_mg.assembly import cell_means, discretise, load
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.boundary import boundary_faces
+from agglo_polydg_mg.evaluate import evaluate
+from agglo_polydg_mg.gauge import Gauge
+from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.option_checks import require_count, require_positive, require_truth
+from agglo_polydg_mg.quadrature import sample
+from agglo_polydg_mg.sampling import samples_of
+
+__all__ = ["PolyDG", "corrections"]
+
+
+@dataclass(frozen=True)
+class PolyDG:
+    """How a diffusion problem becomes a matrix: a :class:`~agglo_core.problems.Discretisation`.
+
+    Attributes
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    penalty : float
+        Constant C of the penalty.
+    scaled_basis : bool
+        Whether the basis is scaled by the size of the bounding boxes; the paper's is not.
+
+    Raises
+    ------
+    OptionError
+        For a value outside of these.
+    """
+
+    accepts: ClassVar[tuple[str, ...]] = (Diffusion.kind,)
+
+    degree: int
+    penalty: float
+    scaled_basis: bool
+
+    def __post_init__(self) -> None:
+        require_count("degree", self.degree, 1, 6)
+        require_positive("penalty", self.penalty)
+        require_truth("scaled_basis", self.scaled_basis)
+
+    def basis(self, mesh: Mesh) -> Basis:
+        """Basis of the space on a mesh; a mesh in 3-D is a MeshError."""
+        return Basis(mesh, self.degree, self.scaled_basis)
+
+    def check(self, problem: Problem, mesh: Mesh) -> None:
+        """Raise MeshError for a mesh in 3-D, OptionError for boundary data that do not fit."""
+        self.basis(mesh)
+        boundary_faces(mesh, _diffusion(problem))
+
+    def assemble(self, problem: Problem, mesh: Mesh) -> System:
+        """Matrix and right-hand side on a mesh, see :func:`~agglo_polydg_mg.assembly.discretise`."""
+        asked = _diffusion(problem)
+        return discretise(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
+
+    def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
+        """Matrix on agglomerates, discretised anew: their own penalty, the means of κ over their cells."""
+        return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
+
+    def project(self, mesh: Mesh, function: Field) -> Float:
+        """Coefficients ``(n,)`` of the L2 projection."""
+        return self.basis(mesh).project(function)
+
+    def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
+        """Values ``(q,)`` at points ``(q, 2)``; NaN outside."""
+        return evaluate(self.basis(mesh), x, points)
+
+    def sample(self, mesh: Mesh, x: Float) -> Samples:
+        """The function at points of triangles that make up the cells."""
+        return samples_of(self.basis(mesh), x)
+
+    def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
+        """``l2`` and ``dg`` of :class:`~agglo_polydg_mg.norms.Errors`, if the problem has ``exact``."""
+        asked = _diffusion(problem)
+        if asked.exact is None:
+            return {}
+        found = errors(self.basis(mesh), x, asked, penalty=self.penalty)
+        return {"l2": found.l2, "dg": found.dg}
+
+    def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
+        """Load ``(n,)`` of source and Neumann data: b itself where there are no Dirichlet data."""
+        asked = _diffusion(problem)
+        return load(self.basis(mesh), asked) if asked.dirichlet else b
+
+    def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> Gauge:
+        """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
+        asked = _diffusion(problem)
+        kappa = cell_means(mesh, asked.kappa)
+        if kappa.min() == kappa.max():
+            return Gauge(b)
+        basis = self.basis(mesh)
+        return Gauge(b, np.repeat(kappa, basis.n_local), load(basis, asked) if asked.dirichlet else None)
+
+
+def _diffusion(problem: Problem) -> Diffusion:
+    if not isinstance(problem, Diffusion):
+        raise OptionError(f"PolyDG discretises problems of kind diffusion; given {type(problem).__name__}")
+    return problem
+
+
+def corrections(problem: Problem, mesh: Mesh, labels: Int) -> Diffusion:
+    """The problem of the corrections on agglomerates: the same conditions, with data 0."""
+    asked = _diffusion(problem)
+    return Diffusion(
+        kappa=_averaged(asked.kappa, mesh, labels),
+        source=0.0,
+        dirichlet=dict.fromkeys(asked.dirichlet, 0.0),
+        neumann=dict.fromkeys(asked.neumann, 0.0),
+        boundary=asked.boundary,
+    )
+
+
+def _averaged(kappa: Field, mesh: Mesh, labels: Int) -> Field:
+    """Coefficient of the agglomerates: the mean over their cells, a callable taken at centroids."""
+    if not callable(kappa) and np.ndim(kappa) == 0:
+        return kappa
+    cells = sample(kappa, mesh.cell_centroids, "kappa") if callable(kappa) else np.asarray(kappa, float)
+    weighted = np.bincount(labels, mesh.cell_measures * cells)
+    return frozen_float(weighted / np.bincount(labels, mesh.cell_measures))

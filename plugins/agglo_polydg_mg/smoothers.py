@@ -1,0 +1,89 @@
+"""Smoothers of a level: the paper's and a linear one as components, and what makes them of functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+from agglo_core import OptionError, PluginError
+from agglo_core.problems import MultigridLevel
+from agglo_core.protocols import Smoother
+from agglo_core.registry import Registry, default
+from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, damped_jacobi, local_solve, schwarz
+
+__all__ = ["BlockJacobi", "Schwarz", "smoother_of"]
+
+
+class Schwarz:
+    """The paper's smoother: conjugate gradients preconditioned by additive Schwarz, afresh in each call.
+
+    Blocks of the parts and the correction of the next level belong to the inherited matrices, as in the
+    paper's experiments. What the steps do depends on ``b`` and ``x``: the smoother is nonlinear.
+    """
+
+    def setup(self, level: MultigridLevel) -> Smooth:
+        """Return ``smooth(b, x)``; LinAlgError if a block is singular."""
+        local = local_solve(level.inherited, level.block_offsets)
+        return schwarz(level.A, local, level.coarse, level.steps)
+
+
+class BlockJacobi:
+    """Block Jacobi steps damped by 4/(3 λ_max): a linear, symmetric smoother without a coarse space."""
+
+    uses_coarse: ClassVar[bool] = False
+
+    def setup(self, level: MultigridLevel) -> Smooth:
+        """Return ``smooth(b, x)``; LinAlgError if a block is singular."""
+        return damped_jacobi(level.A, local_solve(level.A, level.block_offsets), None, level.steps)
+
+
+@dataclass(frozen=True)
+class _Made:
+    """The smoother a function makes of matrix, solve in the parts, correction of the next level and steps."""
+
+    maker: SmootherMaker
+
+    def setup(self, level: MultigridLevel) -> Smooth:
+        local = local_solve(level.inherited, level.block_offsets)
+        return self.maker(level.A, local, level.coarse, level.steps)
+
+
+_OWN: Final[Mapping[str, type[Smoother]]] = {"schwarz": Schwarz, "block_jacobi": BlockJacobi}
+"""Their names are reserved, so that no registry needs to be asked."""
+
+
+def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
+    """A smoother by the name of its component, itself, or of the function that makes it.
+
+    Parameters
+    ----------
+    given : str, object with ``setup``, or callable
+        A callable is one as :func:`~agglo_polydg_mg.schwarz.schwarz`.
+    registry : Registry, optional
+        Where names are looked up; by default that of the program.
+
+    Raises
+    ------
+    OptionError
+        If it is none of these, or no smoother has the name.
+    PluginError
+        If the component cannot be used.
+    """
+    if isinstance(given, Smoother) and not isinstance(given, type):
+        return given
+    if given is damped_jacobi:
+        return BlockJacobi()  # blocks are those of A itself
+    if callable(given):
+        return _Made(given)
+    if isinstance(given, str) and given in _OWN:
+        return _OWN[given]()
+    registry = registry or default()
+    try:
+        record = registry.record("smoother", str(given))
+    except PluginError as error:
+        others = {each.name for each in registry.list() if each.kind == "smoother" and each.state == "ok"}
+        known = ", ".join([*_OWN, *sorted(others - set(_OWN))])
+        raise OptionError(f"smoother must be one of {known}; given {given!r}") from error
+    built: Smoother = registry.assemble(record, {})
+    return built
