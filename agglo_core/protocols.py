@@ -273,7 +273,7 @@ class Finishing(Protocol):
 
 
 Constraint = Forbidding | Admitting | Finishing
-"""A constraint offers any of the three."""
+"""A constraint offers any of the three; agglomerate supports ``forbidden`` so far, and refuses the others."""
 
 
 @runtime_checkable

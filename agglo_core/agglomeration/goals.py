@@ -60,7 +60,7 @@ class SizeGoal:
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """State of each piece, and whether it is finished; ``above`` holds those of the blocks split."""
+        """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
         from agglo_core.kernels.geometry import compare_diameters
 
         diameter = frozen_float(
@@ -104,7 +104,7 @@ class CountGoal:
     def assess(
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
-        """State of each piece, and whether it is finished; ``above`` holds those of the blocks split."""
+        """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
         measures = graph.measures[order]
         if above is not None:
             quotas = split_quotas(above, measures, offsets)

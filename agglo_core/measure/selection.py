@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from agglo_core.agglomeration.run import Member
+from agglo_core.agglomeration.border import Member
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph.objectives import OBJECTIVES, Objective
 from agglo_core.protocols import QualityMetric

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import warnings
-from itertools import groupby
-
 import numpy as np
 import pytest
 
 import agglo_core as agglo
-from agglo_core import Component, OptionError, PluginError, hookimpl, samples
+from agglo_core import OptionError, PluginError, samples
 from agglo_core.agglomeration.border import Member, bisect_by_block
 from agglo_core.agglomeration.run import Run, splitmix
 
@@ -246,55 +242,6 @@ def test_an_unknown_fallback_is_refused_before_the_run():
         agglo.agglomerate(GRID, bisector=Bisector(halves, "nothing"), n_parts=2)
 
 
-# --- names ------------------------------------------------------------------------------------------
-
-
-class OneSided(Bisector):
-    def __init__(self):
-        super().__init__(lambda graph: np.zeros(graph.n))
-
-
-class Declared:
-    @hookimpl
-    def agglo_components(self):
-        target = f"{__name__}:OneSided"
-        return [
-            Component(kind="bisector", name="lazy", target=target),
-            Component(kind="bisector", name="lazy_but_mended", target=target, fallback="inertial"),
-        ]
-
-
-@pytest.fixture
-def declared():
-    """A registered plugin with two bisectors that leave everything on one side."""
-    registry = agglo.plugins.default()
-    registry.register(Declared(), "idle")
-    yield
-    registry.unregister("idle")
-
-
-@pytest.mark.usefixtures("declared")
-def test_components_of_plugins_are_called_by_their_full_name():
-    expected = re.escape("bisector 'lazy' (plugin 'idle', registered by hand)")
-    with pytest.raises(PluginError, match=expected):
-        agglo.agglomerate(GRID, bisector="lazy", n_parts=2)
-
-
-@pytest.mark.usefixtures("declared")
-def test_a_declared_fallback_is_used():
-    result = agglo.agglomerate(GRID, bisector="lazy_but_mended", n_parts=4)
-    assert result.parts == [4]
-    assert result.statistics["fallbacks"] == 3
-
-
-def test_in_tree_components_are_called_by_their_full_name(monkeypatch):
-    monkeypatch.setattr(
-        "agglo_kmeans.kmeans.KMeans.bisect_level", lambda self, level, seeds: np.zeros(level.n)
-    )
-    with pytest.raises(PluginError, match=r"bisector 'kmeans' \(plugin 'kmeans', distribution agglo"):
-        agglo.agglomerate(GRID, n_parts=2)
-
-
 # --- one piece at a time --------------------------------------------------------------------------------
 
 
@@ -331,145 +278,3 @@ def test_splitmix_is_the_published_generator():
 
 def test_checked_output_is_read_only():
     assert not agglo.agglomerate(GRID, n_parts=4).levels[0].flags.writeable
-
-
-class Told:
-    """Splits in halves, and notes what for."""
-
-    def __init__(self, used, target=None):
-        self.used = used
-        self.target = target
-
-    def for_target(self, target):
-        return Told(self.used, target)
-
-    def bisect(self, graph, rng):
-        self.used.append(self.target)
-        return halves(graph)
-
-
-@pytest.mark.parametrize(
-    ("given", "wanted"),
-    [
-        ({"h_star": (0.3, 0.6)}, [{"h_star": 0.6}, {"h_star": 0.3}]),
-        ({"h_star": (0.3, 0.6), "nested": False}, [{"h_star": 0.3}, {"h_star": 0.6}]),
-        ({"n_parts": (4, 2)}, [{"parts": 2}, {"parts": 4}]),
-    ],
-)
-def test_a_bisector_that_is_told_splits_for_one_target_after_the_other(given, wanted):
-    used = []
-    agglo.agglomerate(GRID, bisector=Told(used), **given)
-    assert [target for target, _ in groupby(used)] == [agglo.Target(**each) for each in wanted]
-
-
-def test_a_for_target_that_fails_is_named():
-    class Blind(Told):
-        def for_target(self, target):
-            raise ValueError("no idea")
-
-    with pytest.raises(PluginError, match="bisector Blind raised ValueError: no idea"):
-        agglo.agglomerate(GRID, bisector=Blind([]), n_parts=2)
-
-
-@pytest.mark.parametrize("answer", [None, 3, Told, Refiner(None)])
-def test_for_target_must_return_a_bisector(answer):
-    class Lost(Told):
-        def for_target(self, target):
-            return answer
-
-    with pytest.raises(PluginError, match=r"bisector Lost: for_target returned .*bisect_level or bisect"):
-        agglo.agglomerate(GRID, bisector=Lost([]), n_parts=2)
-
-
-def test_the_old_name_aim_goes_on_working_and_warns_once_for_each_class():
-    def old_style():
-        class Old:
-            def __init__(self, used, target=None):
-                self.used, self.target = used, target
-
-            def aim(self, target):
-                return Old(self.used, target)
-
-            def bisect(self, graph, rng):
-                self.used.append(self.target)
-                return halves(graph)
-
-        Old.__qualname__ = f"Old{id(Old)}"
-        return Old
-
-    used, one, other = [], old_style(), old_style()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for tool in (one(used), one(used), other(used)):
-            agglo.agglomerate(GRID, bisector=tool, n_parts=(4, 2))
-    assert {each.category for each in caught} == {DeprecationWarning}
-    messages = [str(each.message) for each in caught if "aim(target)" in str(each.message)]
-    assert len(messages) == 2
-    for message, tool in zip(messages, (one, other), strict=True):
-        assert message.startswith(f"{tool.__module__}.{tool.__qualname__}")
-        assert "for_target(target)" in message
-    assert set(used) == {agglo.Target(parts=2), agglo.Target(parts=4)}
-
-
-# --- registries -------------------------------------------------------------------------------------
-
-
-class Halving:
-    @hookimpl
-    def agglo_components(self):
-        here = f"{__name__}:"
-        return [
-            Component(kind="bisector", name="halving", target=here + "EvenOdd"),
-            Component(kind="bisector", name="slices", target=here + "Slices"),
-            Component(kind="bisector", name="lazy", target=here + "OneSided", fallback="halving"),
-            Component(kind="fixer", name="mend", target="agglo_core.components.fixers:ConnectivityFixer"),
-        ]
-
-    @hookimpl
-    def agglo_level_done(self, info):
-        self.told.append(info["pieces"])
-
-
-class EvenOdd(Bisector):
-    def __init__(self):
-        super().__init__(halves)
-
-
-class Slices:
-    def partition(self, graph, target, seed):
-        return np.zeros(graph.n, int)
-
-
-@pytest.fixture
-def own():
-    """A registry of its own: what it knows, the program does not, and the other way round."""
-    plugin, registry = Halving(), agglo.Registry()
-    plugin.told = []
-    registry.register(plugin, "own")
-    return registry, plugin.told
-
-
-@pytest.mark.parametrize("bisector", ["halving", "lazy"])
-def test_names_are_looked_up_in_the_registry_given(own, bisector):
-    registry, told = own
-    options = {"bisector": bisector, "refiners": (), "fixer": "mend", "n_parts": 4}
-    hierarchy = agglo.agglomerate(GRID, **options, registry=registry)
-    assert hierarchy.parts == [4]
-    assert len(told) == hierarchy.statistics["depth"] > 0  # who listens there has been told of each depth
-    assert agglo.Pipeline(**options).run(GRID, registry).parts == [4]
-    with pytest.raises(PluginError, match=f"no bisector is named '{bisector}'"):
-        agglo.agglomerate(GRID, **options)
-    with pytest.raises(PluginError, match="no bisector is named 'kmeans'"):
-        agglo.agglomerate(GRID, n_parts=4, registry=registry)
-
-
-def test_what_a_direct_partition_needs_besides_is_named(own):
-    with pytest.raises(PluginError, match=r"'slices'.* cannot bisect and needs 'inertial': no bisector"):
-        agglo.agglomerate(
-            GRID, bisector="slices", refiners=(), fixer="mend", method="kway", n_parts=4, registry=own[0]
-        )
-
-
-def test_an_unknown_name_in_a_registry_names_what_it_has(own):
-    with pytest.raises(PluginError, match="available: halving, lazy, slices"):
-        agglo.agglomerate(GRID, bisector="kmeans", n_parts=2, registry=own[0])
