@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -16,11 +13,9 @@ from agglo_core.arrays import Int, Mask, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Bisector, LevelBisector, Target
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.attribution import Member, attributed
 
 __all__ = [
-    "Member",
-    "attributed",
     "bisect_by_block",
     "bisector_for",
     "broken_blocks",
@@ -31,27 +26,6 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Member:
-    """A component of a run, and how errors call it."""
-
-    tool: Any
-    title: str
-
-
-@contextmanager
-def attributed(member: Member, *, spare: type[Exception] | tuple[()] = ()) -> Iterator[None]:
-    """Turn whatever a component raises, but ``spare``, into a PluginError that names it."""
-    try:
-        yield
-    except spare:
-        raise
-    except PluginError as error:
-        raise PluginError(f"{member.title}: {error}") from error
-    except PLUGIN_FAILURES as error:
-        raise PluginError(f"{member.title} raised {type(error).__name__}: {error}") from error
-
-
 def bisector_for(member: Member, target: Target) -> Member:
     """The bisector told its target; the member itself if that makes no difference to it."""
     methods = [name for name in ("for_target", "aim") if callable(getattr(member.tool, name, None))]
@@ -59,7 +33,7 @@ def bisector_for(member: Member, target: Target) -> Member:
         return member
     if methods[0] == "aim":
         _warn_of_old_name(f"{type(member.tool).__module__}.{type(member.tool).__qualname__}")
-    with attributed(member):
+    with attributed(member.title):
         told = getattr(member.tool, methods[0])(target)
     if told is member.tool:
         return member
@@ -79,7 +53,7 @@ def _warn_of_old_name(class_name: str) -> None:
 
 def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     """Sides ``(n,)`` in {0, 1} as the bisector has them; probabilities are rounded (1 iff p >= 0.5)."""
-    with attributed(member):
+    with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
             given = np.asarray(member.tool.bisect_level(level, seeds))
         else:

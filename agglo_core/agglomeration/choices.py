@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from agglo_core.agglomeration.border import Member
 from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 from agglo_core.registry import KINDS, Registry, describe
+from agglo_core.registry.attribution import Member
 
 __all__ = ["Choice", "chosen", "new_run", "short_name"]
 

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agglo_core.agglomeration.border import Member, attributed
 from agglo_core.agglomeration.goals import CountGoal, Goal
 from agglo_core.arrays import Mask
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
+from agglo_core.registry.attribution import Member, attributed
 
 __all__ = ["constrained"]
 
@@ -58,7 +58,7 @@ def _check_supported(member: Member) -> None:
 
 def _forbidden(member: Member, graph: Graph) -> Mask:
     """Forbidden CSR entries ``(m,)``, both directions of each edge."""
-    with attributed(member):
+    with attributed(member.title):
         given = np.asarray(member.tool.forbidden(graph))
     shape = graph.indices.shape
     if given.shape != shape or given.dtype != bool:

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 
 from agglo_core.agglomeration.border import (
-    Member,
-    attributed,
     bisector_for,
     broken_blocks,
     checked_labels,
@@ -23,6 +21,7 @@ from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
+from agglo_core.registry.attribution import Member, attributed
 
 __all__ = ["Run", "Statistics", "Timed", "splitmix"]
 
@@ -133,14 +132,14 @@ class Run:
         member = self.partitioner
         if member is None:
             raise PluginError(f"{self.bisector.title} has no k-way partition")
-        with attributed(member):
+        with attributed(member.title):
             given = member.tool.partition(graph, Target(parts=parts), seed)
         return checked_parts(member, given, graph.n, parts)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
         """Labels after all (post-)refiners, each keeping the label set of every block."""
         for member in self.post_refiners if post else self.refiners:
-            with attributed(member):
+            with attributed(member.title):
                 given = member.tool.refine(graph, frozen_int(labels), seeds, target)
             labels = checked_labels(member, "refine", graph, labels, given)
         return labels
@@ -155,7 +154,7 @@ class Run:
         piece = graph if whole else graph.take(broken)
         nodes = slice(None) if whole else np.flatnonzero(np.isin(graph.block_ids, broken))
         before = frozen_int(labels[nodes])
-        with attributed(self.fixer):
+        with attributed(self.fixer.title):
             given = self.fixer.tool.fix(piece, before)
         fixed = checked_labels(self.fixer, "fix", piece, before, given)
         if len(broken_blocks(piece, fixed)):

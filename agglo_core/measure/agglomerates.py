@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.agglomeration.border import Member, attributed
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.selection import RATIOS, Metric, Selection, built_metrics, select
 from agglo_core.mesh import Mesh
+from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -184,7 +184,7 @@ def _measured(mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Membe
     values = {}
     for name, metric in metrics.items():
         given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
-        with attributed(metric, spare=MeshError):  # a metric may refuse a mesh, such as one in 3-D
+        with attributed(metric.title, spare=(MeshError,)):  # a metric may refuse a mesh, such as one in 3-D
             result = np.asarray(metric.tool.measure(*given), dtype=float)
         if result.shape != (coarse.n_cells,):
             raise PluginError(

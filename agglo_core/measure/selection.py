@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from agglo_core.agglomeration.border import Member
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph.objectives import OBJECTIVES, Objective
 from agglo_core.protocols import QualityMetric
 from agglo_core.registry import Registry, default, describe
+from agglo_core.registry.attribution import Member
 
 __all__ = ["RATIOS", "Metric", "Selection", "built_metrics", "select"]
 

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
 from agglo_core.errors import PluginError
 from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
 
-__all__ = ["attributed"]
+__all__ = ["Member", "attributed"]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A component at work, and how errors call it."""
+
+    tool: Any
+    title: str
 
 
 @contextmanager

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agglo_core.agglomeration.border import Member
 from agglo_core.agglomeration.goals import SizeGoal
 from agglo_core.agglomeration.recursion import grow
 from agglo_core.agglomeration.run import Run
@@ -17,6 +16,7 @@ from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
 from agglo_core.graph.sweep import sweep
 from agglo_core.protocols import Target
+from agglo_core.registry.attribution import Member
 from agglo_gnn.features import see
 
 __all__ = ["look_ahead"]

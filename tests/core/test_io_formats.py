@@ -28,8 +28,17 @@ from agglo_core import (
 )
 from agglo_core import components as builtin
 from agglo_core.errors import AggloError
-from agglo_core.io import Meshlane, Npz, OpenFoam, Vtu, check_writable, read, read_hierarchy, write
-from agglo_core.io import border as io_border
+from agglo_core.io import (
+    Meshlane,
+    Npz,
+    OpenFoam,
+    Vtu,
+    check_writable,
+    file_checks,
+    read,
+    read_hierarchy,
+    write,
+)
 from agglo_core.mesh import Mesh
 from agglo_core.samples import boxes, squares
 
@@ -392,7 +401,7 @@ def test_formats_that_stage_their_files_are_given_the_path_itself(
     def no_staging(path: Path) -> None:
         raise AssertionError(path)
 
-    monkeypatch.setattr(io_border, "staging", no_staging)
+    monkeypatch.setattr(file_checks, "staging", no_staging)
     write(tmp_path / "a.toy", squares(2), registry=having(toy=type("Atomic", (Toy,), {"atomic": True})))
     for name in ("a.vtu", "a.npz", "a.vtk"):
         write(tmp_path / name, squares(2))
