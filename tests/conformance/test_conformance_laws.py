@@ -54,7 +54,7 @@ def test_every_law_has_a_mutant_and_every_promise_a_law() -> None:
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
 def test_every_law_kills_its_mutant(mutant: Mutant, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(refiner, "PATIENCE", 0.2)
+    monkeypatch.setattr(refiner, "TIME_LIMIT", 0.2)
     law, message = first_failure(subject_of(mutant.given, promises=mutant.promises))
     assert law == mutant.law, message
     assert mutant.says in message
