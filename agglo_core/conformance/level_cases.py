@@ -61,7 +61,7 @@ def multigrid_level(
 
 def _coupling(width: int) -> Float:
     """A symmetric positive definite block ``(width, width)``."""
-    return np.eye(width) + 0.3 * (np.ones((width, width)) - np.eye(width))
+    return np.eye(width) + 0.05 * (np.ones((width, width)) - np.eye(width))
 
 
 def _asked(name: str, level: MultigridLevel) -> Case:

@@ -215,8 +215,8 @@ def changes_add_up(subject: Subject) -> None:
         off = np.flatnonzero(np.abs(told - sums) > 1e-8 * size)
         require(
             not len(off),
-            f"on {case.name}: changes says {told[off[:1]]} where measure changes by {np.array(sums)[off[:1]]}: "
-            "it is the sum of all values after the move, less the sum before",
+            f"on {case.name}: changes says {told[off[:1]]}, measure changes by {np.array(sums)[off[:1]]}: it "
+            "is the sum of all values after the move, less the sum before",
         )
 
 
