@@ -16,7 +16,7 @@ from dataclasses import asdict
 from typing import IO, Any
 
 from agglo_core.conformance.judging import Result, judge, laws_for
-from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import OptionError
 from agglo_core.registry import Component
@@ -152,6 +152,7 @@ def main() -> None:
             out.flush()
 
         task = json.loads(sys.stdin.read())
+        laws_of(task["kind"])  # imported before the clock starts
         say(ready=True)
         subject = _found(task)
         try:
