@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
+from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh, parse_spec
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.outputs import check_picture, refuse_solids
 from agglo_core.errors import OptionError, PluginError
@@ -28,10 +28,7 @@ _NOT_CONVERGED = 3
 @click.command(short_help="Solve a problem with the help of a hierarchy.")
 @click.argument("source", metavar="MESH|SAMPLE")
 @click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
-@click.option("--bisector", metavar=COMPONENT, help="How a piece is split (default kmeans).")
-@click.option("--method", type=click.Choice(["recursive", "kway"]), help="Default recursive.")
-@click.option("--nested/--not-nested", default=None, help="Whether levels coarsen each other (default).")
-@agglomeration_options
+@agglomeration_options(bisector="one")
 @click.option("--levels", type=int, help="Use the first so many of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=int, help="Of the polynomials (default: the solver's).")
 @click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
@@ -46,9 +43,6 @@ _NOT_CONVERGED = 3
 def solve(
     source: str,
     solver: str,
-    bisector: str | None,
-    method: str | None,
-    nested: bool | None,
     agglomeration: Mapping[str, Any],
     levels: int | None,
     degree: int | None,
@@ -68,15 +62,15 @@ def solve(
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = _solver(solver, _given(options))
-    chosen = choice("bisector", bisector) if bisector else None
-    how_coarse = {**agglomeration, **_given({"bisector": chosen, "method": method, "nested": nested})}
     _check_files(output, plot, tool, solver)
     explain_compilation()
     mesh = load_mesh(source)
     refuse_solids(mesh, source, {"--plot": plot})
     asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
     plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is looked at
-    solution = tool.solve(asked, _levelless(mesh) if plain and not how_coarse else _levels(mesh, how_coarse))
+    solution = tool.solve(
+        asked, _levelless(mesh) if plain and not agglomeration else _levels(mesh, agglomeration)
+    )
     counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
     from agglo_core.problems.solution_report import report, text
 
@@ -149,10 +143,10 @@ def _levelless(mesh: Mesh) -> Hierarchy:
     return Hierarchy(mesh, mesh.graph, [], [], nested=True)
 
 
-def _levels(mesh: Mesh, how_coarse: Mapping[str, Any]) -> Hierarchy:
+def _levels(mesh: Mesh, agglomeration: Mapping[str, Any]) -> Hierarchy:
     from agglo_core.agglomeration import agglomerate
 
-    return agglomerate(mesh, **how_coarse)
+    return agglomerate(mesh, **agglomeration)
 
 
 def _write(

@@ -1,8 +1,8 @@
-"""The questions put to each kind of component, from the meshes of the bench."""
+"""The questions put to each kind of component, on small meshes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,10 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_int
-from agglo_core.conformance import bench
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.level_cases import levels, single_unknown
+from agglo_core.conformance.mesh_cases import in_space, of_one_cell, on_meshes
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -18,7 +21,6 @@ from agglo_core.problems import Diffusion, Linear
 from agglo_core.protocols import Target
 
 __all__ = [
-    "Case",
     "cases",
     "laplacian",
     "level_case",
@@ -30,43 +32,24 @@ __all__ = [
     "with_problem",
 ]
 
-
-@dataclass(frozen=True)
-class Case:
-    """One question: its name and the arguments, as the method of the kind takes them.
-
-    A bisector is given ``(graph, seeds)``, a refiner ``(graph, labels, seeds, target)``, a fixer
-    ``(graph, labels)``, a metric ``(mesh, labels)``, a solver ``(problem, hierarchy)``.
-    """
-
-    name: str
-    given: tuple[Any, ...]
-
-    @property
-    def size(self) -> int | None:
-        """How many values the answer has; None for a solver."""
-        if isinstance(self.given[0], Mesh):
-            return int(self.given[1].max()) + 1
-        return self.given[0].n if isinstance(self.given[0], Graph) else None
-
-    @property
-    def sort(self) -> str:
-        """What a solver may refuse as a whole: diffusion, systems of one unknown per cell, or of several."""
-        problem = self.given[0]
-        if not isinstance(problem, Linear):
-            return "diffusion"
-        return "linear" if len(problem.b) < len(problem.block_offsets) else "linear, in blocks"
+_ABOUT_MESHES = ("format", "problem", "constraint", "section")
 
 
 def cases(kind: str, seed: int = 0) -> list[Case]:
     """Ordinary questions to a component of this kind, on meshes of the plane."""
     if kind == "solver":
         return _problems()
-    meshes = bench.plane_meshes()
+    if kind == "smoother":
+        return levels()
+    if kind == "sample":
+        return [Case("it", ())]
+    if kind in _ABOUT_MESHES:
+        return on_meshes(kind)
+    meshes = small_meshes.plane_meshes()
     if kind == "bisector":
         return [Case(mesh.name, (mesh.graph, seeds_for(1, seed))) for mesh in meshes]
     if kind == "metric":
-        return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, bench.apart()]]
+        return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.apart()]]
     return [
         _labelled(kind, mesh.graph, mesh.name, labels(mesh.graph), seed)
         for mesh in meshes
@@ -75,8 +58,12 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
 
 
 def solids(kind: str) -> list[Case]:
-    """The same in space."""
-    mesh = bench.boxes()
+    """The same in space; none for a kind that sees no space."""
+    if kind in _ABOUT_MESHES:
+        return in_space(kind)
+    if kind in ("smoother", "sample"):
+        return []
+    mesh = small_meshes.boxes()
     if kind == "bisector":
         return [Case("3-D boxes", (mesh.graph, seeds_for(1)))]
     if kind == "metric":
@@ -90,21 +77,27 @@ def solids(kind: str) -> list[Case]:
 
 def tiny(kind: str) -> list[Case]:
     """Questions at the edge of what has an answer: one cell, coincident centroids, touching in a point."""
+    if kind in _ABOUT_MESHES:
+        return of_one_cell(kind)
+    if kind in ("smoother", "sample"):
+        return single_unknown() if kind == "smoother" else []
     if kind == "solver":
-        hierarchy = _hierarchy(bench.grid(1, 1), frozen_int([0]))
+        hierarchy = _hierarchy(small_meshes.grid(1, 1), frozen_int([0]))
         return [Case("one cell", (each, hierarchy)) for each in (Diffusion(), laplacian(hierarchy.graph, 1))]
     if kind == "metric":
         return [
-            Case("one cell", (bench.grid(1, 1), frozen_int([0]))),
-            Case("every cell alone", (bench.grid(3, 2), frozen_int(np.arange(6)))),
-            Case("all cells in one", (bench.mixed(), frozen_int(np.zeros(bench.mixed().n_cells)))),
+            Case("one cell", (small_meshes.grid(1, 1), frozen_int([0]))),
+            Case("every cell alone", (small_meshes.grid(3, 2), frozen_int(np.arange(6)))),
+            Case(
+                "all cells in one", (small_meshes.mixed(), frozen_int(np.zeros(small_meshes.mixed().n_cells)))
+            ),
         ]
     graphs = {
-        "one cell": bench.line(1),
-        "two cells": bench.line(2),
-        "three cells": bench.line(3),
-        "eight cells in the same place": bench.coincident(8),
-        "eight cells whose interfaces have no measure": bench.line(8, interface=0.0),
+        "one cell": small_meshes.line(1),
+        "two cells": small_meshes.line(2),
+        "three cells": small_meshes.line(3),
+        "eight cells in the same place": small_meshes.coincident(8),
+        "eight cells whose interfaces have no measure": small_meshes.line(8, interface=0.0),
     }
     if kind == "bisector":
         return [Case(name, (graph, seeds_for(1))) for name, graph in graphs.items()]
@@ -115,7 +108,7 @@ def tiny(kind: str) -> list[Case]:
 
 def level_case(kind: str) -> Case:
     """A recursion level of very unequal blocks; for refiners and fixers with 1, 2 or 3 parts in a block."""
-    level = bench.level()
+    level = small_meshes.level()
     if kind == "bisector":
         return Case("a level", (level, seeds_for(level.n_blocks)))
     labels = np.concatenate(
@@ -192,10 +185,10 @@ def _scattered(graph: Graph) -> Int:
 
 
 def _problems() -> list[Case]:
-    mesh = bench.grid(8, 8)
+    mesh = small_meshes.grid(8, 8)
     column, row = np.arange(64) % 8, np.arange(64) // 8
     four, two = row // 2 * 4 + column // 2, row // 4 * 2 + column // 4
-    hexagons, jittered = bench.hexagons(5, 4), bench.grid(9, 7, jitter=0.2)
+    hexagons, jittered = small_meshes.hexagons(5, 4), small_meshes.grid(9, 7, jitter=0.2)
     waves = Diffusion(source=lambda x: np.sin(x[:, 0]) + x[:, 1])
     return [
         Case("diffusion on squares, two levels", (Diffusion(), _hierarchy(mesh, four, two))),

@@ -9,6 +9,7 @@ from agglo_core.conformance.judging import judge, laws_for
 from agglo_core.conformance.laws import all_laws
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import AggloError, OptionError
+from agglo_core.registry import Registry
 
 __all__ = ["conformance"]
 
@@ -19,6 +20,7 @@ def conformance(
     *,
     xfail: Mapping[str, str] | None = None,
     options: Mapping[str, Any] | None = None,
+    registry: Registry | None = None,
 ) -> Callable[..., None]:
     """Make a pytest function that judges a component, one test for each law.
 
@@ -26,7 +28,7 @@ def conformance(
 
     Parameters
     ----------
-    component, kind, options
+    component, kind, options, registry
         As in :func:`check`.
     xfail : mapping of law to reason, optional
         Laws known to fail. Strict: one that passes after all is a failure.
@@ -47,7 +49,7 @@ def conformance(
     if unknown := sorted(set(excused) - {law.name for law in all_laws()}):
         raise OptionError(f"xfail names {unknown[0]!r}, which is no law")
     try:
-        subject: Subject | None = subject_of(component, kind, options=options)
+        subject: Subject | None = subject_of(component, kind, options=options, registry=registry)
         problem = ""
     except AggloError as error:
         subject, problem = None, str(error)

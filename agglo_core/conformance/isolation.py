@@ -16,7 +16,7 @@ from dataclasses import asdict
 from typing import IO, Any
 
 from agglo_core.conformance.judging import Result, judge, laws_for
-from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import OptionError
 from agglo_core.registry import Component
@@ -27,7 +27,7 @@ __all__ = ["judge_apart", "main"]
 _STOPS = 2  # laws given up on before the rest is not tried any more
 _START = 120.0  # seconds for a new process to import the suite
 
-Hear = Callable[[float], dict[str, Any]]
+Listen = Callable[[float], dict[str, Any]]
 """What the other process says next, waiting so many seconds at most."""
 
 
@@ -46,11 +46,11 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
     task, results, left = _task(subject), list[Result](), list[str]()
     for _ in range(_STOPS):
         try:
-            with _other_process({**task, "laws": left}) as hear:
-                hear(_START)
-                left = hear(timeout)["laws"]
+            with _other_process({**task, "laws": left}) as listen:
+                listen(_START)
+                left = listen(timeout)["laws"]
                 while left:
-                    results.append(Result(**hear(timeout)))
+                    results.append(Result(**listen(timeout)))
                     left = left[1:]
             return results
         except _Stopped as stopped:
@@ -62,7 +62,7 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
 
 
 @contextlib.contextmanager
-def _other_process(task: Mapping[str, Any]) -> Iterator[Hear]:
+def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
     """A process that judges ``task``, by what it says; killed at the end."""
     command = [sys.executable, "-c", "from agglo_core.conformance.isolation import main; main()"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
@@ -72,12 +72,12 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Hear]:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
         )
 
-        def hear(patience: float) -> dict[str, Any]:
+        def listen(seconds: float) -> dict[str, Any]:
             try:
-                line = lines.get(timeout=patience)
+                line = lines.get(timeout=seconds)
             except queue.Empty:
                 remedy = "look for a loop that need not end, or allow more time with --timeout"
-                raise _Stopped(f"no answer after {patience:g} seconds: {remedy}") from None
+                raise _Stopped(f"no answer after {seconds:g} seconds: {remedy}") from None
             if not line:
                 errors.seek(0)
                 last = (errors.read().strip().splitlines() or ["it left no message"])[-1]
@@ -91,14 +91,14 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Hear]:
             threading.Thread(target=_read, args=(child.stdout, lines), daemon=True).start()
             try:
                 _write(child.stdin, json.dumps(task))
-                yield hear
+                yield listen
             finally:
                 child.kill()
 
 
 def _write(stream: IO[str] | None, text: str) -> None:
     if stream is not None:
-        with contextlib.suppress(BrokenPipeError), stream:  # it died at once: the reader hears of it
+        with contextlib.suppress(BrokenPipeError), stream:  # it died at once: the reader notices
             stream.write(text)
 
 
@@ -117,14 +117,14 @@ def _failed(name: str, message: str) -> Result:
 def _task(subject: Subject) -> dict[str, Any]:
     """What another process needs to find the component again."""
     texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
-    task = {"kind": subject.kind, "options": dict(subject.options), "promises": dict(subject.declared)}
-    task["texts"] = texts
+    task: dict[str, Any] = {"kind": subject.kind, "texts": texts}
+    task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
     record, given = subject.record, subject.given
     if record is not None and record.component is not None:
-        if record.distribution:
+        if record.distribution and subject.registry is None:
             return task | {"name": f"{record.distribution}/{record.name}"}
         return task | {"component": asdict(record.component)}
-    if isinstance(given, type) and "<" not in given.__qualname__ and given.__module__ != "__main__":
+    if hasattr(given, "__qualname__") and "<" not in given.__qualname__ and given.__module__ != "__main__":
         return task | {"target": [given.__module__, given.__qualname__]}
     raise OptionError("a timeout needs a name, a declaration or a class that can be imported: not an object")
 
@@ -152,6 +152,7 @@ def main() -> None:
             out.flush()
 
         task = json.loads(sys.stdin.read())
+        laws_of(task["kind"])  # imported before the clock starts
         say(ready=True)
         subject = _found(task)
         try:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from agglo_core.conformance.law import Law
-from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.laws import laws_of
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError
@@ -55,7 +55,7 @@ def laws_for(subject: Subject) -> Sequence[Law]:
         raise
     except PLUGIN_FAILURES:  # the law builds reports it
         pass
-    chosen = [law for law in all_laws() if law.applies(subject)]
+    chosen = [law for law in laws_of(subject.kind) if law.applies(subject)]
     if not chosen:
         raise OptionError(f"there are no laws for a {subject.kind}")
     return chosen

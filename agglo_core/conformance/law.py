@@ -8,16 +8,17 @@ from inspect import cleandoc
 from typing import Final
 
 from agglo_core.conformance.subject import Subject
+from agglo_core.registry import KINDS
 
 __all__ = ["ASKED", "Law", "law"]
 
-ASKED: Final = ("bisector", "refiner", "fixer", "metric", "solver")
-"""Kinds whose components are asked the questions of :mod:`agglo_core.conformance.cases`."""
+ASKED: Final = tuple(kind for kind in KINDS if kind != "sample")
+"""Kinds whose components are asked questions; a sample answers when it is built, and never again."""
 
 
 @dataclass(frozen=True)
 class Law:
-    """A named demand on components of some kinds.
+    """A named requirement of components of some kinds.
 
     Attributes
     ----------

@@ -2,46 +2,54 @@
 
 from __future__ import annotations
 
+import hashlib
 import random
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.conformance.cases import Case, cases
+from agglo_core.conformance.asking import ask
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import cases
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.problems import Solution
-from agglo_core.protocols import Target
-from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 __all__ = [
     "answer",
     "chunks",
+    "digest",
     "fingerprints",
     "global_random",
     "in_words",
     "plain",
     "questions",
+    "refuses",
     "same",
     "settled",
     "taken",
+    "with_suffix",
 ]
+
+_CHOOSY = ("solver", "format", "constraint")
+_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")
+_OWN_PROBLEMS = ("diffusion", "linear")
 
 
 def answer(subject: Subject, tool: Any, case: Case) -> Any:
     """What the component returns, as it is; whatever it raises becomes :class:`Broken`."""
     try:
-        return _ask(subject.kind, tool, case)
+        return ask(subject.kind, tool, case)
     except Broken:
         raise
     except PLUGIN_FAILURES as error:
@@ -49,27 +57,61 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
 
 
 def questions(subject: Subject, seed: int = 0) -> list[Case]:
-    """The ordinary questions to a component, less what a solver does not take."""
-    return taken(subject, cases(subject.kind, seed))
+    """The ordinary questions to a component, less what it refuses as a whole; none to a format never written.
+
+    A solver that names further kinds of problem in ``accepts`` is asked for their examples too.
+    """
+    return taken(subject, [*cases(subject.kind, seed), *_further_problems(subject)])
 
 
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:
-    """Of some questions, those that the component takes: all, unless it is a solver.
+    """Of some questions, those that the component takes.
 
     A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`): whether it does is seen by the
     first question of that sort, which it answers by an AggloError. What it takes in one case it must take in
-    all.
+    all. A format may refuse a mesh that it cannot hold, a constraint a graph without the data it needs.
     """
-    if subject.kind != "solver":
+    if subject.kind not in _CHOOSY:
         return asked
+    if subject.kind == "format":
+        asked = with_suffix(subject, asked)
     first: dict[str, Case] = {}
-    for case in cases("solver"):
+    by_sort = [*cases("solver"), *_further_problems(subject)] if subject.kind == "solver" else asked
+    for case in by_sort:
         first.setdefault(case.sort, case)
-    refused = {sort for sort, case in first.items() if _refuses(subject, case)}
+    refused = {sort for sort, case in first.items() if refuses(subject, case)}
     return [case for case in asked if case.sort not in refused]
 
 
-def _refuses(subject: Subject, case: Case) -> bool:
+def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
+    """Questions to a format with the first of its suffixes that it writes; none if it writes nothing."""
+    if not subject.has("write"):
+        return []
+    suffixes = tuple(subject.build().suffixes)
+    simple = cases("format")[0]
+    written = (each for each in suffixes if not refuses(subject, _as(simple, each)))
+    suffix = suffixes[0] if len(suffixes) == 1 else next(written, suffixes[0])
+    return [_as(case, suffix) for case in asked]
+
+
+def _as(case: Case, suffix: str) -> Case:
+    return replace(case, given=(case.given[0], suffix))
+
+
+def _further_problems(subject: Subject) -> list[Case]:
+    """Examples of the kinds of problem a solver accepts besides those of the suite."""
+    if subject.kind != "solver":
+        return []
+    kinds = [kind for kind in getattr(subject.build(), "accepts", ()) if kind not in _OWN_PROBLEMS]
+    if not kinds:
+        return []
+    hierarchy = cases("solver")[0].given[1]
+    examples = {kind: subject.problem(kind).example(hierarchy.fine) for kind in kinds}
+    return [Case(f"the example of problem {kind!r}", (it, hierarchy)) for kind, it in examples.items()]
+
+
+def refuses(subject: Subject, case: Case) -> bool:
+    """Whether the component answers a question by an AggloError."""
     try:
         answer(subject, subject.build(), case)
     except Broken as error:
@@ -78,12 +120,20 @@ def _refuses(subject: Subject, case: Case) -> bool:
 
 
 def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
-    """The answer as an array: sides as integers, labels, values, or the solution."""
+    """The answer as an array: sides as integers, labels, values, a solution; of anything else a digest."""
     given = answer(subject, tool, case)
+    if subject.kind not in _IN_ARRAYS:
+        return digest(given)
     values = np.asarray(given.x if isinstance(given, Solution) else given)
     if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
         raise Broken(f"on {case.name}: {in_words(given)} is no answer; see to the law above that says so")
     return values >= 0.5 if subject.kind == "bisector" and values.dtype.kind == "f" else values
+
+
+def digest(value: Any) -> NDArray[np.uint8]:
+    """Numbers that differ where two meshes, records, masks or texts do."""
+    seen = hashlib.sha256(repr(list(fingerprints(value))).encode())
+    return np.frombuffer(seen.digest(), np.uint8)
 
 
 def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
@@ -124,6 +174,8 @@ def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         yield path, tuple(map(str, value))
         for key, item in value.items():
             yield from fingerprints(item, f"{path}[{key!r}]")
+    elif value is None or isinstance(value, str | int | float | np.generic):
+        yield path, repr(value)
     elif isinstance(value, list | tuple):
         for place, item in enumerate(value):
             yield from fingerprints(item, f"{path}[{place}]")
@@ -152,26 +204,6 @@ def global_random(seed: int) -> Iterator[Callable[[], bool]]:
         np.random.set_state(before[1])  # noqa: NPY002
         if torch:
             torch.set_rng_state(before[2])
-
-
-def _ask(kind: str, tool: Any, case: Case) -> Any:
-    if kind != "bisector":
-        return getattr(tool, KINDS[kind].methods[0])(*case.given)
-    graph, seeds = case.given
-    if hasattr(tool, "bisect_level"):
-        return tool.bisect_level(graph, seeds)
-    blocks = [graph[b] for b in range(graph.n_blocks)] if graph.n_blocks > 1 else [graph]
-    if hasattr(tool, "bisect"):
-        answers = [
-            tool.bisect(block, np.random.default_rng(int(seed)))
-            for block, seed in zip(blocks, seeds, strict=True)
-        ]
-    else:
-        answers = [
-            tool.partition(block, Target(parts=min(2, block.n)), int(seed))
-            for block, seed in zip(blocks, seeds, strict=True)
-        ]
-    return answers[0] if len(answers) == 1 else np.concatenate([np.atleast_1d(a) for a in answers])
 
 
 def _blame(subject: Subject, tool: Any, error: BaseException) -> str:

@@ -1,6 +1,6 @@
 """The suite's own solver: two-point fluxes and preconditioned conjugate gradients, as plain as can be.
 
-It shows the laws of solvers what a sound one looks like, and an author how little one needs.
+It shows the laws of solvers what a correct one looks like, and an author how little one needs.
 """
 
 from __future__ import annotations

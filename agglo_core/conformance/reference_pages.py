@@ -7,7 +7,7 @@ from typing import Any
 
 from agglo_core.conformance.judging import Result
 from agglo_core.conformance.law import Law
-from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.conformance.runner import check
 from agglo_core.registry import KINDS, Component, default
 
@@ -31,10 +31,9 @@ is written by `python -m agglo_core.conformance compliance`.
 
 def laws_page() -> str:
     """The page of laws: name, promise and sentence, kind by kind (Markdown)."""
-    laws = all_laws()
-    text = [_LAWS_HEAD, f"{len(laws)} laws in all; those of several kinds are listed under each.\n"]
+    text = [_LAWS_HEAD, f"{len(all_laws())} laws in all; those of several kinds are listed under each.\n"]
     for kind in KINDS:
-        own = [law for law in laws if kind in law.kinds]
+        own = laws_of(kind)
         text.append(f"## {kind.capitalize()}: {len(own)} laws\n\n{_table(own)}")
     return "\n".join(text)
 

@@ -9,6 +9,7 @@ from agglo_core.conformance.isolation import judge_apart
 from agglo_core.conformance.judging import Result, judge, laws_for
 from agglo_core.conformance.subject import subject_of
 from agglo_core.errors import OptionError
+from agglo_core.registry import Registry
 
 __all__ = ["check"]
 
@@ -20,13 +21,15 @@ def check(
     *,
     options: Mapping[str, Any] | None = None,
     promises: Mapping[str, bool | float] | None = None,
+    registry: Registry | None = None,
 ) -> list[Result]:
     """Judge a component by every law that applies to it; never stops at the first failure.
 
     Parameters
     ----------
     component : str, Component, class or object
-        A name (``"mine"``, ``"bisector:mine"``, ``"plugin/mine"``), a declaration, a class, or an object.
+        A name (``"mine"``, ``"bisector:mine"``, ``"plugin/mine"``), a declaration, a class, or an object;
+        for ``kind="sample"`` also a function.
     kind : str, optional
         Where the name does not tell.
     timeout : float, optional
@@ -35,6 +38,8 @@ def check(
         The component's options.
     promises : mapping, optional
         Instead of the declared ones.
+    registry : Registry, optional
+        Where names are looked up; by default that of the installed plugins.
 
     Raises
     ------
@@ -47,7 +52,7 @@ def check(
     >>> all(result.passed for result in check("metric:cells"))
     True
     """
-    subject = subject_of(component, kind, options=options, promises=promises)
+    subject = subject_of(component, kind, options=options, promises=promises, registry=registry)
     if timeout is None:
         return [judge(law, subject) for law in laws_for(subject)]
     if not timeout > 0:

@@ -8,8 +8,8 @@ from typing import Any
 
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError, PluginError
-from agglo_core.registry import KINDS, Component, Record, default, describe
-from agglo_core.registry.construct import construct
+from agglo_core.registry import KINDS, Component, Record, Registry, default, describe
+from agglo_core.registry.construct import construct, resolve
 from agglo_core.registry.declarations import faults
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 from agglo_core.registry.kinds import kind_of_methods
@@ -32,6 +32,8 @@ class Subject:
         With which it is built.
     declared : mapping
         Promises.
+    registry : Registry, optional
+        Where names are looked up; by default that of the installed plugins.
     """
 
     kind: str
@@ -40,6 +42,7 @@ class Subject:
     given: Any = None
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: Mapping[str, bool | float] = field(default_factory=dict)
+    registry: Registry | None = None
 
     def build(self) -> Any:
         """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
@@ -49,10 +52,42 @@ class Subject:
             raise Broken("it cannot be built: the law builds says why") from error
 
     def make(self, **more: Any) -> Any:
-        """A fresh object with further options; whatever its constructor raises passes through."""
+        """A fresh object with further options; whatever its constructor raises passes through.
+
+        The class itself for a kind of problem, which is made from tables and meshes, not by options.
+        """
+        if self._is_class_of_problems:
+            return self.target
         if self.record is not None:
             return construct(self.record, {**self.options, **more})
-        return self.given(**self.options, **more) if isinstance(self.given, type) else self.given
+        return self.given(**self.options, **more) if self.takes_options else self.given
+
+    def problem(self, kind: str) -> Any:
+        """The kind of problem of that name: a class, or what a factory made."""
+        registry = default() if self.registry is None else self.registry
+        return Subject("problem", kind, registry.record("problem", kind)).make()
+
+    def metric(self, name: str) -> Any:
+        """The metric of that name; None if there is none."""
+        registry = default() if self.registry is None else self.registry
+        known = {record.name for record in registry.list() if record.kind == "metric"}
+        return registry.build("metric", name) if name.rpartition("/")[2] in known else None
+
+    @property
+    def takes_options(self) -> bool:
+        """Whether it is made by a call with options: not an object, nor a class of problems."""
+        if self._is_class_of_problems:
+            return False
+        return self.record is not None or isinstance(self.given, type) or self.kind == "sample"
+
+    @property
+    def target(self) -> Any:
+        """What is called to build it: a class or a function, or the object that was handed over."""
+        return resolve(self.record) if self.record is not None else self.given
+
+    @property
+    def _is_class_of_problems(self) -> bool:
+        return self.kind == "problem" and isinstance(self.target, type)
 
     @property
     def name(self) -> str:
@@ -83,6 +118,7 @@ def subject_of(
     *,
     options: Mapping[str, Any] | None = None,
     promises: Mapping[str, bool | float] | None = None,
+    registry: Registry | None = None,
 ) -> Subject:
     """Subject from a name (``"mine"``, ``"bisector:mine"``), a declaration, a class or an object.
 
@@ -95,47 +131,55 @@ def subject_of(
     """
     chosen = dict(options or {})
     if isinstance(component, str):
-        record = find(component, kind)
+        record = find(component, kind, registry)
         if record.state != "ok":
             raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
-        return _declared(record, chosen, promises)
+        return _declared(record, chosen, promises, registry)
     if isinstance(component, Component):
         if wrong := "; ".join(faults(component)):
             raise PluginError(f"{component.kind} {component.name!r} is not declared well: {wrong}")
-        return _declared(Record(component, component.name), chosen, promises)
-    if options and not isinstance(component, type):
-        raise OptionError(f"{component!r:.60} is built already: options are for names and classes")
-    title = (component if isinstance(component, type) else type(component)).__name__
+        return _declared(Record(component, component.name), chosen, promises, registry)
     sort = kind or _kind_of(component)
-    return Subject(sort, f"{sort} {title}", None, component, chosen, promises or {})
+    subject = Subject(sort, f"{sort} {_title(component)}", None, component, chosen, promises or {}, registry)
+    if options and not subject.takes_options:
+        raise OptionError(f"{component!r:.60} is built already: options are for names and classes")
+    return subject
 
 
-def find(text: str, kind: str | None = None) -> Record:
+def find(text: str, kind: str | None = None, registry: Registry | None = None) -> Record:
     """Record of ``"name"``, ``"plugin/name"`` or either after ``"kind:"``."""
+    known = default() if registry is None else registry
     before, colon, after = text.partition(":")
     if colon:
-        return default().record(before, after)
+        return known.record(before, after)
     if kind:
-        return default().record(kind, text)
+        return known.record(kind, text)
     plain = text.rpartition("/")[2]
-    kinds = sorted({record.kind for record in default().list() if record.name == plain} & set(KINDS))
+    kinds = sorted({record.kind for record in known.list() if record.name == plain} & set(KINDS))
     if len(kinds) == 1:
-        return default().record(kinds[0], text)
+        return known.record(kinds[0], text)
     if kinds:
         raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
-    known = ", ".join(sorted({record.name for record in default().list() if record.kind in KINDS}))
-    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in default().list() if r.kind == "plugin")
+    names = ", ".join(sorted({record.name for record in known.list() if record.kind in KINDS}))
+    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in known.list() if r.kind == "plugin")
     raise PluginError(
-        f"no component is named {text!r}; there are {known}"
+        f"no component is named {text!r}; there are {names}"
         + (f"; plugins that cannot be used: {failed}" if failed else "")
     )
 
 
 def _declared(
-    record: Record, options: Mapping[str, Any], promises: Mapping[str, bool | float] | None
+    record: Record,
+    options: Mapping[str, Any],
+    promises: Mapping[str, bool | float] | None,
+    registry: Registry | None,
 ) -> Subject:
     declared = record.component.promises if record.component else {}
-    return Subject(record.kind, describe(record), record, None, options, promises or declared)
+    return Subject(record.kind, describe(record), record, None, options, promises or declared, registry)
+
+
+def _title(component: object) -> str:
+    return str(getattr(component, "__name__", type(component).__name__))
 
 
 def _kind_of(component: object) -> str:

@@ -9,13 +9,18 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from conformance.mutants import Dies, HangsWhenBuilt, ListOfSides, SwapsSides
+from conformance.mutants.bisectors import ListOfSides, SwapsSides
+from conformance.mutants.hanging import Dies, HangsWhenBuilt
+from conformance.mutants.problems import Heat
+from conformance.mutants.samples import bars
 
-from agglo_core import Component, OptionError, PluginError
+from agglo_core import Component, Diffusion, OptionError, PluginError, Registry, hookimpl
 from agglo_core.cli import main
 from agglo_core.conformance import check, conformance
 from agglo_core.conformance.judging import laws_for
 from agglo_core.conformance.laws import all_laws
+from agglo_core.conformance.questions import questions
+from agglo_core.conformance.reference import TwoPointFlux
 from agglo_core.conformance.subject import subject_of
 
 PLUGIN = """
@@ -114,6 +119,54 @@ def test_a_component_that_needs_an_option_says_so() -> None:
     assert all(r.passed for r in check("diameter_ratio", options={"h_star": 0.5}))
 
 
+class Declares:
+    """A plugin with one kind of problem."""
+
+    @hookimpl
+    def agglo_components(self) -> list[Component]:
+        target = "conformance.mutants.problems:Heat"
+        return [Component("problem", "heat", target, promises={"pickles": True})]
+
+
+class HeatOnly(TwoPointFlux):
+    """Takes the problem of that plugin and no other."""
+
+    accepts = ("heat",)
+
+    def solve(self, problem, hierarchy):  # type: ignore[no-untyped-def]
+        if not isinstance(problem, Heat):
+            raise OptionError("a heat problem is wanted")
+        return super().solve(Diffusion(kappa=problem.conductivity, source=problem.source), hierarchy)
+
+
+@pytest.fixture
+def registry() -> Registry:
+    """A registry with that plugin alone."""
+    registry = Registry()
+    registry.register(Declares(), "mine")
+    return registry
+
+
+def test_names_are_looked_up_in_the_registry_given(registry: Registry) -> None:
+    assert all(result.passed for result in check("heat", registry=registry))
+    assert all(result.passed for result in check("heat", timeout=60, registry=registry))
+    with pytest.raises(PluginError, match="no component is named 'cells'; there are heat"):
+        check("cells", registry=registry)
+    conformance("heat", registry=registry)("is_found")
+
+
+def test_a_solver_is_asked_for_the_problems_it_accepts(registry: Registry) -> None:
+    asked = questions(subject_of(HeatOnly, registry=registry))
+    assert [case.name for case in asked] == ["the example of problem 'heat'"]
+    assert [r.message for r in check(HeatOnly, registry=registry) if not r.passed] == []
+
+
+def test_a_sample_is_a_function() -> None:
+    assert subject_of(bars, "sample").title == "sample bars"
+    assert all(result.passed for result in check(bars, "sample", options={"n": 5}))
+    assert all(result.passed for result in check(bars, "sample", timeout=60))
+
+
 # --- another process --------------------------------------------------------------------------------
 
 
@@ -125,7 +178,7 @@ def test_another_process_says_the_same() -> None:
 
 
 def test_a_component_that_hangs_is_stopped() -> None:
-    hangs = Component("bisector", "hangs", "conformance.mutants:Hangs")
+    hangs = Component("bisector", "hangs", "conformance.mutants.hanging:Hangs")
     messages = {r.law: r.message for r in check(hangs, timeout=2)}
     assert list(messages) == [law.name for law in laws_for(subject_of(hangs))]
     assert messages["builds"] == ""

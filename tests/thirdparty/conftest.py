@@ -1,4 +1,4 @@
-"""Installed once for all tests here: agglo-hilbert, the fakes, and a crowd of thirty."""
+"""Installed once for all tests here: agglo-hilbert, agglo-borders, the fakes, and a crowd of thirty."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import pytest
 from thirdparty.fakes import FAKES, crowd
 from thirdparty.installing import install
 
-collect_ignore_glob = ["agglo-hilbert/*"]  # its own tests are run where it is installed
+collect_ignore_glob = [
+    "agglo-hilbert/*",
+    "agglo-borders/*",
+]  # their own tests are run where they are installed
 
 
 @pytest.fixture(scope="session")
@@ -16,6 +19,14 @@ def hilbert(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Site folder with agglo-hilbert, built from its source tree."""
     site = tmp_path_factory.mktemp("hilbert")
     install(site, Path(__file__).parent / "agglo-hilbert")
+    return site
+
+
+@pytest.fixture(scope="session")
+def borders(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Site folder with agglo-borders, built from its source tree."""
+    site = tmp_path_factory.mktemp("borders")
+    install(site, Path(__file__).parent / "agglo-borders")
     return site
 
 
@@ -30,7 +41,7 @@ def zoo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def thirty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Site folder with thirty sound plugins."""
+    """Site folder with thirty plugins that work."""
     site = tmp_path_factory.mktemp("thirty")
     wheels = tmp_path_factory.mktemp("wheels")
     install(site, *(each.wheel(wheels) for each in crowd(30)))

@@ -191,7 +191,7 @@ MISBEHAVING = (
         _declares(_component("methodless")),
         "ok",
         code="class Part: ...",
-        uses=_use("methodless", "has no method bisect_level(…) or bisect(…)"),
+        uses=_use("methodless", "has no method bisect_level(…) or bisect(…) or partition(…)"),
     ),
     Fake("gone", _declares(_component("gone")), "ok", uses=_use("gone", "AttributeError")),
 )
@@ -242,7 +242,7 @@ FAKES = (*_UNLOADABLE, *_CLASHING, *MISBEHAVING, *_COMMANDS, *_LEFT_ALONE)
 
 
 def crowd(count: int) -> list[Fake]:
-    """So many sound plugins whose code would import what is heavy."""
+    """So many plugins that work whose code would import what is heavy."""
     heavy = "import matplotlib, networkx, numba, scipy, shapely\n"
     names = [f"crowd{i}" for i in range(count)]
     return [Fake(name, _declares(_component(name)), "ok", code=heavy + _WORKS) for name in names]

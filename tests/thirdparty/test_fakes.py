@@ -15,7 +15,7 @@ from thirdparty.installing import Answer, converse, environment
 
 LISTING = "plugins --json"
 TAKEN = "runner/run"
-SOUND = {
+WORKING = {
     "the default": "run strip:n=8 --parts 4 --json",
     "our kmeans": "run strip:n=8 --bisector kmeans --parts 4 --json",
     "the stranger's kmeans": "run strip:n=8 --bisector usurper/kmeans --parts 4 --json",
@@ -40,7 +40,7 @@ def answers(zoo: Path, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str,
     """What agglo answered to each command line, all given in one interpreter."""
     uses = [use.arguments for fake in FAKES for use in fake.uses]
     checks = [f"check bisector:{name}" for name in UNUSABLE]
-    commands = list(dict.fromkeys([LISTING, TAKEN, *SOUND.values(), *uses, *checks]))
+    commands = list(dict.fromkeys([LISTING, TAKEN, *WORKING.values(), *uses, *checks]))
     given = converse(zoo, [each.split() for each in commands], tmp_path_factory.mktemp("work"))
     return dict(zip(commands, given, strict=True))
 
@@ -72,9 +72,9 @@ def test_use_fails_naming_the_culprit(answers: Mapping[str, Answer], fake: Fake,
     assert fake.origin in line
 
 
-@pytest.mark.parametrize("what", SOUND)
+@pytest.mark.parametrize("what", WORKING)
 def test_all_others_work_as_ever(answers: Mapping[str, Answer], what: str) -> None:
-    answer = answers[SOUND[what]]
+    answer = answers[WORKING[what]]
     assert answer.code == 0, answer.err
     (run,) = json.loads(answer.out)["runs"]
     assert [(level["parts"], level["connected"]) for level in run["levels"]] == [(4, 1.0)]
@@ -82,7 +82,7 @@ def test_all_others_work_as_ever(answers: Mapping[str, Answer], what: str) -> No
 
 def test_repairs_are_counted_and_never_silent(answers: Mapping[str, Answer]) -> None:
     def statistics(what: str) -> dict[str, Any]:
-        (run,) = json.loads(answers[SOUND[what]].out)["runs"]
+        (run,) = json.loads(answers[WORKING[what]].out)["runs"]
         return dict(run["statistics"])
 
     assert statistics("a declared fallback")["fallbacks"] == 3  # 1 piece, then 2
@@ -91,7 +91,7 @@ def test_repairs_are_counted_and_never_silent(answers: Mapping[str, Answer]) -> 
 
 
 def test_a_watcher_that_raises_is_named(answers: Mapping[str, Answer]) -> None:
-    assert "plugin 'heckler (agglo-heckler)' stopped watching" in answers[SOUND["the default"]].err
+    assert "plugin 'heckler (agglo-heckler)' stopped watching" in answers[WORKING["the default"]].err
 
 
 def test_a_command_whose_name_is_taken_has_another(answers: Mapping[str, Answer]) -> None:

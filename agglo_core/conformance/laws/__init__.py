@@ -1,28 +1,27 @@
-"""The laws, one file per kind of component; in the order in which they are judged."""
+"""The laws, file by file; which files judge a kind stands in its record in the registry."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import ModuleType
+from importlib import import_module
 
 from agglo_core.conformance.law import Law
+from agglo_core.registry import KINDS
 
-__all__ = ["all_laws"]
+__all__ = ["all_laws", "laws_of"]
+
+
+def laws_of(kind: str) -> Sequence[Law]:
+    """The laws of a kind in the order in which they are judged: that of the files its record names."""
+    files = [import_module(f"{__name__}.{name}") for name in KINDS[kind].laws]
+    return [
+        value
+        for file in files
+        for value in vars(file).values()
+        if isinstance(value, Law) and kind in value.kinds
+    ]
 
 
 def all_laws() -> Sequence[Law]:
-    """Every law: of building and asking, of each kind, of all kinds once more, of promises."""
-    from agglo_core.conformance.laws import (
-        bisector,
-        fixer,
-        general,
-        metric,
-        parts,
-        promises,
-        refiner,
-        solver,
-        whole,
-    )
-
-    modules: list[ModuleType] = [general, bisector, parts, refiner, fixer, metric, solver, whole, promises]
-    return [value for module in modules for value in vars(module).values() if isinstance(value, Law)]
+    """Every law, in the order of first mention by the kinds."""
+    return list(dict.fromkeys(law for kind in KINDS for law in laws_of(kind)))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance import bench
+from agglo_core.conformance import small_meshes
 from agglo_core.conformance.cases import cases, level_case
 from agglo_core.conformance.law import law
 from agglo_core.conformance.laws.refiner import loose_parts
@@ -58,7 +58,7 @@ def fixed_once(subject: Subject) -> None:
 @law("fixer")
 def disconnected_block_refused(subject: Subject) -> None:
     """A block that is itself in two pieces is refused with a ValueError: no labels would help."""
-    graph = bench.apart().graph
+    graph = small_meshes.apart().graph
     case = replace(cases("fixer")[0], name="two components", given=(graph, frozen_int(np.zeros(graph.n))))
     try:
         plain(subject, subject.build(), case)

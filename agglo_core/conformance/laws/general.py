@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from agglo_core.conformance.law import ASKED, law
+from agglo_core.conformance.mesh_cases import TAG
 from agglo_core.conformance.questions import answer, fingerprints, questions
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
@@ -11,6 +12,18 @@ from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 _NO_OPTION = "no_such_option"
+_REFUSING = {
+    "solver": "it refuses every problem: a solver takes Diffusion or Linear problems, or those its attribute "
+    "accepts names",
+    "format": "it refuses to write every mesh, plain triangles too: an AggloError is for what it cannot hold",
+    "constraint": f"it refuses every graph: those it is tried on have the cell tag {TAG!r} (graph.data), so "
+    "check it with the option that names a tag set to that",
+}
+"""What to do if a component that may refuse some questions refuses all."""
+
+
+def _only_reads(subject: Subject) -> bool:
+    return subject.kind == "format" and not subject.has("write")
 
 
 @law(*KINDS)
@@ -20,7 +33,7 @@ def builds(subject: Subject) -> None:
         subject.make()
     except PLUGIN_FAILURES as error:
         raise Broken(f"building it raised {type(error).__name__}: {error}") from error
-    if subject.record is None and not isinstance(subject.given, type):
+    if not subject.takes_options:
         return
     try:
         subject.make(**{_NO_OPTION: 1})
@@ -52,9 +65,9 @@ def promises_can_be_kept(subject: Subject) -> None:
 
 @law(*ASKED)
 def answers(subject: Subject) -> None:
-    """It answers on every mesh of the bench without raising; a solver may refuse whole sorts of problem."""
+    """It answers on every test mesh without raising; solvers, formats and constraints may refuse some."""
     asked = questions(subject)
-    require(asked, "it refuses every problem: a solver takes Diffusion or Linear problems, or both")
+    require(asked or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, ""))
     for case in asked:
         try:
             answer(subject, subject.build(), case)

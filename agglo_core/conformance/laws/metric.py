@@ -8,13 +8,15 @@ from math import inf, pi, sqrt
 
 import numpy as np
 
-from agglo_core.arrays import frozen_int
-from agglo_core.conformance import bench
-from agglo_core.conformance.cases import Case, cases, tiny
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import cases, tiny
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, in_words, plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
+from agglo_core.mesh import Mesh
 
 __all__ = ["HAND"]
 
@@ -40,9 +42,9 @@ squares around a square."""
 def _by_hand() -> list[Case]:
     row, column = np.divmod(np.arange(16), 4)
     return [
-        Case("four squares", (bench.grid(4, 4), frozen_int(row // 2 * 2 + column // 2))),
-        Case("a square and a bar", (bench.grid(4, 1), frozen_int([0, 1, 1, 1]))),
-        Case("an L and a square", (bench.grid(2, 2), frozen_int([0, 0, 0, 1]))),
+        Case("four squares", (small_meshes.grid(4, 4), frozen_int(row // 2 * 2 + column // 2))),
+        Case("a square and a bar", (small_meshes.grid(4, 1), frozen_int([0, 1, 1, 1]))),
+        Case("an L and a square", (small_meshes.grid(2, 2), frozen_int([0, 0, 0, 1]))),
     ]
 
 
@@ -53,10 +55,10 @@ def _holed() -> list[Case]:
     pinched = np.array([0, 1, 1, 0])
     loose = (np.arange(9) % 8 == 0).astype(int)
     return [
-        Case("an agglomerate with a hole", (bench.grid(5, 5), frozen_int(around.ravel()))),
-        Case("agglomerates that touch in a point", (bench.grid(2, 2), frozen_int(pinched))),
-        Case("a closed ring", (bench.ring(12), frozen_int(np.zeros(12)))),
-        Case("an agglomerate in loose pieces", (bench.grid(3, 3), frozen_int(loose))),
+        Case("an agglomerate with a hole", (small_meshes.grid(5, 5), frozen_int(around.ravel()))),
+        Case("agglomerates that touch in a point", (small_meshes.grid(2, 2), frozen_int(pinched))),
+        Case("a closed ring", (small_meshes.ring(12), frozen_int(np.zeros(12)))),
+        Case("an agglomerate in loose pieces", (small_meshes.grid(3, 3), frozen_int(loose))),
     ]
 
 
@@ -127,7 +129,7 @@ def homogeneous(subject: Subject) -> None:
     tool = subject.build()
     for case in cases("metric"):
         mesh, labels = case.given
-        scaled = Case(case.name, (bench.changed(mesh, "scaled")[0], labels))
+        scaled = Case(case.name, (small_meshes.changed(mesh, "scaled")[0], labels))
         expected = plain(subject, tool, case) * 1e3**tool.homogeneity
         _require_close(
             plain(subject, tool, scaled), expected, f"on {case.name} scaled by 1000",
@@ -142,7 +144,7 @@ def rigid_motion(subject: Subject) -> None:
         mesh, labels = case.given
         before = plain(subject, subject.build(), case)
         for change in ("rotated", "shifted"):
-            moved = Case(case.name, (bench.changed(mesh, change)[0], labels))
+            moved = Case(case.name, (small_meshes.changed(mesh, change)[0], labels))
             _require_close(
                 plain(subject, subject.build(), moved), before, f"on {case.name} {change}",
                 "measure lengths and angles, not coordinates; mesh.local_points keeps digits far from 0",
@@ -163,7 +165,7 @@ def renaming(subject: Subject) -> None:
             plain(subject, subject.build(), renamed)[names], before, f"on {case.name} with labels renamed",
             remedy,
         )  # fmt: skip
-        moved, order = bench.changed(mesh, "renumbered")
+        moved, order = small_meshes.changed(mesh, "renumbered")
         renumbered = Case(case.name, (moved, frozen_int(labels[order])))
         _require_close(
             plain(subject, subject.build(), renumbered), before, f"on {case.name} with cells renumbered",
@@ -190,6 +192,41 @@ def shape_only_is_true(subject: Subject) -> None:
             plain(subject, subject.build(), alone), plain(subject, subject.build(), case),
             f"on {case.name} coarsened", "look at the outline alone, or drop shape_only = True", 2e-4,
         )  # fmt: skip
+
+
+@law("metric", when=lambda subject: subject.has("changes"))
+def changes_add_up(subject: Subject) -> None:
+    """If it has ``changes``, they are what moving one cell does to the sum of its values."""
+    for case in [*cases("metric"), *_by_hand()]:
+        mesh, labels = case.given
+        cells, parts = _moves(mesh, labels)
+        tool = subject.build()
+        told = np.asarray(tool.changes(mesh.graph, labels, cells, parts))
+        require(
+            told.shape == cells.shape,
+            f"on {case.name}: changes returned {in_words(told)} for {len(cells)} moves, expected one each",
+        )
+        before, sums = plain(subject, tool, case).sum(), []
+        for cell, part in zip(cells, parts, strict=True):
+            moved = np.array(labels)
+            moved[cell] = part
+            sums.append(plain(subject, tool, Case(case.name, (mesh, frozen_int(moved)))).sum() - before)
+        size = 1 + abs(before)
+        off = np.flatnonzero(np.abs(told - sums) > 1e-8 * size)
+        require(
+            not len(off),
+            f"on {case.name}: changes says {told[off[:1]]}, measure changes by {np.array(sums)[off[:1]]}: it "
+            "is the sum of all values after the move, less the sum before",
+        )
+
+
+def _moves(mesh: Mesh, labels: Int) -> tuple[Int, Int]:
+    """Some moves of a cell to the part of a neighbour that do not empty its own part."""
+    graph, sizes = mesh.graph, np.bincount(labels)
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    chosen = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)
+    few = np.flatnonzero(chosen)[:: max(1, chosen.sum() // 12)]
+    return frozen_int(rows[few]), frozen_int(labels[graph.indices[few]])
 
 
 def _shape_only(subject: Subject) -> bool:

@@ -1,4 +1,4 @@
-"""What a component vouches for: laws that only a promise switches on."""
+"""What a component promises: laws that only a promise switches on."""
 
 from __future__ import annotations
 
@@ -9,18 +9,36 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.conformance import bench
-from agglo_core.conformance.cases import Case, cases, level_case, seeds_for, solids
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import cases, level_case, seeds_for, solids
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.refiner import loose_parts
-from agglo_core.conformance.questions import answer, chunks, in_words, plain, questions, same, settled, taken
+from agglo_core.conformance.questions import (
+    answer,
+    chunks,
+    digest,
+    in_words,
+    plain,
+    questions,
+    same,
+    settled,
+    taken,
+    with_suffix,
+)
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target
+from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 _PARTS = (2, 3, 7)
+
+
+def _promising(promise: str) -> tuple[str, ...]:
+    """Kinds that may make a promise and answer questions."""
+    return tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
 
 
 @law("bisector")
@@ -31,7 +49,7 @@ def kway_said(subject: Subject) -> None:
     require(says or not has or not subject.record, "it has a method partition: promise it, {'kway': True}")
 
 
-@law(*ASKED, promise="deterministic")
+@law(*_promising("deterministic"), promise="deterministic")
 def deterministic(subject: Subject) -> None:
     """Nothing but the input decides: another seed and other calls in between change nothing."""
     tool = subject.build()
@@ -77,10 +95,10 @@ def balanced(subject: Subject) -> None:
 @law("bisector", "refiner", "fixer", promise="invariant")
 def invariant(subject: Subject) -> None:
     """Renumbering, turning, shifting by a million diameters and scaling an irregular mesh change nothing."""
-    for mesh in (bench.grid(9, 7, jitter=0.25), bench.grid(14, 6, jitter=0.3)):
+    for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.grid(14, 6, jitter=0.3)):
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
-        for change in bench.CHANGES:
-            other, order = bench.changed(mesh, change)
+        for change in small_meshes.CHANGES:
+            other, order = small_meshes.changed(mesh, change)
             for case, one in zip(_on(subject.kind, mesh, other, order), before, strict=True):
                 two = plain(subject, subject.build(), case)
                 require(
@@ -120,10 +138,12 @@ def kway_parts(subject: Subject) -> None:
             )
 
 
-@law(*ASKED, promise="3d")
+@law(*_promising("3d"), promise="3d")
 def space(subject: Subject) -> None:
     """In 3-D it answers as it does in the plane: full length, finite, both sides, all parts."""
-    for case in taken(subject, solids(subject.kind)):
+    asked = solids(subject.kind)
+    asked = with_suffix(subject, asked) if subject.kind == "format" else asked
+    for case in taken(subject, asked) if subject.kind == "solver" else asked:
         values = plain(subject, subject.build(), case)
         require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
@@ -133,21 +153,31 @@ def space(subject: Subject) -> None:
             require(kept, f"on {case.name}: the parts are no longer those they were")
 
 
-@law(*ASKED, promise="pickles")
+@law(*_promising("pickles"), promise="pickles")
 def pickles(subject: Subject) -> None:
     """It survives pickling, as sending it to another process takes."""
     tool = subject.build()
-    try:
-        twin = pickle.loads(pickle.dumps(tool))
-    except PLUGIN_FAILURES as error:
-        raise Broken(
-            f"pickling it raised {type(error).__name__}: {error}: no lambdas, files or locks in self"
-        ) from error
+    if subject.kind == "problem":
+        for example in (answer(subject, tool, case) for case in questions(subject)):
+            require(
+                same(digest(_pickled(example)), digest(example)), "the pickled example is another problem"
+            )
+        return
+    twin = _pickled(tool)
     for case in questions(subject):
         require(
             same(plain(subject, tool, case), plain(subject, twin, case)),
             f"on {case.name}: the pickled copy answers differently: what it needs must be in its attributes",
         )
+
+
+def _pickled(thing: Any) -> Any:
+    try:
+        return pickle.loads(pickle.dumps(thing))
+    except PLUGIN_FAILURES as error:
+        raise Broken(
+            f"pickling it raised {type(error).__name__}: {error}: no lambdas, files or locks in self"
+        ) from error
 
 
 @law("solver", promise="symmetric")

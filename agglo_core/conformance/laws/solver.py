@@ -10,8 +10,9 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float
-from agglo_core.conformance import bench
-from agglo_core.conformance.cases import Case, cases, laplacian, with_problem
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import cases, laplacian, with_problem
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, questions, taken
 from agglo_core.conformance.subject import Subject
@@ -172,7 +173,7 @@ def disconnected_solved(subject: Subject) -> None:
     """A mesh of two components is solved too."""
     from agglo_core.hierarchy import Hierarchy
 
-    mesh = bench.apart()
+    mesh = small_meshes.apart()
     labels = mesh.graph.components()
     hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": 2}], nested=True)
     asked = [Case("two components", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]

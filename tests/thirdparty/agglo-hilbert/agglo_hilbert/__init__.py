@@ -6,14 +6,14 @@ from agglo_core import Command, Component, hookimpl
 @hookimpl
 def agglo_components() -> list[Component]:
     """The components ``hilbert``, ``leaves`` and ``gyration``."""
-    sound = {"deterministic": True, "3d": True, "pickles": True}
+    kept = {"deterministic": True, "3d": True, "pickles": True}
     return [
         Component(
             kind="bisector",
             name="hilbert",
             target="agglo_hilbert.bisector:Hilbert",
             requires=("numpy",),
-            promises=sound,
+            promises=kept,
             summary="Halves the cells along the Hilbert curve.",
         ),
         Component(
@@ -21,7 +21,7 @@ def agglo_components() -> list[Component]:
             name="leaves",
             target="agglo_hilbert.refiner:Leaves",
             requires=("numpy",),
-            promises=sound,
+            promises=kept,
             summary="Moves cells held by one neighbour only, where that shortens the interface.",
         ),
         Component(
@@ -29,7 +29,7 @@ def agglo_components() -> list[Component]:
             name="gyration",
             target="agglo_hilbert.metric:Gyration",
             requires=("numpy",),
-            promises=sound,
+            promises=kept,
             summary="Radius of gyration of the cells over the diameter.",
         ),
     ]

@@ -20,6 +20,7 @@ __all__ = [
     "coincident",
     "comb",
     "grid",
+    "halved_squares",
     "hexagons",
     "level",
     "line",
@@ -43,6 +44,14 @@ def grid(nx: int, ny: int, *, width: float = 1.0, height: float = 1.0, jitter: f
     corner = (np.arange(ny)[:, None] * (nx + 1) + np.arange(nx)).ravel()
     cells = corner[:, None] + np.array([0, 1, nx + 2, nx + 1])
     return Mesh.from_polygons(points * (width, height), cells, name=f"{nx} by {ny} grid")
+
+
+def halved_squares() -> Mesh:
+    """Five by four squares, each cut in two triangles."""
+    quads = grid(5, 4, jitter=0.1)
+    a, b, c, d = quads.boundary_loops.vertices.reshape(-1, 4).T
+    cells = np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
+    return Mesh.from_polygons(quads.points, cells, name="halved squares")
 
 
 def hexagons(nx: int, ny: int) -> Mesh:

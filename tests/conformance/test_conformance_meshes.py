@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance import bench
+from agglo_core.conformance import small_meshes
 from agglo_core.conformance.cases import cases, level_case, part_of_level, solids, tiny
 from agglo_core.conformance.laws.refiner import OBJECTIVES, loose_parts
 from agglo_core.conformance.questions import fingerprints, global_random
@@ -36,19 +36,19 @@ def test_all_arrays_are_read_only(kind: str) -> None:
 
 
 def test_meshes() -> None:
-    meshes = {mesh.name: mesh for mesh in bench.plane_meshes()}
+    meshes = {mesh.name: mesh for mesh in small_meshes.plane_meshes()}
     for mesh in meshes.values():
         assert mesh.graph.components().max() == 0
     assert [meshes[name].n_cells for name in ("two cells", "strip", "square grid", "ring")] == [2, 9, 36, 24]
     np.testing.assert_allclose(meshes["hexagons"].cell_measures, 1.5 * np.sqrt(3))
     np.testing.assert_allclose(meshes["mixed polygons with hanging nodes"].cell_measures.sum(), 48)
-    assert np.bincount(bench.apart().graph.components()).tolist() == [6, 6]
-    assert bench.boxes().n_cells == 30
-    assert bench.changed(meshes["strip"], "scaled")[0].h == pytest.approx(1e3 * np.sqrt(2))
+    assert np.bincount(small_meshes.apart().graph.components()).tolist() == [6, 6]
+    assert small_meshes.boxes().n_cells == 30
+    assert small_meshes.changed(meshes["strip"], "scaled")[0].h == pytest.approx(1e3 * np.sqrt(2))
 
 
 def test_a_level_has_blocks_of_extreme_sizes() -> None:
-    level = bench.level()
+    level = small_meshes.level()
     assert np.diff(level.offsets).tolist() == [4000] + [16] * 60
     assert np.array_equal(level.components(), level.block_ids)
     part = part_of_level(level_case("refiner"), [5, 0])
@@ -57,7 +57,7 @@ def test_a_level_has_blocks_of_extreme_sizes() -> None:
 
 
 def test_objectives_by_hand() -> None:
-    graph = bench.grid(4, 1, width=2.0).graph
+    graph = small_meshes.grid(4, 1, width=2.0).graph
     labels = frozen_int([0, 0, 1, 1])
     values = {name: measure(graph, labels) for name, measure in OBJECTIVES.items()}
     assert values == pytest.approx(
@@ -68,7 +68,7 @@ def test_objectives_by_hand() -> None:
 
 
 def test_fingerprints_tell_where_a_change_is() -> None:
-    graph = bench.line(3)
+    graph = small_meshes.line(3)
     before = dict(fingerprints((graph, [1])))
     graph.data["new"] = np.ones(3)  # type: ignore[index]
     after = dict(fingerprints((graph, [1])))
@@ -87,7 +87,7 @@ def test_the_global_random_state_comes_back() -> None:
 
 
 def test_the_reference_solver_is_exact_for_linear_solutions() -> None:
-    mesh = bench.grid(6, 4, width=0.5)
+    mesh = small_meshes.grid(6, 4, width=0.5)
     hierarchy = Hierarchy(mesh, mesh.graph, [frozen_int(np.arange(24) // 6)], [{"n_parts": 4}], nested=True)
     everywhere = Diffusion(kappa=3.0, source=0.0, dirichlet={0: lambda p: 1 + p[:, 0] - 2 * p[:, 1]})
     x, y = mesh.cell_centroids.T

@@ -1,0 +1,82 @@
+"""How each kind of component is asked: the call that its protocol says, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, UInt64
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.verdict import Broken
+from agglo_core.errors import AggloError
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+from agglo_core.problems import MultigridLevel
+from agglo_core.protocols import Target
+from agglo_core.registry import KINDS
+
+__all__ = ["ask"]
+
+
+def ask(kind: str, tool: Any, case: Case) -> Any:
+    """The answer as it is; what the component raises passes through."""
+    special: dict[str, Callable[..., Any]] = {
+        "bisector": _sides,
+        "format": _read_back,
+        "smoother": _smoothed,
+        "constraint": _masks,
+    }
+    if kind in special:
+        return special[kind](tool, *case.given)
+    if kind == "sample":  # to be built was the question
+        return tool
+    method = "example" if kind == "problem" else KINDS[kind].methods[0]
+    return getattr(tool, method)(*case.given)
+
+
+def _sides(tool: Any, graph: Graph, seeds: UInt64) -> Any:
+    if hasattr(tool, "bisect_level"):
+        return tool.bisect_level(graph, seeds)
+    blocks = [graph[b] for b in range(graph.n_blocks)] if graph.n_blocks > 1 else [graph]
+    if hasattr(tool, "bisect"):
+        answers = [
+            tool.bisect(block, np.random.default_rng(int(seed)))
+            for block, seed in zip(blocks, seeds, strict=True)
+        ]
+    else:
+        answers = [
+            tool.partition(block, Target(parts=min(2, block.n)), int(seed))
+            for block, seed in zip(blocks, seeds, strict=True)
+        ]
+    return answers[0] if len(answers) == 1 else np.concatenate([np.atleast_1d(a) for a in answers])
+
+
+def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
+    """The mesh written to a file and read from it; an AggloError is only for what cannot be written."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"mesh{suffix}"
+        tool.write(path, mesh)
+        try:
+            return tool.read(path)
+        except AggloError as error:
+            raise Broken(
+                f"on {mesh.name}: it wrote {path.name} and then refused to read it: {error}"
+            ) from None
+
+
+def _smoothed(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
+    return tool.setup(level)(b, x)
+
+
+def _masks(tool: Any, graph: Graph, labels: Any) -> dict[str, Any]:
+    """What the constraint says of edges, parts and pieces, as far as it does."""
+    arguments = {"forbidden": (graph,), "admissible": (graph, labels), "finished": (graph, labels)}
+    return {
+        method: getattr(tool, method)(*given)
+        for method, given in arguments.items()
+        if callable(getattr(tool, method, None))
+    }

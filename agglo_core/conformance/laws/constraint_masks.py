@@ -1,0 +1,113 @@
+"""What a constraint must answer, and what a run under it must give."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.law import law
+from agglo_core.conformance.mesh_cases import bands, tagged
+from agglo_core.conformance.questions import answer, in_words, questions
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
+from agglo_core.errors import AggloError
+from agglo_core.graph import Graph
+
+
+@law("constraint")
+def masks(subject: Subject) -> None:
+    """It answers in booleans: one for each CSR entry, for each part, for each piece."""
+    for case in questions(subject):
+        graph, labels = case.given
+        parts = int(labels.max()) + 1
+        wanted = {"forbidden": len(graph.indices), "admissible": parts, "finished": parts}
+        for method, given in answer(subject, subject.build(), case).items():
+            require(
+                isinstance(given, np.ndarray) and given.shape == (wanted[method],) and given.dtype == bool,
+                f"on {case.name}: {method} returned {in_words(given)}, expected booleans of shape "
+                f"({wanted[method]},)",
+            )
+
+
+@law("constraint", when=lambda subject: subject.has("forbidden"))
+def both_directions(subject: Subject) -> None:
+    """What it forbids of a cell and its neighbour it forbids of the neighbour and the cell."""
+    for case in questions(subject):
+        graph = case.given[0]
+        pairs = _pairs(graph, answer(subject, subject.build(), case)["forbidden"])
+        one_way = np.flatnonzero(pairs != pairs.T)
+        require(
+            not len(one_way),
+            f"on {case.name}: {len(one_way) // 2} edges are forbidden in one direction alone: each edge "
+            "stands in the graph twice, treat both cells of an entry alike",
+        )
+
+
+@law("constraint")
+def numbering_ignored(subject: Subject) -> None:
+    """Renumbering the cells changes nothing."""
+    for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed()):
+        here = tagged(mesh)
+        moved, order = small_meshes.changed(here, "renumbered")
+        labels = bands(mesh, 4)
+        asked = Case(mesh.name, (here.graph, labels))
+        tags = {name: values[order] for name, values in here.cell_tags.items()}
+        moved = replace(moved, cell_tags=tags)
+        again = Case(f"{mesh.name}, renumbered", (moved.graph, frozen_int(labels[order])))
+        one, two = (_taken(subject, case) for case in (asked, again))
+        for method in one.keys() & two.keys():
+            same = np.array_equal(one[method], two[method])
+            if method == "forbidden":
+                before, after = _pairs(here.graph, one[method]), _pairs(moved.graph, two[method])
+                same = np.array_equal(before[np.ix_(order, order)], after)
+            require(
+                same,
+                f"on {again.name}: {method} answers differently: use tags and geometry, not cell numbers",
+            )
+
+
+@law("constraint")
+def constraint_kept(subject: Subject) -> None:
+    """In a run under it no part crosses a forbidden edge, and every part is admissible."""
+    from agglo_core.agglomeration.pipeline import agglomerate
+
+    mesh = tagged(small_meshes.grid(9, 7, jitter=0.2))
+    tool = subject.build()
+    try:
+        hierarchy = agglomerate(mesh, bisector="inertial", h_factor=3.0, constraints=[tool])
+    except AggloError as error:
+        raise Broken(f"a run under it failed: {error}") from error
+    labels = hierarchy.levels[0]
+    seen = answer(subject, tool, Case("the parts of a run", (mesh.graph, labels)))
+    rows = np.repeat(np.arange(mesh.n_cells), np.diff(mesh.graph.indptr))
+    joined = labels[rows] == labels[mesh.graph.indices]
+    across = joined & seen.get("forbidden", np.zeros(len(joined), bool))
+    require(not across.any(), f"{across.sum() // 2} forbidden edges lie inside the parts of a run")
+    refused = np.flatnonzero(~seen.get("admissible", np.ones(1, bool)))
+    require(
+        not len(refused),
+        f"{len(refused)} parts of a run are not admissible: it must be possible to reach admissible parts "
+        "by joining neighbours",
+    )
+
+
+def _pairs(graph: Graph, mask: Mask) -> Int:
+    """Matrix ``(n, n)`` of 1 for entries of the graph that the mask marks."""
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    matrix = np.zeros((graph.n, graph.n), np.int64)
+    matrix[rows, graph.indices] = mask
+    return matrix
+
+
+def _taken(subject: Subject, case: Case) -> dict[str, Mask]:
+    """The answer; nothing where it is refused."""
+    try:
+        return dict(answer(subject, subject.build(), case))
+    except Broken as error:
+        if isinstance(error.__cause__, AggloError):
+            return {}
+        raise

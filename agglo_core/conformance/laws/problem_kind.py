@@ -1,0 +1,101 @@
+"""What a kind of problem must offer: a name, a way from tables, an example, and peace with its input."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+from agglo_core.conformance.law import law
+from agglo_core.conformance.mesh_cases import on_meshes
+from agglo_core.conformance.questions import answer, in_words, questions
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
+from agglo_core.errors import AggloError
+from agglo_core.registry.discovery import PLUGIN_FAILURES
+
+_UNKNOWN_KEY = "no_such_key"
+
+
+@law("problem")
+def kind_named(subject: Subject) -> None:
+    """A class of problems has its declared name as ``kind``; what a factory makes is of some kind."""
+    kind = getattr(subject.build(), "kind", None)
+    require(
+        isinstance(kind, str) and kind.isidentifier(),
+        f"attribute kind is {kind!r}, expected the name it is declared by: kind: ClassVar[str] = 'mine'",
+    )
+    if subject.record is not None and not subject.takes_options:
+        require(
+            kind == subject.name, f"kind is {kind!r}, but it is declared as {subject.name!r}: say the same"
+        )
+
+
+@law("problem")
+def example_given(subject: Subject) -> None:
+    """``example(mesh)`` gives a problem of its own class on every test mesh."""
+    tool = subject.build()
+    wanted = tool if isinstance(tool, type) else type(tool)
+    for case in questions(subject):
+        example = answer(subject, tool, case)
+        require(
+            isinstance(example, wanted),
+            f"on {case.name}: example returned {in_words(example)}, expected a {wanted.__name__}",
+        )
+
+
+@law("problem")
+def problem_frozen(subject: Subject) -> None:
+    """A problem cannot be changed once it is made."""
+    case = on_meshes("problem")[0]
+    example = answer(subject, subject.build(), case)
+    names = [each.name for each in fields(example)] if is_dataclass(example) else list(vars(example))
+    for name in names or ["no_such_attribute"]:
+        try:
+            setattr(example, name, getattr(example, name, None))
+        except PLUGIN_FAILURES:
+            continue
+        raise Broken(f"its attribute {name} can be set: make it a @dataclass(frozen=True)")
+
+
+@law("problem")
+def table_checked(subject: Subject) -> None:
+    """``from_table`` refuses a key that it does not know with an AggloError that names it."""
+    error = _from_table(subject, {_UNKNOWN_KEY: 1.0})
+    require(
+        isinstance(error, AggloError) and _UNKNOWN_KEY in str(error),
+        f"a table with the key {_UNKNOWN_KEY!r} gave {in_words(error)}: raise an OptionError that names the "
+        "key and lists those accepted, so that a misspelt one is noticed",
+    )
+
+
+@law("problem")
+def empty_table_served(subject: Subject) -> None:
+    """``from_table`` makes a problem of an empty table or says in an AggloError what is missing."""
+    made = _from_table(subject, {})
+    tool = subject.build()
+    wanted = tool if isinstance(tool, type) else type(tool)
+    require(
+        isinstance(made, AggloError | wanted),
+        f"an empty table gave {in_words(made)}: give each key a default, or name the missing one in an "
+        "OptionError",
+    )
+
+
+@law("problem")
+def table_left_alone(subject: Subject) -> None:
+    """``from_table`` leaves the table as it was."""
+    for table in ({}, {"kind": "x", _UNKNOWN_KEY: {"1": 0.0}}):
+        before = copy.deepcopy(table)
+        _from_table(subject, table)
+        require(table == before, f"the table {before} became {table}: work on a copy (dict(table))")
+
+
+def _from_table(subject: Subject, table: dict[str, Any]) -> Any:
+    """The problem made of a table, or whatever was raised."""
+    (mesh,) = on_meshes("problem")[0].given
+    try:
+        return subject.build().from_table(table, mesh, Path())
+    except PLUGIN_FAILURES as error:
+        return error

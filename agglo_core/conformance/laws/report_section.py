@@ -1,0 +1,56 @@
+"""What a section of the report must be."""
+
+from __future__ import annotations
+
+import re
+
+from agglo_core.conformance.law import law
+from agglo_core.conformance.mesh_cases import UNSAFE
+from agglo_core.conformance.questions import answer, in_words, questions
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import require
+
+
+@law("section")
+def titled(subject: Subject) -> None:
+    """Its title is a text that is not empty."""
+    title = getattr(subject.build(), "title", None)
+    require(
+        isinstance(title, str) and title.strip(),
+        f"attribute title is {title!r}, expected a text: it stands above the section",
+    )
+
+
+@law("section")
+def html_text(subject: Subject) -> None:
+    """Its html is a text."""
+    for case in questions(subject):
+        given = answer(subject, subject.build(), case)
+        require(isinstance(given, str), f"{case.name}: html returned {in_words(given)}, expected a text")
+
+
+@law("section")
+def no_scripts(subject: Subject) -> None:
+    """It brings no scripts, and nothing that is loaded from elsewhere or runs when clicked."""
+    for case in questions(subject):
+        found = re.search(
+            r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)",
+            answer(subject, subject.build(), case),
+            re.I,
+        )
+        require(
+            found is None,
+            f"{case.name}: html holds {found and found[0][:40]!r}: a report is one file that does nothing by "
+            "itself; draw with SVG and style attributes",
+        )
+
+
+@law("section")
+def names_escaped(subject: Subject) -> None:
+    """Names and messages are escaped."""
+    for case in questions(subject):
+        text = answer(subject, subject.build(), case)
+        require(
+            UNSAFE not in text and "<b id=" not in text,
+            f"{case.name}: a name stands in the html as it is, tags included: html.escape(name)",
+        )

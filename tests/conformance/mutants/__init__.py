@@ -1,0 +1,43 @@
+"""Components each of which breaks one law first, and the correct ones they are made from, kind by kind."""
+
+from conformance.mutants import (
+    bisectors,
+    constraints,
+    formats,
+    labellers,
+    metrics,
+    problems,
+    samples,
+    sections,
+    smoothers,
+    solvers,
+)
+
+_KINDS = (
+    bisectors,
+    labellers,
+    metrics,
+    solvers,
+    formats,
+    samples,
+    problems,
+    smoothers,
+    constraints,
+    sections,
+)
+MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
+CORRECT = [given for kind in _KINDS for given in kind.CORRECT]
+
+NEWCOMERS = [
+    bisectors.OneAndTwo,
+    bisectors.ListOfSides,
+    bisectors.ForgetsTheSeed,
+    bisectors.LevelWideScale,
+    bisectors.ScalesInPlace,
+    bisectors.FloatsAboveOne,
+    bisectors.SwapsSides,
+    bisectors.CrashesOnOneCell,
+    labellers.DropsALabel,
+    bisectors.GlobalNumpy,
+]
+"""Ten bugs that newcomers make."""

@@ -1,0 +1,270 @@
+"""Bisectors: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+from agglo_core import Component, OptionError
+
+
+def halves(graph):
+    """Sides by the median of x (then y) in each block."""
+    order = np.lexsort((graph.centroids[:, 1], graph.centroids[:, 0], graph.block_ids))
+    sizes = np.diff(graph.offsets)[graph.block_ids]
+    place = np.arange(graph.n) - graph.offsets[graph.block_ids]
+    sides = np.empty(graph.n, np.int64)
+    sides[order] = place >= (sizes + 1) // 2
+    return sides
+
+
+class Halves:
+    def bisect(self, graph, rng):
+        return halves(graph)
+
+
+class LevelHalves:
+    def bisect_level(self, level, seeds):
+        return halves(level)
+
+
+class Probable(Halves):
+    def bisect(self, graph, rng):
+        return 0.1 + 0.8 * halves(graph)
+
+
+class RandomCut:
+    """A cut in a direction drawn from the seed."""
+
+    def bisect(self, graph, rng):
+        score = graph.centroids @ rng.standard_normal(graph.dim)
+        sides = np.zeros(graph.n, int)
+        sides[np.argsort(score, kind="stable")[graph.n // 2 :]] = 1
+        return sides
+
+
+class OnlyPartition:
+    def partition(self, graph, target, seed):
+        return np.argsort(np.argsort(graph.centroids[:, 0], kind="stable")) * target.parts // graph.n
+
+
+class AnyOption(Halves):
+    def __init__(self, **options):
+        self.options = options
+
+
+class CannotBuild(Halves):
+    def __init__(self):
+        raise ZeroDivisionError
+
+
+class Anonymous(Halves):
+    def __init__(self, **options):
+        if options:
+            raise OptionError("bad option")
+
+
+class RaisesOnRings(Halves):
+    def bisect(self, graph, rng):
+        if graph.n > 4 and (np.diff(graph.indptr) == 2).all():
+            raise RuntimeError("no ends")
+        return halves(graph)
+
+
+class ScalesInPlace(Halves):
+    def bisect(self, graph, rng):
+        weights = graph.weights
+        weights /= weights.sum()
+        return halves(graph)
+
+
+class AddsData(Halves):
+    def bisect(self, graph, rng):
+        graph.data["seen"] = np.ones(graph.n)
+        return halves(graph)
+
+
+class ListOfSides(Halves):
+    def bisect(self, graph, rng):
+        return halves(graph).tolist()
+
+
+class ColumnOfSides(LevelHalves):
+    def bisect_level(self, level, seeds):
+        return halves(level)[:, None]
+
+
+class OneAndTwo(Halves):
+    def bisect(self, graph, rng):
+        return halves(graph) + 1
+
+
+class FloatsAboveOne(Halves):
+    def bisect(self, graph, rng):
+        return 1.5 * halves(graph)
+
+
+class NotANumber(Halves):
+    def bisect(self, graph, rng):
+        return np.where(halves(graph), np.nan, 0.0)
+
+
+class OneSide(Halves):
+    def bisect(self, graph, rng):
+        return np.zeros(graph.n, int)
+
+
+class GlobalNumpy(Halves):
+    def bisect(self, graph, rng):
+        return RandomCut().bisect(graph, np.random)
+
+
+class GlobalPython(Halves):
+    def bisect(self, graph, rng):
+        return halves(graph) if random.random() < 0.5 else 1 - halves(graph)
+
+
+class SeedsNumpy(Halves):
+    def bisect(self, graph, rng):
+        np.random.seed(0)  # noqa: NPY002 - the bug
+        return RandomCut().bisect(graph, np.random)
+
+
+class ForgetsTheSeed(Halves):
+    def bisect(self, graph, rng):
+        return RandomCut().bisect(graph, np.random.default_rng())
+
+
+class SwapsSides(Halves):
+    def __init__(self):
+        self.swapped = False
+
+    def bisect(self, graph, rng):
+        self.swapped = not self.swapped
+        return halves(graph) ^ self.swapped
+
+
+class Prints(Halves):
+    def bisect(self, graph, rng):
+        print("cells:", graph.n)  # noqa: T201
+        return halves(graph)
+
+
+class CrashesOnOneCell(Halves):
+    def bisect(self, graph, rng):
+        _ = graph.centroids[graph.indices[0]]
+        return halves(graph)
+
+
+class LeftInOnePlace(Halves):
+    def bisect(self, graph, rng):
+        x = graph.centroids[:, 0]
+        return halves(graph) if np.ptp(x) > 0 else np.zeros(graph.n, int)
+
+
+class LevelWideScale(LevelHalves):
+    """Cells further out than a third of the furthest of the level."""
+
+    def bisect_level(self, level, seeds):
+        first = np.minimum.reduceat(level.centroids[:, 0], level.offsets[:-1])[level.block_ids]
+        x = level.centroids[:, 0] - first
+        sides = (x > 0.3 * x.max()).astype(int)
+        ones = np.add.reduceat(sides, level.offsets[:-1])[level.block_ids]
+        return np.where((ones > 0) & (ones < np.diff(level.offsets)[level.block_ids]), sides, halves(level))
+
+
+class RemembersFirstBlock(Halves):
+    def __init__(self):
+        self.first = None
+
+    def bisect(self, graph, rng):
+        self.first = self.first or graph.n
+        return halves(graph) if graph.n >= self.first / 100 else 1 - halves(graph)
+
+
+class PlaneOnly(Halves):
+    def bisect(self, graph, rng):
+        _, _ = graph.centroids.T
+        return halves(graph)
+
+
+class FailsInSmallPieces(Halves):
+    def bisect(self, graph, rng):
+        if 9 < graph.n < 16:
+            raise KeyError("a piece this small")
+        return halves(graph)
+
+
+class FromOne(Halves, OnlyPartition):
+    def partition(self, graph, target, seed):
+        return super().partition(graph, target, seed) + (target.parts > 2)
+
+
+class TwoParts(OnlyPartition):
+    def partition(self, graph, target, seed):
+        return np.minimum(super().partition(graph, target, seed), 1)
+
+
+class UnequalHalves(Halves):
+    def bisect(self, graph, rng):
+        sides = np.ones(graph.n, int)
+        sides[np.argsort(graph.centroids[:, 0], kind="stable")[: max(1, graph.n // 5)]] = 0
+        return sides
+
+
+class OneSideInSpace(Halves):
+    def bisect(self, graph, rng):
+        return halves(graph) * (graph.dim == 2)
+
+
+class HoldsALambda(Halves):
+    def __init__(self):
+        self.rule = lambda graph: halves(graph)
+
+
+CORRECT = [
+    (Halves, {"deterministic": True, "balanced": 0.2, "3d": True, "pickles": True}),
+    (LevelHalves, {"deterministic": True, "balanced": 0.2, "3d": True, "pickles": True}),
+    (Probable, {"deterministic": True, "3d": True}),
+    (RandomCut, {"3d": True, "pickles": True}),
+    (OnlyPartition, {"kway": True, "deterministic": True}),
+]
+
+MUTANTS = [
+    Mutant("builds", AnyOption, "name each option"),
+    Mutant("builds", CannotBuild, "ZeroDivisionError"),
+    Mutant("builds", Component("bisector", "anonymous", f"{__name__}:Anonymous"), "does not name"),
+    Mutant("answers", RaisesOnRings, "no ends"),
+    Mutant("input_untouched", ScalesInPlace, "change a copy"),
+    Mutant("input_untouched", AddsData, "work on a copy"),
+    Mutant("side_array", ListOfSides, "np.asarray"),
+    Mutant("side_array", ColumnOfSides, "shape"),
+    Mutant("side_values", OneAndTwo, "subtract the smallest"),
+    Mutant("side_values", FloatsAboveOne, "probabilities of side 1"),
+    Mutant("side_values", NotANumber, "probabilities of side 1"),
+    Mutant("two_sides", OneSide, "split at the median"),
+    Mutant("global_random_state", GlobalNumpy, "draw from the generator"),
+    Mutant("global_random_state", GlobalPython, "draw from the generator"),
+    Mutant("global_random_state", SeedsNumpy, "draw from the generator"),
+    Mutant("same_seed_same_result", ForgetsTheSeed, "take all random numbers from the rng"),
+    Mutant("no_memory", SwapsSides, "keep nothing between calls"),
+    Mutant("says_nothing", Prints, "logging"),
+    Mutant("survives", CrashesOnOneCell, "one cell"),
+    Mutant("survives", LeftInOnePlace, "any halving will do"),
+    Mutant("a_level_is_its_blocks", LevelWideScale, "within each block"),
+    Mutant("a_level_is_its_blocks", RemembersFirstBlock, "nothing from the block before"),
+    Mutant("space_served_or_refused", PlaneOnly, "only for 2-D"),
+    Mutant("works_in_a_run", FailsInSmallPieces, "a piece this small"),
+    Mutant("kway_said", Halves, "no method partition", {"kway": True}),
+    Mutant("kway_said", Component("bisector", "quiet", f"{__name__}:OnlyPartition"), "promise it"),
+    Mutant("deterministic", RandomCut, "does not promise deterministic", {"deterministic": True}),
+    Mutant("connected", Halves, "drop the promise", {"connected": True}),
+    Mutant("balanced", UnequalHalves, "promise a wider", {"balanced": 0.1}),
+    Mutant("invariant", Halves, "principal axes", {"invariant": True}),
+    Mutant("kway_labels", FromOne, "expected 0..", {"kway": True}),
+    Mutant("kway_parts", TwoParts, "how many are wanted", {"kway": True}),
+    Mutant("space", OneSideInSpace, "all on one side", {"3d": True}),
+    Mutant("pickles", HoldsALambda, "no lambdas", {"pickles": True}),
+]

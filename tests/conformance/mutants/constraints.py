@@ -1,0 +1,99 @@
+"""Constraints: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+from agglo_core import OptionError
+
+
+def _rows(graph):
+    return np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+
+
+class Regions:
+    """Cells of different regions may not share a part."""
+
+    def __init__(self, tag: str = "region"):
+        self.tag = tag
+
+    def forbidden(self, graph):
+        if self.tag not in graph.data:
+            raise OptionError(f"regions: the mesh has no cell tag {self.tag!r}")
+        tags = graph.data[self.tag]
+        return tags[_rows(graph)] != tags[graph.indices]
+
+
+class AtLeastTwo:
+    """No part of a single cell."""
+
+    def admissible(self, graph, labels):
+        return np.bincount(labels) >= 2
+
+
+class Small:
+    """Pieces of at most eight cells are done."""
+
+    def finished(self, graph, pieces):
+        return np.bincount(pieces) <= 8
+
+
+class OtherTag(Regions):
+    def __init__(self, tag: str = "material"):
+        super().__init__(tag)
+
+
+class ZerosAndOnes(Regions):
+    def forbidden(self, graph):
+        return super().forbidden(graph).astype(int)
+
+
+class OnePerCell(Small):
+    def finished(self, graph, pieces):
+        return super().finished(graph, pieces)[pieces]
+
+
+class OneWay(Regions):
+    def forbidden(self, graph):
+        return super().forbidden(graph) & (_rows(graph) < graph.indices)
+
+
+class ByNumber(Regions):
+    def forbidden(self, graph):
+        return (_rows(graph) + graph.indices) % 7 == 0
+
+
+class NothingWillDo:
+    def admissible(self, graph, labels):
+        return np.zeros(labels.max() + 1, bool)
+
+
+class PlaneConstraint(Regions):
+    def forbidden(self, graph):
+        _, _ = graph.centroids.T
+        return super().forbidden(graph)
+
+
+class HoldsARule(Regions):
+    def __init__(self):
+        super().__init__()
+        self.rule = lambda graph: graph
+
+
+CORRECT = [
+    (Regions, {"3d": True, "pickles": True}),
+    (AtLeastTwo, {"3d": True, "pickles": True}),
+    (Small, {"3d": True, "pickles": True}),
+]
+
+MUTANTS = [
+    Mutant("answers", OtherTag, "cell tag 'region'"),
+    Mutant("masks", ZerosAndOnes, "booleans"),
+    Mutant("masks", OnePerCell, "booleans of shape"),
+    Mutant("both_directions", OneWay, "stands in the graph twice"),
+    Mutant("numbering_ignored", ByNumber, "not cell numbers"),
+    Mutant("constraint_kept", NothingWillDo),
+    Mutant("space_served_or_refused", PlaneConstraint, "only for 2-D"),
+    Mutant("pickles", HoldsARule, "no lambdas", {"pickles": True}),
+]

@@ -1,0 +1,189 @@
+"""Formats: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+from agglo_core import FileError, Hierarchy, Mesh, MeshError
+
+
+class Toy:
+    """JSON of points, vertex loops and cell tags; the plane, without holes."""
+
+    suffixes = (".toy",)
+    lossless = False
+
+    def read(self, path):
+        try:
+            found = json.loads(path.read_text())
+            return Mesh.from_polygons(found["points"], found["cells"], cell_tags=found["tags"])
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise FileError(f"{path}: is no toy file: {error}") from error
+
+    def write(self, path, mesh, hierarchy=None):
+        if mesh.dim != 2 or len(mesh.boundary_loops.loop_offsets) != mesh.n_cells + 1:
+            raise MeshError("a toy file holds cells of the plane, without holes")
+        loops = mesh.boundary_loops
+        cells = [loop.tolist() for loop in np.split(loops.vertices, loops.loop_offsets[1:-1])]
+        tags = {name: values.tolist() for name, values in mesh.cell_tags.items()}
+        path.write_text(json.dumps({"points": mesh.points.tolist(), "cells": cells, "tags": tags}))
+
+
+_PARTS = ("points", "face_offsets", "face_vertices", "face_cells")
+
+
+class Archive:
+    """Every array as it is, in an archive of numpy's; hierarchies too."""
+
+    suffixes = (".toyz", ".toyz2")
+    lossless = True
+
+    def read(self, path):
+        return self.read_hierarchy(path)[0]
+
+    def read_hierarchy(self, path):
+        try:
+            with np.load(path, allow_pickle=False) as found:
+                arrays = dict(found)
+        except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+            raise FileError(f"{path}: is no archive: {error}") from error
+        tags = [
+            {name[2:]: values for name, values in arrays.items() if name.startswith(sort)}
+            for sort in ("c_", "f_")
+        ]
+        mesh = Mesh(*(arrays[name] for name in _PARTS), *tags)
+        levels = [arrays[name] for name in sorted(arrays) if name.startswith("level")]
+        targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
+        return mesh, Hierarchy(mesh, mesh.graph, levels, targets, nested=True) if levels else None
+
+    def write(self, path, mesh, hierarchy=None):
+        arrays = {name: getattr(mesh, name) for name in _PARTS}
+        arrays |= {f"c_{name}": values for name, values in mesh.cell_tags.items()}
+        arrays |= {f"f_{name}": values for name, values in mesh.face_tags.items()}
+        arrays |= {f"level{i}": labels for i, labels in enumerate(hierarchy.levels if hierarchy else ())}
+        with path.open("wb") as file:
+            np.savez(file, **arrays)
+
+
+class OnlyReads:
+    suffixes = (".old",)
+    lossless = False
+
+    def read(self, path):
+        return Toy().read(path)
+
+
+class LoudSuffix(Toy):
+    suffixes = ("TOY",)
+
+
+class RefusesEverything(Toy):
+    def write(self, path, mesh, hierarchy=None):
+        raise MeshError("no room")
+
+
+class SixDigits(Toy):
+    def write(self, path, mesh, hierarchy=None):
+        points = np.array([[float(f"{x:.6g}") for x in point] for point in mesh.points])
+        super().write(
+            path, Mesh(points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.cell_tags)
+        )
+
+
+class DropsTags(Toy):
+    def read(self, path):
+        mesh = super().read(path)
+        return Mesh(mesh.points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
+
+
+class RefusesItsOwn(Toy):
+    def read(self, path):
+        raise FileError("not today")
+
+
+class SaysLossless(Toy):
+    """Face tags are gone."""
+
+    lossless = True
+
+
+class CoarsestFirst(Archive):
+    def read_hierarchy(self, path):
+        mesh, hierarchy = super().read_hierarchy(path)
+        if hierarchy:
+            levels, targets = hierarchy.levels[:1] * 2, hierarchy.targets
+            hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
+        return mesh, hierarchy
+
+
+class RaisesOnGarbage(Toy):
+    def read(self, path):
+        found = json.loads(path.read_text())
+        return Mesh.from_polygons(found["points"], found["cells"], cell_tags=found["tags"])
+
+
+class TakesWhatIsThere(Toy):
+    """A line per cell; what is missing is not missed."""
+
+    def write(self, path, mesh, hierarchy=None):
+        super().write(path, mesh)
+        found = json.loads(path.read_text())
+        lines = [found["points"], found["tags"], *found["cells"]]
+        path.write_text("\n".join(map(json.dumps, lines)))
+
+    def read(self, path):
+        try:
+            points, tags, *cells = [json.loads(line) for line in path.read_text().splitlines()]
+        except ValueError as error:
+            try:
+                points, tags, *cells = [json.loads(line) for line in path.read_text().splitlines()[:-1]]
+            except (ValueError, TypeError):
+                raise FileError(f"{path}: {error}") from error
+        if not cells or not isinstance(tags, dict):
+            raise FileError(f"{path}: no cells")
+        tags = {name: values[: len(cells)] for name, values in tags.items()}
+        return Mesh.from_polygons(points, cells, cell_tags=tags)
+
+
+class LeavesALog(Toy):
+    def write(self, path, mesh, hierarchy=None):
+        super().write(path, mesh)
+        Path(path.parent / "toy.log").write_text("written")
+
+
+class TouchesTheFile(Toy):
+    def read(self, path):
+        mesh = super().read(path)
+        path.write_text(path.read_text() + "\n")
+        return mesh
+
+
+class PlaneFormat(Toy):
+    def write(self, path, mesh, hierarchy=None):
+        if mesh.dim == 3:
+            raise RuntimeError("what is this?")
+        super().write(path, mesh)
+
+
+CORRECT = [(Toy, {"pickles": True}), (Archive, {"3d": True, "pickles": True}), (OnlyReads, {})]
+
+MUTANTS = [
+    Mutant("answers", RefusesEverything, "what it cannot hold"),
+    Mutant("answers", RefusesItsOwn, "then refused to read it"),
+    Mutant("suffixes_declared", LoudSuffix, "small letters"),
+    Mutant("read_back", SixDigits, "17 digits"),
+    Mutant("read_back", DropsTags, "'region'"),
+    Mutant("lossless_kept", SaysLossless, "face_tags"),
+    Mutant("hierarchy_kept", CoarsestFirst, "finest level first"),
+    Mutant("broken_files_refused", RaisesOnGarbage, "FileError"),
+    Mutant("broken_files_refused", TakesWhatIsThere, "count what was read"),
+    Mutant("files_left_alone", LeavesALog, "toy.log"),
+    Mutant("files_left_alone", TouchesTheFile, "reading changed"),
+    Mutant("space_served_or_refused", PlaneFormat, "only for 2-D"),
+    Mutant("space", Toy, "of the plane", {"3d": True}),
+]

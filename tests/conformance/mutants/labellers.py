@@ -1,0 +1,148 @@
+"""Refiners and fixers: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+from agglo_core.components.fixers import ConnectivityFixer
+from agglo_core.conformance.laws.refiner import OBJECTIVES, loose_parts
+
+
+class Idle:
+    objective = "interface"
+
+    def refine(self, graph, labels, seeds, target):
+        return labels
+
+
+class Fix(ConnectivityFixer):
+    pass
+
+
+class ListOfLabels(Idle):
+    def refine(self, graph, labels, seeds, target):
+        return labels.tolist()
+
+
+class FixesToFloats(Fix):
+    def fix(self, graph, labels):
+        return super().fix(graph, labels).astype(float)
+
+
+class DropsALabel(Idle):
+    def refine(self, graph, labels, seeds, target):
+        return np.minimum(labels, max(labels.max() - 1, 0))
+
+
+class RenumbersAcrossBlocks(Fix):
+    def fix(self, graph, labels):
+        return np.unique(
+            graph.block_ids * (labels.max() + 1) + super().fix(graph, labels), return_inverse=True
+        )[1]
+
+
+class TearsApart(Idle):
+    """Gives the cell in the middle of its part to another part."""
+
+    def refine(self, graph, labels, seeds, target):
+        before = loose_parts(graph, labels)
+        for cell, label in ((c, p) for c in range(min(graph.n, 99)) for p in np.unique(labels)):
+            moved = labels.copy()
+            moved[cell] = label
+            after = loose_parts(graph, moved)
+            if after.keys() == before.keys() and any(after[part] > before[part] for part in after):
+                return moved
+        return labels
+
+
+class Worsens(Idle):
+    """Moves a cell that lengthens the interface."""
+
+    def refine(self, graph, labels, seeds, target):
+        before, length = loose_parts(graph, labels), OBJECTIVES["interface"](graph, labels)
+        for cell, label in ((c, p) for c in range(min(graph.n, 99)) for p in np.unique(labels)):
+            moved = labels.copy()
+            moved[cell] = label
+            after = loose_parts(graph, moved)
+            whole = after.keys() == before.keys() and all(after[part] <= before[part] for part in after)
+            if whole and OBJECTIVES["interface"](graph, moved) > 1.001 * length:
+                return moved
+        return labels
+
+
+class UnknownObjective(Idle):
+    objective = "beauty"
+
+
+class Sleeps(Idle):
+    def refine(self, graph, labels, seeds, target):
+        time.sleep(0.3 * (graph.n > 1000))
+        return labels
+
+
+class DoesNothing(Fix):
+    def fix(self, graph, labels):
+        return labels
+
+
+def _swapped(labels):
+    return np.where(labels < 2, 1 - labels, labels)
+
+
+class SwapsConnected(Fix):
+    def fix(self, graph, labels):
+        fixed = super().fix(graph, labels)
+        plain = graph.n_blocks == 1 and {0, 1} <= set(labels.tolist())
+        return _swapped(fixed) if plain and (fixed == labels).all() else fixed
+
+
+class NeverDone(Fix):
+    """Changes what it has fixed itself: three parts in one block."""
+
+    def fix(self, graph, labels):
+        fixed = super().fix(graph, labels)
+        own = graph.n_blocks == 1 and labels.max() == 2
+        return _swapped(fixed) if own and (fixed == labels).all() else fixed
+
+
+class AcceptsDisconnected(Fix):
+    def fix(self, graph, labels):
+        try:
+            return super().fix(graph, labels)
+        except ValueError:
+            return labels
+
+
+class CountsBlocks(Fix):
+    """Lets block 2 come out otherwise if there are many blocks."""
+
+    def fix(self, graph, labels):
+        fixed = super().fix(graph, labels)
+        here = (graph.block_ids == 2) & (graph.n_blocks > 40)
+        swap = here & (fixed[here] != labels[here]).any() & (fixed > 0)
+        return np.where(swap, 3 - fixed, fixed)
+
+
+CORRECT = [
+    (Idle, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
+    (Fix, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
+]
+
+MUTANTS = [
+    Mutant("label_array", ListOfLabels, "np.asarray"),
+    Mutant("label_array", FixesToFloats, "integers"),
+    Mutant("parts_kept", DropsALabel, "lost its last cell"),
+    Mutant("parts_kept", RenumbersAcrossBlocks, "block"),
+    Mutant("components_not_raised", TearsApart, "fell apart"),
+    Mutant("objective_kept", Worsens, "return the labels you were given"),
+    Mutant("objective_kept", UnknownObjective, "beauty"),
+    Mutant("bounded_time", Sleeps, "number of sweeps"),
+    Mutant("parts_connected", DoesNothing, "in pieces"),
+    Mutant("connected_left_alone", SwapsConnected, "nothing was broken"),
+    Mutant("fixed_once", NeverDone, "its own result"),
+    Mutant("disconnected_block_refused", AcceptsDisconnected, "raise a ValueError"),
+    Mutant("a_level_is_its_blocks", CountsBlocks, "within each block"),
+]

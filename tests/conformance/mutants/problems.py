@@ -1,0 +1,124 @@
+"""Kinds of problem: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+from agglo_core import Component, Diffusion, OptionError
+
+
+@dataclass(frozen=True)
+class Heat:
+    """One conductivity and one source."""
+
+    kind: ClassVar[str] = "heat"
+    conductivity: float = 1.0
+    source: float = 1.0
+
+    @classmethod
+    def from_table(cls, table, mesh, folder):
+        unknown = sorted(set(table) - {"kind", "conductivity", "source"})
+        if unknown:
+            raise OptionError(f"heat: key {unknown[0]!r} is not known; accepted: conductivity, source")
+        return cls(**{name: float(value) for name, value in table.items() if name != "kind"})
+
+    @classmethod
+    def example(cls, mesh):
+        return cls(conductivity=2.0)
+
+
+def warm() -> Heat:
+    """A named problem."""
+    return Heat(source=3.0)
+
+
+class Kindless(Heat):
+    kind = None
+
+
+class OtherKind(Heat):
+    kind: ClassVar[str] = "warmth"
+
+
+class ExampleOfAnother(Heat):
+    @classmethod
+    def example(cls, mesh):
+        return Diffusion()
+
+
+@dataclass
+class Fluid:
+    kind: ClassVar[str] = "fluid"
+    conductivity: float = 1.0
+    from_table = classmethod(Heat.from_table.__func__)
+
+    @classmethod
+    def example(cls, mesh):
+        return cls()
+
+
+class TakesAnyKey(Heat):
+    @classmethod
+    def from_table(cls, table, mesh, folder):
+        return cls(conductivity=float(table.get("conductivity", 1.0)))
+
+
+class NeedsAKey(Heat):
+    @classmethod
+    def from_table(cls, table, mesh, folder):
+        super().from_table(table, mesh, folder)
+        return cls(conductivity=float(table["conductivity"]))
+
+
+class TakesOutKeys(Heat):
+    @classmethod
+    def from_table(cls, table, mesh, folder):
+        table.pop("kind", None)
+        return super().from_table(table, mesh, folder)
+
+
+@dataclass(frozen=True)
+class WithAFunction(Heat):
+    source: object = None
+
+    @classmethod
+    def example(cls, mesh):
+        return cls(source=lambda x: x[:, 0])
+
+
+class OtherExamples(Heat):
+    @classmethod
+    def example(cls, mesh):
+        return cls(source=float(np.random.default_rng().random()))
+
+
+class RaisesOnHexagons(Heat):
+    @classmethod
+    def example(cls, mesh):
+        if mesh.name == "hexagons":
+            raise IndexError("corner 6")
+        return cls()
+
+
+CORRECT = [
+    (Heat, {"pickles": True}),
+    (Component("problem", "heat", f"{__name__}:Heat"), {"pickles": True}),
+    (Component("problem", "warm", f"{__name__}:warm"), {"pickles": True}),
+]
+
+MUTANTS = [
+    Mutant("answers", RaisesOnHexagons, "corner 6"),
+    Mutant("kind_named", Kindless, "ClassVar"),
+    Mutant("kind_named", Component("problem", "heat", f"{__name__}:OtherKind"), "say the same"),
+    Mutant("example_given", ExampleOfAnother, "expected a ExampleOfAnother"),
+    Mutant("problem_frozen", Fluid, "frozen=True"),
+    Mutant("table_checked", TakesAnyKey, "no_such_key"),
+    Mutant("empty_table_served", NeedsAKey, "a default"),
+    Mutant("table_left_alone", TakesOutKeys, "work on a copy"),
+    Mutant("same_seed_same_result", OtherExamples, "without a seed"),
+    Mutant("pickles", WithAFunction, "no lambdas", {"pickles": True}),
+]

@@ -1,0 +1,77 @@
+"""Samples: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+from agglo_core import Mesh
+from agglo_core.conformance import small_meshes
+
+
+def bars(n: int = 3, seed: int = 0) -> Mesh:
+    """A bar of ``n`` cells whose widths are drawn from ``seed``."""
+    x = np.concatenate(([0.0], np.cumsum(np.random.default_rng(seed).uniform(1, 2, n))))
+    points = np.concatenate((np.stack((x, 0 * x), axis=1), np.stack((x, 0 * x + 1), axis=1)))
+    i = np.arange(n)
+    return Mesh.from_polygons(points, np.stack((i, i + 1, i + n + 2, i + n + 1), axis=1), name="bars")
+
+
+def blocks() -> Mesh:
+    """Boxes in space."""
+    return small_meshes.boxes()
+
+
+def takes_anything(**options: int) -> Mesh:
+    """A bar."""
+    return bars()
+
+
+def only_points(n: int = 3) -> object:
+    """Points; ``n`` of them."""
+    return np.zeros((n, 2))
+
+
+def unannotated(n=3) -> Mesh:
+    """A bar of ``n`` cells."""
+    return bars(n)
+
+
+def unexplained(many: int = 3) -> Mesh:
+    """A bar."""
+    return bars(many)
+
+
+def flat() -> Mesh:
+    """A bar."""
+    return bars()
+
+
+def unseeded(n: int = 3) -> Mesh:
+    """A bar of ``n`` cells of other widths each time."""
+    return bars(n, int(np.random.default_rng().integers(2**31)))
+
+
+def from_global_state(n: int = 3) -> Mesh:
+    """A bar of ``n`` cells."""
+    return bars(n, np.random.randint(1000))  # noqa: NPY002 - the bug
+
+
+def talks(n: int = 3) -> Mesh:
+    """A bar of ``n`` cells."""
+    print("cells:", n)  # noqa: T201
+    return bars(n)
+
+
+CORRECT = [(bars, {}), (blocks, {"3d": True})]
+
+MUTANTS = [
+    Mutant("builds", takes_anything, "name each option", kind="sample"),
+    Mutant("sample_is_mesh", only_points, "from_polygons", kind="sample"),
+    Mutant("options_explained", unannotated, "annotation", kind="sample"),
+    Mutant("options_explained", unexplained, "docstring", kind="sample"),
+    Mutant("sample_in_space", flat, "drop the promise", {"3d": True}, kind="sample"),
+    Mutant("same_seed_same_result", unseeded, "without a seed", kind="sample"),
+    Mutant("global_random_state", from_global_state, "default_rng", kind="sample"),
+    Mutant("says_nothing", talks, "logging", kind="sample"),
+]

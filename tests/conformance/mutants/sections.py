@@ -1,0 +1,87 @@
+"""Sections of the report: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import html
+import random
+
+from conformance.mutants.mutant import Mutant
+
+
+class Parts:
+    """A list of the runs and their parts."""
+
+    title = "Parts"
+
+    def html(self, mesh, runs):
+        items = [
+            f"<li>{html.escape(run.name)}: "
+            + (html.escape(run.error) if run.hierarchy is None else f"{run.hierarchy.parts}")
+            + "</li>"
+            for run in runs
+        ]
+        return f"<p>{html.escape(mesh.name)}</p><ul>{''.join(items)}</ul>"
+
+
+class Untitled(Parts):
+    title = " "
+
+
+class ListOfLines(Parts):
+    def html(self, mesh, runs):
+        return super().html(mesh, runs).split("<li>")
+
+
+class BringsAScript(Parts):
+    def html(self, mesh, runs):
+        return super().html(mesh, runs) + "<script>alert(1)</script>"
+
+
+class LoadsAPicture(Parts):
+    def html(self, mesh, runs):
+        return super().html(mesh, runs) + '<img src="https://example.org/dot.png">'
+
+
+class RawNames(Parts):
+    def html(self, mesh, runs):
+        return "".join(f"<p>{run.name} {run.error}</p>" for run in runs)
+
+
+class WantsEveryRun(Parts):
+    def html(self, mesh, runs):
+        return "".join(f"<p>{run.hierarchy.parts}</p>" for run in runs)
+
+
+class ReversesRuns(Parts):
+    def html(self, mesh, runs):
+        runs.reverse()
+        return super().html(mesh, runs)
+
+
+class NumbersItself(Parts):
+    def __init__(self):
+        self.times = 0
+
+    def html(self, mesh, runs):
+        self.times += 1
+        return f"{self.times}. {super().html(mesh, runs)}"
+
+
+class DrawsAnId(Parts):
+    def html(self, mesh, runs):
+        return f'<p id="{random.random()}">{len(runs)}</p>'
+
+
+CORRECT = [(Parts, {"pickles": True})]
+
+MUTANTS = [
+    Mutant("answers", WantsEveryRun, "'NoneType' object"),
+    Mutant("input_untouched", ReversesRuns, "work on a copy"),
+    Mutant("titled", Untitled, "stands above"),
+    Mutant("html_text", ListOfLines, "expected a text"),
+    Mutant("no_scripts", BringsAScript, "<script"),
+    Mutant("no_scripts", LoadsAPicture, "one file"),
+    Mutant("names_escaped", RawNames, "html.escape"),
+    Mutant("no_memory", NumbersItself, "keep nothing between calls"),
+    Mutant("global_random_state", DrawsAnId, "draw from"),
+]

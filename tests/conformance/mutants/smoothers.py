@@ -1,0 +1,162 @@
+"""Smoothers: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+from scipy import sparse
+from scipy.sparse.linalg import spsolve_triangular
+
+
+class Jacobi:
+    """Damped by 4/3 of a bound of the largest eigenvalue."""
+
+    factor = 1.0
+
+    def setup(self, level):
+        A, diagonal = level.A, level.A.diagonal()
+        damping = self.factor * 4 / (3 * (abs(A).sum(axis=1) / diagonal).max())
+
+        def smooth(b, x):
+            for _ in range(level.steps):
+                x = x + damping * (b - A @ x) / diagonal
+            return x
+
+        return smooth
+
+
+class Forward:
+    """Gauss-Seidel sweeps from the first unknown to the last."""
+
+    def setup(self, level):
+        A, lower = level.A, sparse.csr_array(sparse.tril(level.A))
+        return lambda b, x: x + spsolve_triangular(lower, b - A @ x)
+
+
+class BackAndForth:
+    """A sweep of Gauss-Seidel and its mirror image."""
+
+    def setup(self, level):
+        A, lower = level.A, sparse.csr_array(sparse.tril(level.A))
+        upper = sparse.csr_array(sparse.triu(level.A))
+
+        def smooth(b, x):
+            x = x + spsolve_triangular(lower, b - A @ x)
+            return x + spsolve_triangular(upper, b - A @ x, lower=False)
+
+        return smooth
+
+
+class SteepestDescent:
+    """The best step along the scaled residual: nonlinear."""
+
+    def setup(self, level):
+        A, diagonal = level.A, level.A.diagonal()
+
+        def smooth(b, x):
+            r = b - A @ x
+            z = r / diagonal
+            curvature = z @ (A @ z)
+            return x + (r @ z / curvature) * z if curvature > 0 else x
+
+        return smooth
+
+
+class _Changed(Jacobi):
+    """What the damped steps give, changed by ``after``."""
+
+    def setup(self, level):
+        smooth = super().setup(level)
+        return lambda b, x: self.after(smooth(b, x))
+
+
+class ListOfNumbers(_Changed):
+    def after(self, x):
+        return x.tolist()
+
+
+class AddsALittle(_Changed):
+    def after(self, x):
+        return x + 1e-6
+
+
+class ShrinksALittle(_Changed):
+    def after(self, x):
+        return 0.999 * x
+
+
+class Undamped(Jacobi):
+    factor = 3.0
+
+
+class Timid(Jacobi):
+    factor = 0.01
+
+
+class WritesIntoA(Jacobi):
+    def setup(self, level):
+        level.A.data[:] = level.A.data * (1 + 1e-14)
+        return super().setup(level)
+
+
+class WritesIntoX(Jacobi):
+    def setup(self, level):
+        smooth = super().setup(level)
+
+        def inplace(b, x):
+            x += smooth(b, x) - x
+            return x
+
+        return inplace
+
+
+class MoreEachTime(Jacobi):
+    def __init__(self):
+        self.times = 0
+
+    def setup(self, level):
+        self.times += 1
+        self.factor = 1.0 / self.times
+        return super().setup(level)
+
+
+class DrawsTheDamping(Jacobi):
+    def setup(self, level):
+        self.factor = np.random.default_rng().uniform(0.8, 1.0)
+        return super().setup(level)
+
+
+class NeedsTwoUnknowns(Jacobi):
+    def setup(self, level):
+        _ = level.A[1, 1]
+        return super().setup(level)
+
+
+class HoldsAFunction(Jacobi):
+    def __init__(self):
+        self.scale = lambda x: x
+
+
+_ALL = {"deterministic": True, "pickles": True}
+CORRECT = [
+    (Jacobi, {**_ALL, "symmetric": True}),
+    (Forward, _ALL),
+    (BackAndForth, {**_ALL, "symmetric": True}),
+    (SteepestDescent, _ALL),
+]
+
+MUTANTS = [
+    Mutant("input_untouched", WritesIntoA, "work on a copy"),
+    Mutant("input_untouched", WritesIntoX, "change a copy"),
+    Mutant("smoothed_array", ListOfNumbers, "floats of shape"),
+    Mutant("nothing_from_nothing", AddsALittle, "b − A x"),
+    Mutant("solution_kept", ShrinksALittle, "residual b − A x alone"),
+    Mutant("error_reduced", Undamped, "damp it"),
+    Mutant("rough_error_damped", Timid, "the rough one"),
+    Mutant("smoother_symmetric", Forward, "forwards and then backwards", {"symmetric": True}),
+    Mutant("smoother_symmetric", SteepestDescent, "nonlinear", {"symmetric": True}),
+    Mutant("same_seed_same_result", DrawsTheDamping, "without a seed"),
+    Mutant("no_memory", MoreEachTime, "keep nothing between calls"),
+    Mutant("survives", NeedsTwoUnknowns, "one unknown"),
+    Mutant("pickles", HoldsAFunction, "no lambdas", {"pickles": True}),
+]

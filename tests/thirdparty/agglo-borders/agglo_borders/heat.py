@@ -1,0 +1,35 @@
+"""The problem ``heat``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from agglo_core.authoring import Mesh, OptionError
+
+__all__ = ["Heat"]
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A plate heated by ``source`` that loses ``loss`` times its temperature everywhere, none at its rim."""
+
+    kind: ClassVar[str] = "heat"
+    source: float = 1.0
+    loss: float = 1.0
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
+        """The problem of ``source = 2.0`` and ``loss = 0.5``."""
+        values = {key: value for key, value in table.items() if key != "kind"}
+        for key, value in values.items():
+            if key not in ("source", "loss") or not isinstance(value, int | float):
+                raise OptionError(f"heat: cannot use {key} = {value!r}; there are source and loss, numbers")
+        return cls(**values)
+
+    @classmethod
+    def example(cls, mesh: Mesh) -> Self:
+        """A problem on any mesh."""
+        return cls(source=3.0, loss=0.5)
