@@ -15,8 +15,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from agglo_core import conformance, samples
+    from agglo_core import __version__, conformance, samples
     from agglo_core.agglomeration import Pipeline, agglomerate
+    from agglo_core.agglomeration.goals import SizeGoal
+    from agglo_core.agglomeration.recursion import grow
+    from agglo_core.agglomeration.run import Run
     from agglo_core.arrays import (
         Float,
         Index,
@@ -28,7 +31,20 @@ if TYPE_CHECKING:
         frozen_index,
         frozen_int,
     )
-    from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, choice, load_mesh, parse_spec
+    from agglo_core.cli.arguments import (
+        COMPONENT,
+        FILE,
+        agglomeration_options,
+        bisectors_option,
+        choice,
+        load_mesh,
+        metrics_option,
+        parse_spec,
+    )
+    from agglo_core.components.fixers import ConnectivityFixer
+    from agglo_core.components.geometric import InertialBisection
+    from agglo_core.components.refiners import InterfaceRefiner
+    from agglo_core.components.straight_cuts import SweepBisection
     from agglo_core.draw.plot import PALETTE, colouring, save_figure
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
     from agglo_core.graph import Graph, functionals
@@ -42,52 +58,81 @@ if TYPE_CHECKING:
         principal_frames,
         split_at_median,
     )
+    from agglo_core.graph.objectives import OBJECTIVES, numbered_parts
     from agglo_core.graph.ordering import curve_order
     from agglo_core.graph.sweep import sweep
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
     from agglo_core.kernels import kernel
-    from agglo_core.measure import quality
+    from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
+    from agglo_core.kernels.thresholds import (
+        NO_CUT,
+        axes_block,
+        centre_block,
+        edge_room,
+        edges_of_block,
+        scan_thresholds,
+        settle_block,
+    )
+    from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
-    from agglo_core.problems import Diffusion, Field, Linear, MultigridLevel, Problem, Solution
-    from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Target
+    from agglo_core.problems import (
+        Diffusion,
+        Discretisation,
+        Field,
+        Linear,
+        MultigridLevel,
+        Problem,
+        Samples,
+        Solution,
+        System,
+    )
+    from agglo_core.problems.conjugate_gradients import MET, History, conjugate_gradients, relative_size
+    from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
+    from agglo_core.registry.attribution import Member
 
+_TABLE = """
+registry: Command Component Record Registry default describe hookimpl
+errors: AggloError FileError MeshError OptionError PluginError
+arrays: Float Index Int Mask UInt64 frozen frozen_float frozen_index frozen_int
+mesh: Mesh
+graph: Graph functionals
+hierarchy: Hierarchy
+protocols: Bisector LevelBisector Partitioner Smoother Target
+problems: Diffusion Discretisation Field Linear MultigridLevel Problem Samples Solution System
+graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
+graph.blocks: split_at_median
+graph.ordering: curve_order
+graph.sweep: sweep
+graph.objectives: OBJECTIVES numbered_parts
+components.fixers: ConnectivityFixer
+components.geometric: InertialBisection
+components.refiners: InterfaceRefiner
+components.straight_cuts: SweepBisection
+agglomeration.goals: SizeGoal
+agglomeration.recursion: grow
+agglomeration.run: Run
+registry.attribution: Member
+problems.conjugate_gradients: MET History conjugate_gradients relative_size
+kernels: kernel
+kernels.axes: half_circle halvings planar_frame turned
+kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds settle_block
+agglomeration: Pipeline agglomerate
+measure: RunResult quality
+io: check_writable read read_hierarchy write
+io.atomic: staging
+draw.plot: PALETTE colouring save_figure
+cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
+cli.arguments: parse_spec
+"""
+"""Modules of the core, and the names taken from each."""
 _HOME = MappingProxyType(
     {
-        # declaring
-        "registry": ("Command", "Component", "Record", "Registry", "default", "describe", "hookimpl"),
-        "errors": ("AggloError", "FileError", "MeshError", "OptionError", "PluginError"),
-        # data
-        "arrays": (
-            *("Float", "Index", "Int", "Mask", "UInt64"),
-            *("frozen", "frozen_float", "frozen_index", "frozen_int"),
-        ),
-        "mesh": ("Mesh",),
-        "graph": ("Graph", "functionals"),
-        "hierarchy": ("Hierarchy",),
-        "protocols": ("Bisector", "LevelBisector", "Partitioner", "Target"),
-        "problems": ("Diffusion", "Field", "Linear", "MultigridLevel", "Problem", "Solution"),
-        # tools on graphs, a level at once
-        "graph.blocks": (
-            *("TIE", "block_extents", "block_ranks", "block_shares", "block_sums"),
-            *("integer_shares", "principal_frames", "split_at_median"),
-        ),
-        "graph.ordering": ("curve_order",),
-        "graph.sweep": ("sweep",),
-        "kernels": ("kernel",),
-        # what the program does
-        "agglomeration": ("Pipeline", "agglomerate"),
-        "measure": ("quality",),
-        "io": ("check_writable", "read", "read_hierarchy", "write"),
-        "io.atomic": ("staging",),
-        "draw.plot": ("PALETTE", "colouring", "save_figure"),
-        # commands
-        "cli.arguments": (
-            *("COMPONENT", "FILE", "agglomeration_options"),
-            *("choice", "load_mesh", "parse_spec"),
-        ),
+        name: module
+        for module, _, names in (line.partition(":") for line in _TABLE.strip().splitlines())
+        for name in names.split()
     }
 )
 _MODULES = ("conformance", "samples")
@@ -95,23 +140,32 @@ _MODULES = ("conformance", "samples")
 __all__ = [
     "COMPONENT",
     "FILE",
+    "MET",
+    "NO_CUT",
+    "OBJECTIVES",
     "PALETTE",
     "TIE",
     "AggloError",
     "Bisector",
     "Command",
     "Component",
+    "ConnectivityFixer",
     "Diffusion",
+    "Discretisation",
     "Field",
     "FileError",
     "Float",
     "Graph",
     "Hierarchy",
+    "History",
     "Index",
+    "InertialBisection",
     "Int",
+    "InterfaceRefiner",
     "LevelBisector",
     "Linear",
     "Mask",
+    "Member",
     "Mesh",
     "MeshError",
     "MultigridLevel",
@@ -122,41 +176,65 @@ __all__ = [
     "Problem",
     "Record",
     "Registry",
+    "Run",
+    "RunResult",
+    "Samples",
+    "SizeGoal",
+    "Smoother",
     "Solution",
+    "SweepBisection",
+    "System",
     "Target",
     "UInt64",
+    "__version__",
     "agglomerate",
     "agglomeration_options",
+    "axes_block",
+    "bisectors_option",
     "block_extents",
     "block_ranks",
     "block_shares",
     "block_sums",
+    "centre_block",
     "check_writable",
     "choice",
     "colouring",
     "conformance",
+    "conjugate_gradients",
     "curve_order",
     "default",
     "describe",
+    "edge_room",
+    "edges_of_block",
     "frozen",
     "frozen_float",
     "frozen_index",
     "frozen_int",
     "functionals",
+    "grow",
+    "half_circle",
+    "halvings",
     "hookimpl",
     "integer_shares",
     "kernel",
     "load_mesh",
+    "metrics_option",
+    "numbered_parts",
     "parse_spec",
+    "planar_frame",
     "principal_frames",
     "quality",
     "read",
     "read_hierarchy",
+    "relative_size",
     "samples",
     "save_figure",
+    "scan_thresholds",
+    "settle_block",
     "split_at_median",
     "staging",
     "sweep",
+    "turned",
     "write",
 ]
 
@@ -164,13 +242,11 @@ __all__ = [
 def __getattr__(name: str) -> object:
     if name in _MODULES:
         return import_module(f"{__package__}.{name}")
-    for module, names in _HOME.items():
-        if name in names:
-            found: object = getattr(import_module(f"{__package__}.{module}"), name)
-            return found
-    raise AttributeError(
-        f"module {__name__!r} has no attribute {name!r}; it has {', '.join(sorted(__all__))}"
-    )
+    if name not in _HOME and name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = f"{__package__}.{_HOME[name]}" if name in _HOME else str(__package__)
+    found: object = getattr(import_module(home), name)
+    return found
 
 
 def __dir__() -> list[str]:

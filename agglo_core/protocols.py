@@ -75,7 +75,6 @@ class Bisector(Protocol):
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Sides:
         """Return the side of each node, shape ``(n,)``; both sides non-empty for n >= 2."""
-        ...
 
 
 @runtime_checkable
@@ -84,7 +83,6 @@ class LevelBisector(Protocol):
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
         """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
-        ...
 
 
 @runtime_checkable
@@ -96,7 +94,6 @@ class TargetAware(Protocol):
 
         Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
         """
-        ...
 
 
 @runtime_checkable
@@ -105,7 +102,6 @@ class Partitioner(Protocol):
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
         """Return labels ``(n,)`` in ``0..target.parts-1``; gaps and disconnected parts are repaired."""
-        ...
 
 
 @runtime_checkable
@@ -121,7 +117,6 @@ class Refiner(Protocol):
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Return new labels ``(n,)`` whose declared objective is no worse."""
-        ...
 
 
 @runtime_checkable
@@ -130,7 +125,6 @@ class ConnectivityFixer(Protocol):
 
     def fix(self, graph: Graph, labels: Int) -> Int:
         """Return new labels ``(n,)``; the identity on labels whose parts are all connected."""
-        ...
 
 
 @runtime_checkable
@@ -146,7 +140,6 @@ class QualityMetric(Protocol):
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Return the value of each agglomerate, shape ``(k,)`` for labels ``0..k-1``."""
-        ...
 
 
 @runtime_checkable
@@ -161,7 +154,6 @@ class IncrementalMetric(Protocol):
 
         ``labels (n,)`` number the parts of all blocks through, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
         """
-        ...
 
 
 @runtime_checkable
@@ -184,7 +176,6 @@ class Format(Protocol):
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of an existing file; an AggloError says why it is refused."""
-        ...
 
 
 @runtime_checkable
@@ -196,7 +187,6 @@ class WritableFormat(Protocol):
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write the mesh, and the hierarchy if given; an AggloError says what the format cannot hold."""
-        ...
 
 
 @runtime_checkable
@@ -205,7 +195,6 @@ class HierarchyFormat(Protocol):
 
     def read_hierarchy(self, path: Path) -> tuple[Mesh, Hierarchy | None]:
         """Return the mesh of an existing file and the hierarchy stored with it, if any."""
-        ...
 
 
 @runtime_checkable
@@ -220,12 +209,10 @@ class ProblemKind(Protocol):
 
         An AggloError names the key that is wrong.
         """
-        ...
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
         """Return a small problem on any mesh that has one solution: what laws and solvers are tried on."""
-        ...
 
 
 @runtime_checkable
@@ -238,7 +225,6 @@ class Smoother(Protocol):
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
         """Return ``smooth(b, x)``, which gives a better x ``(n,)`` of A x = b."""
-        ...
 
 
 @runtime_checkable
@@ -251,7 +237,6 @@ class Forbidding(Protocol):
         Both directions of an edge agree. Parts are connected without such edges, so they never reach
         across a closed barrier; around the open end of one they may.
         """
-        ...
 
 
 @runtime_checkable
@@ -260,7 +245,6 @@ class Admitting(Protocol):
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
         """Return ``(k,)``, for each part of ``labels (n,)`` whether it may be."""
-        ...
 
 
 @runtime_checkable
@@ -269,7 +253,6 @@ class Finishing(Protocol):
 
     def finished(self, graph: Graph, pieces: Int) -> Mask:
         """Return ``(B,)``, for each piece of ``pieces (n,)`` whether it must not be split further."""
-        ...
 
 
 Constraint = Forbidding | Admitting | Finishing
@@ -284,7 +267,6 @@ class Section(Protocol):
 
     def html(self, mesh: Mesh, runs: Sequence[Any]) -> str:
         """Return a fragment of HTML about the runs (:class:`agglo_core.measure.RunResult`) on a mesh."""
-        ...
 
 
 @runtime_checkable
@@ -299,4 +281,3 @@ class Solver(Protocol):
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
         """Return the solution with its convergence history."""
-        ...

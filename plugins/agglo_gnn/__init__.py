@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agglo_core import Command, Component, hookimpl
+from agglo_core.authoring import Command, Component, hookimpl
 
 
 @hookimpl

@@ -25,7 +25,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agglo_core.errors import OptionError
+from agglo_core.authoring import OptionError
 from agglo_gnn import model_file
 from agglo_gnn.paper_network import ARCHITECTURE, PaperNetwork
 from agglo_gnn.trial import try_network, unseeded

@@ -11,10 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, UInt64, frozen_float
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.protocols import Target
+from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, frozen_float
 
 __all__ = ["SHAPES", "FastGNN"]
 

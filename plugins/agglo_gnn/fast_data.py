@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int
-from agglo_core.graph import Graph
+from agglo_core.authoring import Float, Graph, Int
 from agglo_gnn.features import see
 
 if TYPE_CHECKING:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels import kernel
-from agglo_core.kernels.axes import half_circle, halvings, turned
-from agglo_core.kernels.thresholds import (
+from agglo_core.authoring import (
     NO_CUT,
     axes_block,
     centre_block,
     edge_room,
     edges_of_block,
+    half_circle,
+    halvings,
+    kernel,
     scan_thresholds,
     settle_block,
+    turned,
 )
 from agglo_gnn.raster_kernels import lay_raster, raster_room, to_frame
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglo_core.arrays import Float
+from agglo_core.authoring import Float
 from agglo_gnn.fast import SHAPES
 
 if TYPE_CHECKING:

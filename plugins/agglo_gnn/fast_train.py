@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglo_core.arrays import Float
-from agglo_core.errors import OptionError, PluginError
+from agglo_core.authoring import Float, OptionError, PluginError
 from agglo_gnn.fast_data import Pieces, batch_of, gather
 from agglo_gnn.fast_network import initial_parameters, network
 from agglo_gnn.pieces import piece_levels

@@ -6,9 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, UInt64
-from agglo_core.graph import Graph
-from agglo_core.graph.sweep import sweep
+from agglo_core.authoring import Float, Graph, Int, UInt64, sweep
 from agglo_gnn.fast import FastGNN
 from agglo_gnn.fast_data import batch_of, gather
 from agglo_gnn.fast_network import network
@@ -26,8 +24,7 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
     Means of the ratios, of all pieces and of those of 32 cells or more; ``of_means`` is the ratio of the
     mean costs instead, in which the pieces that are hard to cut count for more.
     """
-    from agglo_core.components.straight_cuts import SweepBisection
-    from agglo_core.registry import default
+    from agglo_core.authoring import SweepBisection, default
 
     levels = list(piece_levels(np.random.default_rng(_SEED), count))
     rivals: dict[str, Rival] = {

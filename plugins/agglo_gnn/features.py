@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from agglo_core.arrays import Float, Index, Int
-from agglo_core.graph import Graph
+from agglo_core.authoring import Float, Graph, Index, Int
 
 __all__ = ["FEATURES", "Sight", "see"]
 

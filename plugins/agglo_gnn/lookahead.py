@@ -7,16 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agglo_core.agglomeration.goals import SizeGoal
-from agglo_core.agglomeration.recursion import grow
-from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Float, Int, UInt64, frozen_int
-from agglo_core.components.fixers import ConnectivityFixer
-from agglo_core.components.refiners import InterfaceRefiner
-from agglo_core.graph import Graph
-from agglo_core.graph.sweep import sweep
-from agglo_core.protocols import Target
-from agglo_core.registry.attribution import Member
+from agglo_core.authoring import (
+    ConnectivityFixer,
+    Float,
+    Graph,
+    Int,
+    InterfaceRefiner,
+    Member,
+    Run,
+    SizeGoal,
+    Target,
+    UInt64,
+    frozen_int,
+    grow,
+    sweep,
+)
 from agglo_gnn.features import see
 
 __all__ = ["look_ahead"]

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.errors import FileError, PluginError
-from agglo_core.io.atomic import staging
+from agglo_core.authoring import FileError, PluginError, staging
 
 __all__ = ["REQUIRED", "load", "read_header", "save"]
 

@@ -6,10 +6,7 @@ from pathlib import Path
 
 import torch
 
-from agglo_core.arrays import Float, Int, UInt64
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.graph.sweep import sweep
+from agglo_core.authoring import Float, Graph, Int, OptionError, UInt64, sweep
 from agglo_gnn.custom import filled
 from agglo_gnn.paper_network import Neighbours, inorm
 

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from agglo_core import samples
-from agglo_core.arrays import Mask
-from agglo_core.graph import Graph
+from agglo_core.authoring import Graph, Mask, samples
 
 __all__ = ["FAMILIES", "draw", "random_piece"]
 

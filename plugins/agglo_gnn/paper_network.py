@@ -14,10 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agglo_core.arrays import Float
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.graph.blocks import principal_frames
+from agglo_core.authoring import Float, Graph, OptionError, principal_frames
 
 __all__ = ["ARCHITECTURE", "FEATURES", "Neighbours", "PaperNetwork", "expected_normalised_cut", "inorm"]
 

@@ -7,8 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from agglo_core import __version__
-from agglo_core.errors import OptionError
+from agglo_core.authoring import OptionError, __version__
 from agglo_gnn import model_file
 from agglo_gnn.custom import architecture_of, arrays_of, network_class
 from agglo_gnn.paper_data import CELLS, FAMILIES

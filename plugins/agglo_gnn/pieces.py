@@ -6,14 +6,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from agglo_core import samples
-from agglo_core.arrays import Float, Mask, UInt64, frozen_int
-from agglo_core.components.geometric import InertialBisection
-from agglo_core.components.refiners import InterfaceRefiner
-from agglo_core.components.straight_cuts import SweepBisection
-from agglo_core.graph import Graph
-from agglo_core.mesh import Mesh
-from agglo_core.protocols import Target
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    InertialBisection,
+    InterfaceRefiner,
+    Mask,
+    Mesh,
+    SweepBisection,
+    Target,
+    UInt64,
+    frozen_int,
+    samples,
+)
 
 __all__ = ["RECIPE", "piece_levels"]
 

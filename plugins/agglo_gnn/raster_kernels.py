@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels import kernel
-from agglo_core.kernels.axes import planar_frame
-from agglo_core.kernels.thresholds import centre_block
+from agglo_core.authoring import centre_block, kernel, planar_frame
 
 __all__ = ["describe", "lay_raster", "raster_room", "to_frame"]
 

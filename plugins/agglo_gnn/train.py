@@ -12,7 +12,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from agglo_core.errors import FileError, OptionError
+from agglo_core.authoring import FileError, OptionError
 
 __all__ = ["train"]
 
@@ -138,7 +138,7 @@ def _command(context: click.Context) -> str:
 def _train_fast(
     target: Path, seed: int, steps: int | None, log: Path | None, quiet: bool, command: str
 ) -> None:
-    from agglo_core import __version__
+    from agglo_core.authoring import __version__
     from agglo_gnn import model_file
     from agglo_gnn.fast_train import train_fast
     from agglo_gnn.features import FEATURES

@@ -11,8 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
+from agglo_core.authoring import Graph, OptionError
 from agglo_gnn.paper_data import draw, random_piece
 from agglo_gnn.paper_network import Neighbours, expected_normalised_cut, inorm
 

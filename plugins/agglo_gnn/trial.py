@@ -9,8 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parameter import is_lazy
 
-from agglo_core import samples
-from agglo_core.errors import AggloError, OptionError
+from agglo_core.authoring import AggloError, OptionError, samples
 from agglo_gnn.paper_network import Neighbours, inorm
 
 __all__ = ["try_network", "unseeded"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agglo_core import Component, hookimpl
+from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl

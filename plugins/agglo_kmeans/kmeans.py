@@ -7,11 +7,17 @@ from itertools import product
 import numpy as np
 from scipy.spatial import cKDTree
 
-from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.graph.ordering import curve_order
-from agglo_core.protocols import Target
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    Int,
+    OptionError,
+    Target,
+    UInt64,
+    curve_order,
+    frozen_float,
+    frozen_int,
+)
 
 __all__ = ["KMeans"]
 

@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.graph.blocks import block_shares
+from agglo_core.authoring import Float, Graph, Int, OptionError, block_shares
 
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController

@@ -1,6 +1,6 @@
 """Declaration of the METIS plugin."""
 
-from agglo_core import Component, hookimpl
+from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl

@@ -10,11 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, UInt64
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.graph.blocks import block_shares
-from agglo_core.protocols import Target
+from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, block_shares
 
 __all__ = ["Metis"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from agglo_core import Command, hookimpl
+from agglo_core.authoring import Command, hookimpl
 
 
 @hookimpl

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from agglo_core import FileError, MeshError
+from agglo_core.authoring import FileError, MeshError
 from agglo_paper.authors import authors_table, authors_units
 from agglo_paper.grids import load
 from agglo_paper.plan import Plan

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from agglo_core.cli.arguments import bisectors_option, choice
+from agglo_core.authoring import bisectors_option, choice
 
 if TYPE_CHECKING:
     from agglo_paper.store import Unit

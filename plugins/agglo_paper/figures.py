@@ -9,10 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core import AggloError, FileError, Hierarchy, Mesh, OptionError
-from agglo_core.arrays import Float
-from agglo_core.draw.plot import PALETTE, colouring
-from agglo_core.io.atomic import staging
+from agglo_core.authoring import (
+    PALETTE,
+    AggloError,
+    FileError,
+    Float,
+    Hierarchy,
+    Mesh,
+    OptionError,
+    colouring,
+    staging,
+)
 from agglo_paper.grids import load, targets
 from agglo_paper.plan import Plan
 from agglo_paper.record import Cell

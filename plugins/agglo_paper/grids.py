@@ -9,7 +9,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from agglo_core import Mesh, OptionError, read, samples
+from agglo_core.authoring import Mesh, OptionError, read, samples
 from agglo_paper.strategies import Targets
 
 __all__ = ["FAMILIES", "GRIDS", "SIZES", "load", "targets"]

@@ -9,8 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from agglo_core import FileError, OptionError
-from agglo_core.io.atomic import staging
+from agglo_core.authoring import FileError, OptionError, staging
 from agglo_paper import brain, figures, multigrid, runtime, shape_tables, statistics
 from agglo_paper.front_page import front
 from agglo_paper.grids import GRIDS

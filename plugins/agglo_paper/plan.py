@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from agglo_core import PluginError
-from agglo_core.registry import default
+from agglo_core.authoring import PluginError, default
 from agglo_paper.grids import FAMILIES, GRIDS
 from agglo_paper.strategies import Strategy
 from agglo_paper.work import SOLVER

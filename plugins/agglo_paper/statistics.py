@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core.arrays import Float
+from agglo_core.authoring import Float
 from agglo_paper.plan import Plan
 from agglo_paper.record import Page, Row, Table
 from agglo_paper.store import Data, Results, Unit

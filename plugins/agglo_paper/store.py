@@ -13,8 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
-from agglo_core import AggloError
-from agglo_core.io.atomic import staging
+from agglo_core.authoring import AggloError, staging
 
 __all__ = ["Data", "Results", "Store", "Unit", "versions"]
 

@@ -6,9 +6,17 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-from agglo_core import AggloError, Hierarchy, Mesh, PluginError, agglomerate
-from agglo_core.protocols import Partitioner
-from agglo_core.registry import Record, Registry, default
+from agglo_core.authoring import (
+    AggloError,
+    Hierarchy,
+    Mesh,
+    Partitioner,
+    PluginError,
+    Record,
+    Registry,
+    agglomerate,
+    default,
+)
 
 __all__ = ["Strategy", "Targets", "columns", "paper_columns"]
 

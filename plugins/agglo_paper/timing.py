@@ -10,9 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from agglo_core import AggloError, Graph, agglomerate, samples
-from agglo_core.graph.ordering import curve_order
-from agglo_core.registry import default
+from agglo_core.authoring import AggloError, Graph, agglomerate, curve_order, default, samples
 
 __all__ = ["time_one"]
 

@@ -7,9 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglo_core import Hierarchy, OptionError, agglomerate, quality
-from agglo_core.problems import Diffusion
-from agglo_core.registry import default
+from agglo_core.authoring import Diffusion, Hierarchy, OptionError, agglomerate, default, quality
 from agglo_paper.grids import load, targets
 from agglo_paper.strategies import Strategy
 

@@ -1,6 +1,6 @@
 """Declaration of PolyDG, its multigrid solvers and their smoothers."""
 
-from agglo_core import Component, hookimpl
+from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl

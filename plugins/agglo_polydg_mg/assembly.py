@@ -11,10 +11,17 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import OptionError
-from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion, Field, System
+from agglo_core.authoring import (
+    Diffusion,
+    Field,
+    Float,
+    Int,
+    Mesh,
+    OptionError,
+    System,
+    frozen_float,
+    frozen_int,
+)
 from agglo_polydg_mg.basis import Basis, products
 from agglo_polydg_mg.boundary import boundary_faces, dirichlet_load, neumann_load
 from agglo_polydg_mg.penalty import face_penalty

@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import MeshError, OptionError
-from agglo_core.mesh import Mesh
-from agglo_core.problems import Field
+from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, OptionError, frozen_float, frozen_int
 from agglo_polydg_mg.option_checks import require_count
 from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
 

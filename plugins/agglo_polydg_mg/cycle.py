@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, frozen_float
-from agglo_core.problems.conjugate_gradients import MET, History
+from agglo_core.authoring import MET, Float, History, frozen_float
 from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.schwarz import Smooth, Solve
 

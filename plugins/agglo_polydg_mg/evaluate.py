@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_int
-from agglo_core.errors import OptionError
-from agglo_core.mesh import Mesh
+from agglo_core.authoring import Float, Int, Mesh, OptionError, frozen_int
 from agglo_polydg_mg.basis import Basis
 
 __all__ = ["evaluate", "locate"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels import kernel
+from agglo_core.authoring import kernel
 
 __all__ = ["boundary_moments", "face_blocks", "point_moments", "triangle_heights"]
 

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from agglo_core.arrays import Float
-from agglo_core.problems.conjugate_gradients import relative_size
+from agglo_core.authoring import Float, relative_size
 
 __all__ = ["Gauge"]
 

@@ -7,9 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_int
-from agglo_core.errors import OptionError
-from agglo_core.problems import Diffusion, Field
+from agglo_core.authoring import Diffusion, Field, Float, Int, OptionError, frozen_int
 from agglo_polydg_mg.assembly import face_coefficients, positive
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces

@@ -10,11 +10,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int
-from agglo_core.errors import MeshError, OptionError
-from agglo_core.hierarchy import Hierarchy
-from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion, Linear, Problem
+from agglo_core.authoring import (
+    Diffusion,
+    Float,
+    Hierarchy,
+    Int,
+    Linear,
+    Mesh,
+    MeshError,
+    OptionError,
+    Problem,
+)
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.polydg import PolyDG, corrections

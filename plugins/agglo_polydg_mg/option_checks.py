@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from typing import Any
 
-from agglo_core.errors import OptionError
+from agglo_core.authoring import OptionError
 
 __all__ = ["chosen", "require_count", "require_fraction", "require_name", "require_positive", "require_truth"]
 

@@ -8,10 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_int
-from agglo_core.hierarchy import Hierarchy
-from agglo_core.problems import MultigridLevel, Problem, Solution
-from agglo_core.protocols import Smoother
+from agglo_core.authoring import Hierarchy, Int, MultigridLevel, Problem, Smoother, Solution, frozen_int
 from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import Chain, make_chain
 from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth

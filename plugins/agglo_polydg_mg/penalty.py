@@ -11,9 +11,7 @@ import math
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float
-from agglo_core.errors import MeshError, OptionError
-from agglo_core.mesh import Mesh
+from agglo_core.authoring import Float, Int, Mesh, MeshError, OptionError, frozen_float
 
 __all__ = ["face_penalty"]
 

@@ -7,9 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from agglo_core.hierarchy import Hierarchy
-from agglo_core.problems import Problem, Solution
-from agglo_core.problems.conjugate_gradients import conjugate_gradients
+from agglo_core.authoring import Hierarchy, Problem, Solution, conjugate_gradients
 from agglo_polydg_mg.operators import fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
 from agglo_polydg_mg.polydg import PolyDG

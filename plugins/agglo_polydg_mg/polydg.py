@@ -8,10 +8,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float
-from agglo_core.errors import OptionError
-from agglo_core.mesh import Mesh
-from agglo_core.problems import Diffusion, Field, Problem, Samples, System
+from agglo_core.authoring import (
+    Diffusion,
+    Field,
+    Float,
+    Int,
+    Mesh,
+    OptionError,
+    Problem,
+    Samples,
+    System,
+    frozen_float,
+)
 from agglo_polydg_mg.assembly import cell_means, discretise, load
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces

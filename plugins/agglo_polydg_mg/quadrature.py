@@ -12,10 +12,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import AggloError, MeshError, OptionError
-from agglo_core.mesh import Mesh
-from agglo_core.problems import Field
+from agglo_core.authoring import (
+    AggloError,
+    Field,
+    Float,
+    Int,
+    Mesh,
+    MeshError,
+    OptionError,
+    frozen_float,
+    frozen_int,
+)
 
 __all__ = [
     "Batch",

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int
-from agglo_core.problems import Samples
+from agglo_core.authoring import Float, Int, Samples
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.quadrature import triangulate
 

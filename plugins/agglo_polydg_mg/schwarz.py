@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse.linalg import splu
 
-from agglo_core.arrays import Float, Int
+from agglo_core.authoring import Float, Int
 from agglo_polydg_mg.transfer import diagonal_blocks
 
 __all__ = [

@@ -6,10 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from agglo_core import OptionError, PluginError
-from agglo_core.problems import MultigridLevel
-from agglo_core.protocols import Smoother
-from agglo_core.registry import Registry, default
+from agglo_core.authoring import MultigridLevel, OptionError, PluginError, Registry, Smoother, default
 from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, damped_jacobi, local_solve, schwarz
 
 __all__ = ["BlockJacobi", "Schwarz", "smoother_of"]

@@ -15,9 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import OptionError
-from agglo_core.hierarchy import Hierarchy
+from agglo_core.authoring import Float, Hierarchy, Int, OptionError, frozen_float, frozen_int
 from agglo_polydg_mg.basis import block_diagonal
 
 __all__ = ["block_matrix", "chosen_levels", "diagonal_blocks", "injection", "l2_projection", "parents"]

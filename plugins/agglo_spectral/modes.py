@@ -12,9 +12,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from agglo_core.arrays import Float, Int
-from agglo_core.graph import Graph
-from agglo_core.graph.blocks import block_extents, block_shares, principal_frames
+from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
 
 __all__ = ["laplacian_modes"]
 

@@ -12,10 +12,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int, UInt64
-from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
-from agglo_core.graph.blocks import (
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    Int,
+    OptionError,
+    UInt64,
     block_extents,
     block_ranks,
     block_shares,

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+import agglo_core.authoring
+
 ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(folder.name for folder in (ROOT / "plugins").glob("agglo_*") if folder.is_dir())
 FILES = sorted([*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
@@ -118,11 +120,21 @@ def test_no_two_modules_import_each_other() -> None:
 
 
 @pytest.mark.parametrize("file", [f for f in FILES if "plugins" in f.parts], ids=dotted)
-def test_plugins_do_not_know_each_other(file: Path) -> None:
+def test_plugins_import_what_any_author_may(file: Path) -> None:
     own = dotted(file).split(".")[0]
-    for module in modules_imported(file):
+    for module, name in imported(file):
         top = module.split(".")[0]
         assert top not in PLUGINS or top == own, f"{dotted(file)} imports the plugin {module}"
+        named = module == "agglo_core.authoring" and name in agglo_core.authoring.__all__
+        assert top != "agglo_core" or named, (
+            f"{dotted(file)} imports {module}.{name}: not agglo_core.authoring"
+        )
+
+
+@pytest.mark.parametrize("name", agglo_core.authoring.__all__)
+def test_every_name_for_authors_can_be_had(name: str) -> None:
+    assert name in dir(agglo_core.authoring)
+    assert getattr(agglo_core.authoring, name) is not None
 
 
 @pytest.mark.parametrize("file", FILES, ids=dotted)
