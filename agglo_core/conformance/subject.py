@@ -34,6 +34,8 @@ class Subject:
         Promises.
     registry : Registry, optional
         Where names are looked up; by default that of the installed plugins.
+    refused : dict
+        Which questions it refused, as far as that was asked: some formats take a second to answer one.
     """
 
     kind: str
@@ -43,6 +45,7 @@ class Subject:
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: Mapping[str, bool | float] = field(default_factory=dict)
     registry: Registry | None = None
+    refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
 
     def build(self) -> Any:
         """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
