@@ -44,8 +44,9 @@ def on_meshes(kind: str) -> list[Case]:
 
 
 def in_space(kind: str) -> list[Case]:
-    """The same in 3-D."""
-    return [_about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))]
+    """The same in 3-D; to formats also tetrahedra, which some hold alone."""
+    boxes = _about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
+    return [boxes, _about(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
 
 
 def of_one_cell(kind: str) -> list[Case]:

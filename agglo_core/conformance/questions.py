@@ -111,7 +111,14 @@ def _further_problems(subject: Subject) -> list[Case]:
 
 
 def refuses(subject: Subject, case: Case) -> bool:
-    """Whether the component answers a question by an AggloError."""
+    """Whether the component answers a question by an AggloError; asked once."""
+    key = case.name, case.given[-1] if subject.kind == "format" else ""
+    if key not in subject.refused:
+        subject.refused[key] = _raises_ours(subject, case)
+    return subject.refused[key]
+
+
+def _raises_ours(subject: Subject, case: Case) -> bool:
     try:
         answer(subject, subject.build(), case)
     except Broken as error:

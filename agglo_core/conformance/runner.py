@@ -39,7 +39,8 @@ def check(
     promises : mapping, optional
         Instead of the declared ones.
     registry : Registry, optional
-        Where names are looked up; by default that of the installed plugins.
+        Where names are looked up; by default that of the installed plugins. With a timeout the other
+        process is given the component alone: what else is in the registry it does not know.
 
     Raises
     ------

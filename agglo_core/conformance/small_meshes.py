@@ -27,6 +27,7 @@ __all__ = [
     "mixed",
     "plane_meshes",
     "ring",
+    "tetrahedra",
 ]
 
 CHANGES = ("renumbered", "rotated", "shifted", "scaled")
@@ -122,6 +123,14 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2) -> Mesh:
         ]
     )
     return Mesh.from_polyhedra(points, [(a + low).tolist() for a in corner], name="boxes")
+
+
+def tetrahedra() -> Mesh:
+    """Two tetrahedra on either side of a triangle."""
+    points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.3, 1.0), (0.3, 0.2, -1.0)]
+    upper = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+    lower = [(0, 1, 2), (1, 0, 4), (2, 1, 4), (0, 2, 4)]
+    return Mesh.from_polyhedra(points, [upper, lower], name="tetrahedra")
 
 
 def plane_meshes() -> list[Mesh]:

@@ -34,6 +34,8 @@ class Subject:
         Promises.
     registry : Registry, optional
         Where names are looked up; by default that of the installed plugins.
+    refused : dict
+        Which questions it refused, as far as that was asked: some formats take a second to answer one.
     """
 
     kind: str
@@ -43,6 +45,7 @@ class Subject:
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: Mapping[str, bool | float] = field(default_factory=dict)
     registry: Registry | None = None
+    refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
 
     def build(self) -> Any:
         """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
@@ -64,14 +67,12 @@ class Subject:
 
     def problem(self, kind: str) -> Any:
         """The kind of problem of that name: a class, or what a factory made."""
-        registry = default() if self.registry is None else self.registry
-        return Subject("problem", kind, registry.record("problem", kind)).make()
+        return Subject("problem", kind, self._registry.record("problem", kind)).make()
 
     def metric(self, name: str) -> Any:
         """The metric of that name; None if there is none."""
-        registry = default() if self.registry is None else self.registry
-        known = {record.name for record in registry.list() if record.kind == "metric"}
-        return registry.build("metric", name) if name.rpartition("/")[2] in known else None
+        known = {record.name for record in self._registry.list() if record.kind == "metric"}
+        return self._registry.build("metric", name) if name.rpartition("/")[2] in known else None
 
     @property
     def takes_options(self) -> bool:
@@ -84,6 +85,10 @@ class Subject:
     def target(self) -> Any:
         """What is called to build it: a class or a function, or the object that was handed over."""
         return resolve(self.record) if self.record is not None else self.given
+
+    @property
+    def _registry(self) -> Registry:
+        return default() if self.registry is None else self.registry
 
     @property
     def _is_class_of_problems(self) -> bool:

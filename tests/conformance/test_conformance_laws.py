@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from inspect import isfunction
+from pathlib import Path
 
 import pytest
 from conformance.mutants import CORRECT, MUTANTS, NEWCOMERS
@@ -15,6 +17,8 @@ from agglo_core.conformance.law import Law
 from agglo_core.conformance.laws import all_laws, refiner
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.registry import KINDS, PROMISES
+
+GUIDE = Path(__file__).parents[2] / "docs/how-to/write-a-plugin.md"
 
 
 def first_failure(subject: Subject) -> tuple[str, str]:
@@ -54,6 +58,16 @@ def test_a_law_says_in_one_sentence_what_it_wants(law: Law) -> None:
 def test_every_law_has_a_mutant_and_every_promise_a_law() -> None:
     assert {mutant.law for mutant in MUTANTS} == {law.name for law in all_laws()}
     assert {law.promise for law in all_laws() if law.promise} == set(PROMISES)
+
+
+def test_the_guide_says_which_promise_fits_which_kind() -> None:
+    text = GUIDE.read_text(encoding="utf-8")
+    table = re.findall(r"^\| `(\w+)` \| ([\w, ]+) \| .* \|$", text.split("## Promises")[1], re.M)
+    told = {promise: kinds.split(", ") for promise, kinds in table}
+    assert told == {
+        promise: [name for name, kind in KINDS.items() if promise in kind.promises] for promise in PROMISES
+    }
+    assert all(f"| `{name}` | {kind.summary} |" in text for name, kind in KINDS.items())
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)

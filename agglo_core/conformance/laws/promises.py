@@ -24,7 +24,6 @@ from agglo_core.conformance.questions import (
     same,
     settled,
     taken,
-    with_suffix,
 )
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
@@ -142,8 +141,10 @@ def kway_parts(subject: Subject) -> None:
 def space(subject: Subject) -> None:
     """In 3-D it answers as it does in the plane: full length, finite, both sides, all parts."""
     asked = solids(subject.kind)
-    asked = with_suffix(subject, asked) if subject.kind == "format" else asked
-    for case in taken(subject, asked) if subject.kind == "solver" else asked:
+    if subject.kind in ("solver", "format"):
+        asked = taken(subject, asked)
+        require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
+    for case in asked:
         values = plain(subject, subject.build(), case)
         require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":

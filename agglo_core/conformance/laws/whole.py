@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,7 +36,7 @@ _SEES_SPACE = tuple(kind for kind in ASKED if kind != "smoother")
 def same_seed_same_result(subject: Subject) -> None:
     """Two objects built alike give the same answer to the same question with the same seed."""
     for case in questions(subject):
-        one, two = (_repeatably(subject, subject.build, case) for _ in range(2))
+        one, two = (_repeatably(subject, case) for _ in range(2))
         require(
             same(one, two),
             f"on {case.name}: the same seed gave two results: take all random numbers from the rng or the "
@@ -51,7 +49,7 @@ def no_memory(subject: Subject) -> None:
     """One object gives the same answer when asked again."""
     for case in questions(subject):
         tool = subject.build()
-        one, two = (_repeatably(subject, partial(_itself, tool), case) for _ in range(2))
+        one, two = (_repeatably(subject, case, tool) for _ in range(2))
         require(
             same(one, two),
             f"on {case.name}: asked twice, it answered differently: keep nothing between calls in self",
@@ -161,11 +159,10 @@ def works_in_a_run(subject: Subject) -> None:
     require(hierarchy.parts == [12, 5], f"a run with it gave {hierarchy.parts} parts instead of 12 and 5")
 
 
-def _repeatably(subject: Subject, build: Callable[[], Any], case: Case) -> NDArray[Any]:
-    """The answer while the global random state is fixed: whether it is read is another law's matter."""
+def _repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
+    """The answer, of a fresh object if none is given, while the global random state is fixed.
+
+    Whether that is read is another law's matter.
+    """
     with global_random(1):
-        return plain(subject, build(), case)
-
-
-def _itself(tool: Any) -> Any:
-    return tool
+        return plain(subject, subject.build() if tool is None else tool, case)

@@ -185,5 +185,5 @@ MUTANTS = [
     Mutant("files_left_alone", LeavesALog, "toy.log"),
     Mutant("files_left_alone", TouchesTheFile, "reading changed"),
     Mutant("space_served_or_refused", PlaneFormat, "only for 2-D"),
-    Mutant("space", Toy, "of the plane", {"3d": True}),
+    Mutant("space", Toy, "drop the promise", {"3d": True}),
 ]

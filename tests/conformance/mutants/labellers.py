@@ -73,6 +73,16 @@ class Worsens(Idle):
         return labels
 
 
+class PursuesUF(Idle):
+    """Names a metric as its objective."""
+
+    objective = "UF"
+
+
+class WorsensAMetric(Worsens):
+    objective = "interface_length"
+
+
 class UnknownObjective(Idle):
     objective = "beauty"
 
@@ -127,6 +137,7 @@ class CountsBlocks(Fix):
 
 
 CORRECT = [
+    (PursuesUF, {"deterministic": True}),
     (Idle, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
     (Fix, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
 ]
@@ -138,6 +149,7 @@ MUTANTS = [
     Mutant("parts_kept", RenumbersAcrossBlocks, "block"),
     Mutant("components_not_raised", TearsApart, "fell apart"),
     Mutant("objective_kept", Worsens, "return the labels you were given"),
+    Mutant("objective_kept", WorsensAMetric, "interface_length went from"),
     Mutant("objective_kept", UnknownObjective, "beauty"),
     Mutant("bounded_time", Sleeps, "number of sweeps"),
     Mutant("parts_connected", DoesNothing, "in pieces"),
