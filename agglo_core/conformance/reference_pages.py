@@ -13,7 +13,14 @@ from agglo_core.registry import KINDS, Component, default
 
 __all__ = ["compliance_page", "laws_page", "own_components", "own_results"]
 
-_OPTIONS: Mapping[str, Mapping[str, Any]] = {"diameter_ratio": {"h_star": 0.5}}
+_REGULAR = ("triangles", "squares", "hexagons", "strip", "disconnected", "boxes", "tetrahedra")
+_OPTIONS: Mapping[str, Mapping[str, Any]] = {
+    "diameter_ratio": {"h_star": 0.5},
+    "paper": {"name": "squares"},
+    **{name: {"n": 3} for name in _REGULAR},
+    **{name: {"n": 20} for name in ("random_triangles", "voronoi", "ring")},
+}
+"""Values for options that must be given."""
 
 _LAWS_HEAD = """# The laws
 

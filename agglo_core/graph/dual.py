@@ -140,9 +140,9 @@ class Graph(BlockGraph):
         return f"Graph({self.dim}-D, {self.n} nodes, {len(self.indices) // 2} edges, {self.n_blocks} blocks)"
 
     def to_scipy(self) -> sparse.csr_array[Any, Any]:
-        """Adjacency ``(n, n)`` weighted by interface measure."""
-        shape = (self.n, self.n)
-        return sparse.csr_array((self.interface, self.indices.astype(np.int64), self.indptr), shape=shape)
+        """Adjacency ``(n, n)`` weighted by interface measure, in arrays of its own: scipy sorts in place."""
+        arrays = (self.interface.copy(), self.indices.astype(np.int64), self.indptr.copy())
+        return sparse.csr_array(arrays, shape=(self.n, self.n))
 
     @classmethod
     def from_networkx(

@@ -294,3 +294,11 @@ def test_a_graph_from_a_matrix_and_centroids() -> None:
     assert graph.diameters()[0] == pytest.approx(pdist(at).max())
     assert graph.measures.tolist() == [1.0] * 34
     assert graph.split(np.arange(34) % 2)[0].data["id"][:3].tolist() == [0, 2, 4]
+
+
+def test_scipy_gets_arrays_of_its_own() -> None:
+    graph = samples.hexagons(5).graph
+    adjacency = graph.to_scipy()
+    assert (adjacency - adjacency.T).count_nonzero() == 0  # scipy sorts in place on the way
+    adjacency.data[:] = 0.0
+    assert graph.interface.min() > 0
