@@ -64,9 +64,9 @@ class ByNumber(Regions):
         return (_rows(graph) + graph.indices) % 7 == 0
 
 
-class NothingWillDo:
-    def admissible(self, graph, labels):
-        return np.zeros(labels.max() + 1, bool)
+class ForbidsAll(Regions):
+    def forbidden(self, graph):
+        return np.ones(len(graph.indices), bool)
 
 
 class PlaneConstraint(Regions):
@@ -93,7 +93,7 @@ MUTANTS = [
     Mutant("masks", OnePerCell, "booleans of shape"),
     Mutant("both_directions", OneWay, "stands in the graph twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
-    Mutant("constraint_kept", NothingWillDo),
+    Mutant("constraint_kept", ForbidsAll, "too few parts"),
     Mutant("space_served_or_refused", PlaneConstraint, "only for 2-D"),
     Mutant("pickles", HoldsARule, "no lambdas", {"pickles": True}),
 ]
