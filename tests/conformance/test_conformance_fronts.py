@@ -23,6 +23,8 @@ from agglo_core.conformance.questions import questions
 from agglo_core.conformance.reference import TwoPointFlux
 from agglo_core.conformance.subject import subject_of
 
+pytestmark = pytest.mark.xdist_group("fronts")
+
 PLUGIN = """
 import numpy as np
 from agglo_core import Component, hookimpl

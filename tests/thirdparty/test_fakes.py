@@ -13,6 +13,8 @@ import pytest
 from thirdparty.fakes import FAKES, MISBEHAVING, Fake, Use
 from thirdparty.installing import Answer, converse, environment
 
+pytestmark = pytest.mark.xdist_group("fakes")
+
 LISTING = "plugins --json"
 TAKEN = "runner/run"
 WORKING = {
