@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     )
     from agglo_core.graph.objectives import OBJECTIVES, numbered_parts
     from agglo_core.graph.ordering import curve_order
-    from agglo_core.graph.sweep import sweep
+    from agglo_core.graph.sweep import sweep, sweep_arrays
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
@@ -105,7 +105,7 @@ problems: Diffusion Discretisation Field Linear MultigridLevel Problem Samples S
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
-graph.sweep: sweep
+graph.sweep: sweep sweep_arrays
 graph.objectives: OBJECTIVES numbered_parts
 components.fixers: ConnectivityFixer
 components.geometric: InertialBisection
@@ -234,6 +234,7 @@ __all__ = [
     "split_at_median",
     "staging",
     "sweep",
+    "sweep_arrays",
     "turned",
     "write",
 ]

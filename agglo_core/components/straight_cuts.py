@@ -10,7 +10,7 @@ from agglo_core.arrays import Int, UInt64
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import principal_frames
-from agglo_core.graph.sweep import sweep
+from agglo_core.graph.sweep import sweep, sweep_arrays
 
 __all__ = ["SweepBisection"]
 
@@ -40,14 +40,5 @@ class SweepBisection:
         if level.dim == 3:
             diagonals = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=2)]) / np.sqrt(3.0)
             return sweep(level, principal_frames(level)[1] @ np.concatenate((np.eye(3), diagonals)).T)
-        sides: Int = sweep_axes(
-            level.offsets,
-            level.indptr,
-            level.indices,
-            level.interface,
-            level.centroids,
-            level.weights,
-            level.measures,
-            self.axes,
-        )
+        sides: Int = sweep_axes(*sweep_arrays(level), self.axes)
         return sides

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Int, frozen_float
+from agglo_core.arrays import Float, Index, Int, frozen_float
 from agglo_core.errors import OptionError
 
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
 
-__all__ = ["sweep"]
+__all__ = ["sweep", "sweep_arrays"]
 
 
 def sweep(level: Graph, scores: ArrayLike) -> Int:
@@ -65,14 +65,11 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
     if not np.isfinite(columns).all():
         row, column = np.argwhere(~np.isfinite(columns))[0]
         raise OptionError(f"scores must be finite; node {row} has {columns[row, column]}")
-    sides: Int = sweep_level(
-        level.offsets,
-        level.indptr,
-        level.indices,
-        level.interface,
-        level.centroids,
-        level.weights,
-        level.measures,
-        frozen_float(columns),
-    )
+    sides: Int = sweep_level(*sweep_arrays(level), frozen_float(columns))
     return sides
+
+
+def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Float]:
+    """What the kernels of the sweep want of a graph: blocks, CSR, interfaces, centroids, weights, measures."""
+    csr = (level.offsets, level.indptr, level.indices, level.interface)
+    return (*csr, level.centroids, level.weights, level.measures)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, frozen_float
+from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, frozen_float, sweep_arrays
 
 __all__ = ["SHAPES", "FastGNN"]
 
@@ -98,16 +98,7 @@ class FastGNN:
         """Side of each node ``(n,)``, without looking ahead."""
         from agglo_gnn.fast_kernels import bisect_fast
 
-        sides: Int = bisect_fast(
-            level.offsets,
-            level.indptr,
-            level.indices,
-            level.interface,
-            level.centroids,
-            level.weights,
-            level.measures,
-            self.net,
-        )
+        sides: Int = bisect_fast(*sweep_arrays(level), self.net)
         return sides
 
 

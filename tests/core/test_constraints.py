@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy_constraints import Line, Regions, pairs
 
 import agglo_core as agglo
 from agglo_core import samples
@@ -22,34 +23,6 @@ MODES = {
     "metis": {"bisector": "metis", "method": "kway"},
     "inertial": {"bisector": "inertial", "refiners": ()},
 }
-
-
-def pairs(graph):
-    return np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices
-
-
-class Regions:
-    """Cells of different regions may not share a part."""
-
-    def __init__(self, regions):
-        self.regions = np.asarray(regions)
-
-    def forbidden(self, graph):
-        row, column = pairs(graph)
-        return self.regions[row] != self.regions[column]
-
-
-class Line:
-    """Nothing is joined across the line x = ``at``; ``above`` some height only."""
-
-    def __init__(self, at: float = 0.5, above: float = -np.inf) -> None:
-        self.at, self.above = at, above
-
-    def forbidden(self, graph):
-        centroids = graph.centroids + graph.origin
-        right, high = centroids[:, 0] > self.at, centroids[:, 1] > self.above
-        row, column = pairs(graph)
-        return (right[row] != right[column]) & high[row] & high[column]
 
 
 def check(mesh, hierarchy, constraint):
