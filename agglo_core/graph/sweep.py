@@ -70,6 +70,6 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
 
 
 def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Float]:
-    """What the kernels of the sweep want of a graph: blocks, CSR, interfaces, centroids, weights, measures."""
+    """What the kernels of the sweep want: blocks, CSR, interfaces, centroids, weights, measures."""
     csr = (level.offsets, level.indptr, level.indices, level.interface)
     return (*csr, level.centroids, level.weights, level.measures)
