@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
-from agglo_core.cli.console import explain_compilation, hush, number, print_json
+from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import check_outputs, refuse_solids, write_outputs
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show
 
@@ -47,7 +47,7 @@ def run(
     Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each.
     """
     if quiet:
-        hush()
+        quieten()
     files = check_outputs(output, plot, report, bisectors)
     chosen = {spec: choice("bisector", spec) for spec in bisectors}
     mesh = load_mesh(source)

@@ -81,7 +81,7 @@ def _remove_stale(path: Path, count: int) -> None:
             if ours:
                 file.unlink()
                 _log.info("removed %s, a level of an earlier hierarchy", file)
-        except OSError as error:  # the mesh and its levels are written: this is no reason to fail
+        except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 

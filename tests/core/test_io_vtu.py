@@ -362,7 +362,7 @@ def test_levels_without_the_first_are_none(tmp_path: Path, caplog: pytest.LogCap
     back, found = read_hierarchy(tmp_path / "o.vtu")
     assert found is None
     assert list(back.cell_tags) == ["level_1"]
-    assert "level_1 taken for no level: there is no level_0" in caplog.text
+    assert "level_1 not taken for levels: there is no level_0" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
@@ -579,7 +579,7 @@ def test_nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (tmp_path / "out.vtu").write_text("old")
     (tmp_path / "out_level0.vtu").mkdir()
     levels = hierarchy_of(mesh, np.zeros(16, np.int64))
-    with pytest.raises(FileError, match="no regular file"):
+    with pytest.raises(FileError, match="not a regular file"):
         write(tmp_path / "out.vtu", mesh, levels)
     assert (tmp_path / "out.vtu").read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == ["out.vtu", "out_level0.vtu"]
