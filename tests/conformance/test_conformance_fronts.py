@@ -228,7 +228,7 @@ def test_xfail_is_strict() -> None:
         (("side_array",), {"strict": True, "reason": "known"})
     ]
     assert len(mark.args[1]) == 1 + len(check(ListOfSides))
-    with pytest.raises(OptionError, match="'side_arrays', which is no law"):
+    with pytest.raises(OptionError, match="'side_arrays', which is not a law"):
         conformance(ListOfSides, xfail={"side_arrays": "misspelt"})
     with pytest.raises(AssertionError, match="'symmetric', which does not apply"):
         conformance(ListOfSides, xfail={"symmetric": "not asked"})("is_found")
