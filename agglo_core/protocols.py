@@ -161,10 +161,10 @@ class Format(Protocol):
     """Reads meshes from files of one format.
 
     ``suffixes`` are lower case, with their dot; ``lossless`` says whether what is written is read
-    back to the last bit, hierarchy included. An AggloError refuses a file, and the next format of its
-    suffix is asked; OSErrors are reported as they are; anything else is a bug of the format.
+    back to the last bit, hierarchy included. It refuses a file by an AggloError, and the next format of its
+    suffix is tried; OSErrors are reported as they are; anything else is a bug of the format.
 
-    Three attributes are optional, false where they are missing. ``last_resort``: it is asked after all
+    Three attributes are optional, false where they are missing. ``last_resort``: it is tried after all
     others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own
     ``write`` makes sure that files appear whole or not at all; others write into a temporary folder.
 

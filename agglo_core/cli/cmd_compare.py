@@ -21,7 +21,7 @@ from agglo_core.cli.arguments import (
     refuse_duplicates,
 )
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import check_report, refuse_solids
+from agglo_core.cli.outputs import check_report, refuse_3d_meshes
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show
 from agglo_core.registry import default
 
@@ -79,7 +79,7 @@ def compare(
     if report is not None:
         check_report(report)
     mesh = load_mesh(source)
-    refuse_solids(mesh, source, {"--report": report})
+    refuse_3d_meshes(mesh, source, {"--report": report})
     refuse_metrics(mesh, metrics)
     if not quiet:
         explain_compilation()

@@ -10,7 +10,7 @@ import click
 
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import check_outputs, refuse_solids, write_outputs
+from agglo_core.cli.outputs import check_outputs, refuse_3d_meshes, write_outputs
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def run(
     files = check_outputs(output, plot, report, bisectors)
     chosen = {spec: choice("bisector", spec) for spec in bisectors}
     mesh = load_mesh(source)
-    refuse_solids(mesh, source, {"--plot": plot, "--report": report})
+    refuse_3d_meshes(mesh, source, {"--plot": plot, "--report": report})
     refuse_metrics(mesh, metrics)
     if not quiet:
         explain_compilation()

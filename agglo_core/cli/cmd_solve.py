@@ -10,7 +10,7 @@ import click
 
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh, parse_spec
 from agglo_core.cli.console import explain_compilation, print_json
-from agglo_core.cli.outputs import check_picture, refuse_solids
+from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import default
 
@@ -65,7 +65,7 @@ def solve(
     _check_files(output, plot, tool, solver)
     explain_compilation()
     mesh = load_mesh(source)
-    refuse_solids(mesh, source, {"--plot": plot})
+    refuse_3d_meshes(mesh, source, {"--plot": plot})
     asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
     plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is checked
     solution = tool.solve(
@@ -152,7 +152,7 @@ def _levels(mesh: Mesh, agglomeration: Mapping[str, Any]) -> Hierarchy:
 def _write(
     mesh: Mesh, solution: Solution, how: Discretisation | None, output: Path | None, plot: Path | None
 ) -> list[str]:
-    """Leave the files asked for, the picture first: a failed one leaves no other file behind."""
+    """Write the files asked for, the picture first: if it fails no other file is left behind."""
     if how is None or (output is None and plot is None):
         return []
     samples = how.sample(mesh, solution.x)

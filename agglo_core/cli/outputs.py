@@ -21,7 +21,7 @@ __all__ = [
     "check_outputs",
     "check_picture",
     "check_report",
-    "refuse_solids",
+    "refuse_3d_meshes",
     "write_outputs",
 ]
 
@@ -61,7 +61,7 @@ def check_report(report: Path) -> None:
     check_page(report)
 
 
-def refuse_solids(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
+def refuse_3d_meshes(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
     """Raise OptionError if a picture of a 3-D mesh is wanted; ``wanted`` is by option."""
     flags = [flag for flag, path in wanted.items() if path is not None]
     if flags and mesh.dim != 2:

@@ -149,8 +149,8 @@ def _improved(
 ) -> Mask:
     """Whether the objective of each block ``(B,)`` is better than before the moves.
 
-    Totals are compared if the objective has values of parts. A metric cannot be measured on a graph: instead,
-    the changes that undoing each move alone would make must add up to a loss.
+    Totals are compared if the objective has values of parts. A metric cannot be measured on a graph: there,
+    undoing the moves, each on its own, must make things worse in total.
     """
     if objective.of_parts is not None:
         now, then = (

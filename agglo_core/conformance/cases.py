@@ -22,11 +22,11 @@ from agglo_core.protocols import Target
 
 __all__ = [
     "cases",
+    "cases_in_3d",
     "laplacian",
     "level_case",
     "part_of_level",
     "seeds_for",
-    "solids",
     "stripes",
     "tiny",
     "with_problem",
@@ -57,7 +57,7 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     ]
 
 
-def solids(kind: str) -> list[Case]:
+def cases_in_3d(kind: str) -> list[Case]:
     """The same in 3-D; none for a kind that is given neither mesh nor graph."""
     if kind in _ABOUT_MESHES:
         return in_space(kind)

@@ -67,9 +67,9 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:
     """Of some questions, those that the component takes.
 
-    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`): the first question
-    of that sort decides: it does if it answers by an AggloError. What it takes in one case it must take in
-    all. A format may refuse a mesh that it cannot hold, a constraint a graph without the data it needs.
+    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`), by answering the first question
+    of that sort with an AggloError. What it takes in one case it must take in all. A format may refuse a
+    mesh that it cannot hold, a constraint a graph without the data it needs.
     """
     if subject.kind not in _CHOOSY:
         return asked

@@ -182,7 +182,7 @@ def _existing(path: object) -> Path:
 def _checked_path(function: str, path: object) -> Path:
     if not isinstance(path, str | PathLike):
         call = "read(path)" if function == "read" else "write(path, mesh, hierarchy)"
-        raise OptionError(f"{call}: the path must be a text or a Path, given {type(path).__name__}")
+        raise OptionError(f"{call}: the path must be a str or a Path, given {type(path).__name__}")
     return Path(path)
 
 

@@ -1,4 +1,4 @@
-"""Polygons with holes as single loops: a bridge edge, walked both ways, joins two boundary loops."""
+"""Polygons with holes as single loops: a bridge edge, traversed both ways, joins two boundary loops."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.vtu``, ….
 
     The fine mesh carries its cell tags and the labels of every level (``level_0``, …). A cell of
-    several boundary loops (a hole) is one polygon that walks a bridge between them both ways; then
+    several boundary loops (a hole) is one polygon that traverses a bridge between them both ways; then
     integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
     its triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
 

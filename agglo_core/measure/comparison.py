@@ -27,7 +27,7 @@ _WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """One way to agglomerate a mesh and what came of it.
+    """One way to agglomerate a mesh, and its result.
 
     Attributes
     ----------

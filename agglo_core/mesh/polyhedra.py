@@ -100,7 +100,7 @@ def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, cent
     """Sign of each half-face: −1 where its loop as given is clockwise seen from outside.
 
     Where all faces of a cell look away from its middle, or all look towards it, they are taken as they
-    are; elsewhere neighbours across an edge must walk it in opposite directions.
+    are; elsewhere neighbours across an edge must traverse it in opposite directions.
     """
     n = int(cell_of[-1]) + 1
     first = np.flatnonzero(np.diff(cell_of, prepend=-1))
@@ -126,7 +126,7 @@ def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, cent
 
 
 def _consistent(cell_of: Int, loop_offsets: Int, vertices: Int, flux: Float) -> Float:
-    """Signs that make the faces of each cell walk every edge once each way, where that can be."""
+    """Signs that make the faces of each cell traverse every edge once in each direction, where possible."""
     loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
     head = np.roll(vertices, -1)
     head[loop_offsets[1:] - 1] = vertices[loop_offsets[:-1]]

@@ -1,4 +1,4 @@
-"""One level of a multigrid method, as a smoother sees it."""
+"""One level of a multigrid method, as it is given to a smoother."""
 
 from __future__ import annotations
 

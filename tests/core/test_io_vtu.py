@@ -415,7 +415,7 @@ def test_arguments_of_a_wrong_kind_are_explained(tmp_path: Path) -> None:
     for arguments, match in (
         ((file, levels), "the mesh comes before the hierarchy"),
         ((file, mesh.graph), "the mesh must be a Mesh, given Graph"),
-        ((mesh, file), "the path must be a text or a Path, given Mesh"),
+        ((mesh, file), "the path must be a str or a Path, given Mesh"),
         ((file, mesh, levels.levels[0]), "the hierarchy must be a Hierarchy, given ndarray"),
     ):
         with pytest.raises(OptionError, match=match):

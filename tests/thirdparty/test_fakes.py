@@ -158,4 +158,4 @@ finally:
     )
     assert done.stderr == "[]\n"
     if arguments[0] == "plugins":
-        assert all(f"agglo-crowd{i}" in done.stdout for i in range(30))
+        assert all(f"agglo-extra{i}" in done.stdout for i in range(30))

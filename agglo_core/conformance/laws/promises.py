@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, level_case, seeds_for, solids
+from agglo_core.conformance.cases import cases, cases_in_3d, level_case, seeds_for
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.refiner import loose_parts
 from agglo_core.conformance.questions import (
@@ -140,7 +140,7 @@ def kway_parts(subject: Subject) -> None:
 @law(*_promising("3d"), promise="3d")
 def space(subject: Subject) -> None:
     """In 3-D it answers as it does in 2-D: full length, finite, both sides, all parts."""
-    asked = solids(subject.kind)
+    asked = cases_in_3d(subject.kind)
     if subject.kind in ("solver", "format"):
         asked = taken(subject, asked)
         require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")

@@ -97,7 +97,7 @@ def true_residual(subject: Subject) -> None:
 
 @law("solver")
 def failure_flagged(subject: Subject) -> None:
-    """A problem without solution is flagged (converged=False and a reason) or refused with an AggloError."""
+    """A problem without a solution is flagged (converged=False, a reason) or refused with an AggloError."""
     _, hierarchy = cases("solver")[0].given
     graph = hierarchy.graph
     hopeless = {

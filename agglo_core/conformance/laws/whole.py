@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import level_case, part_of_level, solids, stripes, tiny
+from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, stripes, tiny
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.questions import (
     answer,
@@ -127,7 +127,7 @@ def a_level_is_its_blocks(subject: Subject) -> None:
 @law(*_SEES_SPACE, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
     """Without the promise 3d it either handles 3-D meshes or refuses them with an AggloError."""
-    asked = solids(subject.kind)
+    asked = cases_in_3d(subject.kind)
     for case in with_suffix(subject, asked) if subject.kind == "format" else asked:
         try:
             plain(subject, subject.build(), case)
