@@ -496,7 +496,7 @@ def test_not_a_file(tmp_path: Path) -> None:
         ('type="Float64"', 'type="Float99"', "unknown type 'Float99'"),
         ('format="ascii"', 'format="morse"', "unknown format 'morse'"),
         ("0.0 0.0", "nan 0.0", "not finite"),
-        ("0.0 0.0", "0.0 " + "1" * 100, "no number"),
+        ("0.0 0.0", "0.0 " + "1" * 100, "not a number"),
         ("7 -9", "7", "1 values for 2 cells"),
     ],
 )
