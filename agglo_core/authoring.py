@@ -1,10 +1,10 @@
-"""The one module plugin authors import from: all that a component, a command or a declaration needs.
+"""The one module plugin authors import from: everything a component, a command or a declaration needs.
 
 Names are imported when first used, so that a declaration stays light::
 
     from agglo_core.authoring import Component, hookimpl
 
-What stands here is kept from version to version; other modules of ``agglo_core`` may move. Our own
+These names are kept from version to version; other modules of ``agglo_core`` may move. Our own
 plugins import from nowhere else (a test holds them to it). docs/how-to/write-a-plugin.md shows the rest.
 """
 
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
         edge_room,
         edges_of_block,
         scan_thresholds,
-        settle_block,
+        write_sides,
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
@@ -118,7 +118,7 @@ registry.attribution: Member
 problems.conjugate_gradients: MET History conjugate_gradients relative_size
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
-kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds settle_block
+kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
 agglomeration: Pipeline agglomerate
 measure: RunResult quality
 io: check_writable read read_hierarchy write
@@ -230,13 +230,13 @@ __all__ = [
     "samples",
     "save_figure",
     "scan_thresholds",
-    "settle_block",
     "split_at_median",
     "staging",
     "sweep",
     "sweep_arrays",
     "turned",
     "write",
+    "write_sides",
 ]
 
 

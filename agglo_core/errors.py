@@ -6,7 +6,7 @@ __all__ = ["AggloError", "FileError", "MeshError", "OptionError", "PluginError"]
 
 
 class AggloError(Exception):
-    """Root of all errors raised on purpose: the message says what was given, expected, and where."""
+    """Base of all errors raised on purpose; the message says what was given, what was expected, and where."""
 
 
 class MeshError(AggloError, ValueError):

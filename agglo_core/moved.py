@@ -1,6 +1,6 @@
-"""Dotted names of version 0.1 that still lead to what they meant: importing one gives today's module.
+"""Module names of version 0.1: importing one gives the module of today with a DeprecationWarning.
 
-``from agglo_core.plot import draw`` goes on working, with a DeprecationWarning that says where ``draw`` is.
+``from agglo_core.plot import draw`` goes on working; the warning says where ``draw`` is now.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _PACKAGE = __package__ + "."
 
 
 class _Moved(Loader):
-    """Gives the module of the new name as that of the old one."""
+    """Loads the module of the new name under the old one."""
 
     def __init__(self, new: str) -> None:
         self._module = import_module(new)

@@ -1,6 +1,6 @@
 """What each kind of component must offer. Nobody inherits anything: having the method is enough.
 
-Which kinds there are, and what is checked of them, stands in :mod:`agglo_core.registry.kinds`.
+Which kinds there are, and what is checked when they are built: :mod:`agglo_core.registry.kinds`.
 
 A *part* is a (block, label) pair: labels are local to their block. A *level* is a block-diagonal
 :class:`~agglo_core.graph.Graph` whose blocks are the pieces of one recursion depth. The law every
@@ -71,7 +71,7 @@ class Target:
 
 @runtime_checkable
 class Bisector(Protocol):
-    """The simple way: split one connected graph in two."""
+    """The simple form: split one connected graph in two."""
 
     def bisect(self, graph: Graph, rng: np.random.Generator) -> Sides:
         """Return the side of each node, shape ``(n,)``; both sides non-empty for n >= 2."""
@@ -79,7 +79,7 @@ class Bisector(Protocol):
 
 @runtime_checkable
 class LevelBisector(Protocol):
-    """The fast way: split every block of a level in one call."""
+    """The fast form: split every block of a level in one call."""
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
         """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
@@ -90,7 +90,7 @@ class TargetAware(Protocol):
     """Optional: a bisector that wants to know what the pieces are to become."""
 
     def for_target(self, target: Target) -> LevelBisector | Bisector:
-        """Return the bisector for pieces that are to meet ``target``: itself if that is the same for it.
+        """Return the bisector for pieces that are to meet ``target``: ``self`` if nothing depends on it.
 
         Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
         """
@@ -144,7 +144,7 @@ class QualityMetric(Protocol):
 
 @runtime_checkable
 class IncrementalMetric(Protocol):
-    """Optional: a metric that can tell what a move would change, so that refiners can pursue it.
+    """Optional: a metric that can tell what a move would change, so that refiners can optimise it.
 
     Its objective is the sum of the values over all parts, in the direction of ``better``.
     """
@@ -152,7 +152,7 @@ class IncrementalMetric(Protocol):
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
         """Return by how much the sum of values changes ``(q,)`` if cell i alone moves to part i.
 
-        ``labels (n,)`` number the parts of all blocks through, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
+        ``labels (n,)`` number the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
         """
 
 
@@ -160,13 +160,13 @@ class IncrementalMetric(Protocol):
 class Format(Protocol):
     """Reads meshes from files of one format.
 
-    ``suffixes`` are in small letters with their dot; ``lossless`` says whether what is written is read
-    back to the last bit, hierarchy included. An AggloError refuses a file, and the next format of its
-    suffix is asked; OSErrors are told as they are; anything else is a mistake of the format.
+    ``suffixes`` are lower case, with their dot; ``lossless`` says whether what is written is read
+    back to the last bit, hierarchy included. It refuses a file by an AggloError, and the next format of its
+    suffix is tried; OSErrors are reported as they are; anything else is a bug of the format.
 
-    Three attributes are optional, false where they are missing. ``last_resort``: it is asked after all
-    others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its ``write`` itself sees
-    to it that files appear whole or not at all; others write into a temporary folder.
+    Three attributes are optional, false where they are missing. ``last_resort``: it is tried after all
+    others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own
+    ``write`` makes sure that files appear whole or not at all; others write into a temporary folder.
 
     An option ``merge_points`` (bool) of the constructor is what ``agglo.read(…, merge_points=False)`` sets.
     """
@@ -212,14 +212,14 @@ class ProblemKind(Protocol):
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
-        """Return a small problem on any mesh that has one solution: what laws and solvers are tried on."""
+        """Return a small problem with exactly one solution on any mesh: for laws and tests of solvers."""
 
 
 @runtime_checkable
 class Smoother(Protocol):
-    """What a level of a multigrid method is smoothed by.
+    """Smooths the error on one level of a multigrid method.
 
-    One that does without the correction of the next level says ``uses_coarse = False``, so that no matrix
+    One that works without the correction of the next level says ``uses_coarse = False``, so that no matrix
     is factorised for it.
     """
 
@@ -234,8 +234,8 @@ class Forbidding(Protocol):
     def forbidden(self, graph: Graph) -> Mask:
         """Return ``(m,)``, for each CSR entry of the graph whether nothing may be joined across it.
 
-        Both directions of an edge agree. Parts are connected without such edges, so they never reach
-        across a closed barrier; around the open end of one they may.
+        Both directions of an edge agree. Parts are connected without such edges, so none crosses a
+        closed barrier; a part may reach around the open end of one.
         """
 
 
@@ -244,7 +244,7 @@ class Admitting(Protocol):
     """A constraint on finished parts."""
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Return ``(k,)``, for each part of ``labels (n,)`` whether it may be."""
+        """Return ``(k,)``, for each part of ``labels (n,)`` whether it is allowed."""
 
 
 @runtime_checkable
@@ -273,7 +273,7 @@ class Section(Protocol):
 class Solver(Protocol):
     """Solves a problem with the help of a hierarchy of coarse meshes.
 
-    ``accepts``, if there, lists the kinds of problem it takes; ``discretisation``, if there, tells what
+    ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
     One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``.

@@ -1,4 +1,4 @@
-"""The border: whatever a component returns is checked here, and errors name the component."""
+"""Checks of whatever components return; errors name the component."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ __all__ = [
 
 
 def bisector_for(member: Member, target: Target) -> Member:
-    """The bisector told its target; the member itself if that makes no difference to it."""
+    """The bisector for this target; the same one if the target makes no difference to it."""
     methods = [name for name in ("for_target", "aim") if callable(getattr(member.tool, name, None))]
     if not methods:
         return member
     if methods[0] == "aim":
         _warn_of_old_name(f"{type(member.tool).__module__}.{type(member.tool).__qualname__}")
     with attributed(member.title):
-        told = getattr(member.tool, methods[0])(target)
-    if told is member.tool:
+        adapted = getattr(member.tool, methods[0])(target)
+    if adapted is member.tool:
         return member
-    if isinstance(told, type) or not isinstance(told, LevelBisector | Bisector):
+    if isinstance(adapted, type) or not isinstance(adapted, LevelBisector | Bisector):
         raise PluginError(
-            f"{member.title}: {methods[0]} returned {told!r:.60}, "
+            f"{member.title}: {methods[0]} returned {adapted!r:.60}, "
             "expected an object with bisect_level or bisect"
         )
-    return Member(told, member.title)
+    return Member(adapted, member.title)
 
 
 @cache  # once for each class
@@ -52,7 +52,7 @@ def _warn_of_old_name(class_name: str) -> None:
 
 
 def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
-    """Sides ``(n,)`` in {0, 1} as the bisector has them; probabilities are rounded (1 iff p >= 0.5)."""
+    """Sides ``(n,)`` in {0, 1} as returned by the bisector; probabilities are rounded (1 iff p >= 0.5)."""
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
             given = np.asarray(member.tool.bisect_level(level, seeds))
@@ -72,7 +72,7 @@ def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
 
 
 def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[Any]:
-    """Sides of a whole level from a bisector of single graphs: one call and one generator a block."""
+    """Sides of all blocks from a bisector of single graphs: one call and one generator per block."""
     sides = []
     for b in range(level.n_blocks):
         piece = level[b]
@@ -84,7 +84,7 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
 
 
 def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
-    """Labels ``(n,)`` of a direct partition in ``parts`` parts at most, gaps closed."""
+    """Labels ``(n,)`` of a direct partition into at most ``parts`` parts, gaps closed."""
     labels = _integers(member, "partition", given, n)
     if labels.min() < 0 or labels.max() >= parts:
         raise PluginError(f"{member.title} returned labels {labels.min()}..{labels.max()} for {parts} parts")

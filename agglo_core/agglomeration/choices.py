@@ -1,4 +1,4 @@
-"""What users choose components by, and the components they stand for."""
+"""From what users choose (a name, a name with options, an object) to the components of a run."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ def new_run(
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
     if not kway and not bisects:
         raise OptionError(f"{member.title} cannot bisect; use method='kway'")
-    rescue = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
+    stand_in = None if fallback is None else _stand_in(member, "declares the fallback", fallback, registry)
     return Run(
         bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),
         refiners=[chosen("refiner", each, registry)[0] for each in refiners],
         post_refiners=[chosen("refiner", each, registry)[0] for each in post_refiners],
         fixer=chosen("fixer", fixer, registry)[0],
-        fallback=rescue,
+        fallback=stand_in,
         partitioner=member if kway else None,
         listen=registry.level_done,
         seed=seed,
@@ -68,7 +68,7 @@ def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choic
     methods = KINDS[kind].methods
     if isinstance(choice, type) or not any(callable(getattr(choice, each, None)) for each in methods):
         raise OptionError(
-            f"{choice!r} is no {kind}: it needs a name or an object with {' or '.join(methods)}"
+            f"{choice!r} is not a {kind}: expected a name or an object with {' or '.join(methods)}"
         )
     return Member(choice, f"{kind} {type(choice).__name__}"), getattr(choice, "fallback", None)
 
@@ -80,7 +80,7 @@ def _named(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
 
 
 def short_name(choice: Choice) -> str:
-    """The name a choice goes by in statistics."""
+    """Name of a choice in statistics."""
     if isinstance(choice, str):
         return choice
     return choice[0] if isinstance(choice, tuple) else type(choice).__name__

@@ -1,4 +1,4 @@
-"""Constraints: the edges that no part may be joined across are taken out before a run starts.
+"""Constraints: edges that no part may cross are removed before a run starts.
 
 Recursion, direct partitions, merging, polishing and fixing then work on a graph that knows no such edge,
 and every part, being connected, keeps the constraints.
@@ -25,7 +25,7 @@ def constrained(graph: Graph, constraints: Sequence[Member], goals: Sequence[Goa
     Raises
     ------
     OptionError
-        If a constraint asks for something else than forbidden edges, or a goal is a smaller number of
+        If a constraint asks for anything other than forbidden edges, or a goal is a smaller number of
         parts than the graph then has components.
     PluginError
         If a constraint misbehaves.
@@ -73,6 +73,6 @@ def _forbidden(member: Member, graph: Graph) -> Mask:
     if len(alone):
         i, j = int(row[alone[0]]), int(column[alone[0]])
         raise PluginError(
-            f"{member.title}: forbidden has the edge from cell {i} to cell {j}, but not the way back"
+            f"{member.title}: forbidden has the edge from cell {i} to cell {j}, but not from {j} to {i}"
         )
     return given

@@ -1,6 +1,6 @@
-"""Goals: what the parts of a level are to be, a largest diameter or a number of them.
+"""Goals of a level: a largest diameter of its parts, or their number.
 
-A goal says when a piece is finished, how a split shares what is left to do, what components are told,
+A goal says when a piece is finished, how a split shares the remaining work, what components are told,
 and what the level reports (``asked``). Each piece has a *state*, one number: its diameter, or the number of
 parts it is to become. Pieces are given as lists of cells: ``order``, cut by ``offsets``.
 """
@@ -31,10 +31,10 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class SizeGoal:
-    """No part is wider than ``h_star``, but for single cells.
+    """No part is wider than ``h_star``, except single cells.
 
     The state of a piece is its diameter: exact where ``h_star`` or one of the ``coarser`` sizes, which
-    will be asked for too, is near; elsewhere a number on the same side of all of them.
+    are also requested, is near; elsewhere any number on the same side of all of them.
     """
 
     h_star: float

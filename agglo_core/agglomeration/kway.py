@@ -21,10 +21,10 @@ __all__ = ["kway_levels"]
 
 
 def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, post: PostPass) -> list[Int]:
-    """Labels of each level, finest first.
+    """Labels of each coarse level, finest first.
 
     Nested hierarchies are built bottom-up: each level partitions the dual graph of the one below.
-    Otherwise every level partitions the fine graph on its own.
+    Otherwise every level is a partition of the fine graph.
     """
     result: list[Int] = []
     current, fine_to_current = graph, frozen_int(np.arange(graph.n))
@@ -39,7 +39,7 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
 
 
 def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> Int:
-    """One level on ``graph``: partition each component, refine, repair, then split what remains to split."""
+    """One level on ``graph``: partition each component, refine, repair, then split the parts too large."""
     pieces, cells = graph.split(graph.components())
     if isinstance(goal, SizeGoal):
         parts = int(np.clip(parts, pieces.n_blocks, graph.n))
@@ -69,7 +69,7 @@ def _partition_components(pieces: Graph, quotas: Int, run: Run, seeds: UInt64) -
 
 
 def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run: Run, stage: int) -> Int:
-    """Bisect parts that are too large, or as many as are missing to the exact count."""
+    """Bisect parts that are too large, or as many as the exact count still lacks."""
     if not isinstance(goal, SizeGoal):
         goal = replace(goal, quotas=_missing(graph, labels, quotas, found))
     tree, leaves = grow(graph, labels, goal, run, stage)

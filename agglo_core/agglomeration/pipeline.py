@@ -1,4 +1,4 @@
-"""Pipeline: chosen components, from names or a TOML file, and what they do to a mesh."""
+"""Pipeline: components chosen by name or in a TOML file, and :func:`agglomerate`, which runs them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class Pipeline:
-    """The components of a run and what it is to give; names are looked up when it starts.
+    """The components and targets of a run; names are looked up when it starts.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Pipeline:
     merge : bool
         Size targets: merge neighbouring parts while their union meets the target.
     post_refiners : sequence of Choice
-        Applied to each finished level; moves that make a part miss its size are taken back.
+        Applied to each finished level; moves that make a part miss its size are undone.
     seed : int
         Root of all random numbers.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
@@ -210,27 +210,28 @@ def agglomerate(
     merge : bool, optional
         Size targets: merge neighbouring parts while their union meets the target. Default False.
     post_refiners : sequence of components, optional
-        Applied to each finished level; moves that make a part miss its size are taken back. Default
+        Applied to each finished level; moves that make a part miss its size are undone. Default
         ``()``.
     seed : int, optional
         Default 0.
     config : path, optional
-        TOML file with these names as keys; arguments given here win.
+        TOML file with these names as keys; arguments given here take precedence.
     constraints : sequence of components, optional
         No part is joined across an edge of the dual graph that one of them forbids. Default ``()``.
     registry : Registry, optional
-        Where names are looked up, and who is told how far the run has come; the program's own by default.
+        Where names are looked up, and whose plugins follow the progress of the run; by default the
+        installed plugins.
 
     Returns
     -------
     Hierarchy
-        Every part connected; in size mode with ``diam <= h_star``, but for single cells that are
+        Every part connected; in size mode with ``diam <= h_star``, except single cells that are
         larger (counted in ``statistics``).
 
     Raises
     ------
     OptionError
-        If targets or options make no sense, or do not go with the constraints.
+        If targets or options make no sense, or contradict the constraints.
     PluginError
         If a component is missing, unusable, or misbehaves.
     """

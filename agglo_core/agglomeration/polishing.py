@@ -46,7 +46,7 @@ class PostPass:
 def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float) -> Int:
     """Merge neighbours whose union has a diameter of at most ``limit``, roundest unions first.
 
-    A union is the rounder the larger the share of its parts' boundary that it hides. In each round
+    The larger the share of its parts' boundary that becomes interior, the rounder a union is. In each round
     every part proposes its best neighbour; mutual proposals merge.
     """
     while True:
@@ -89,7 +89,7 @@ def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
 
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
-    """One k-way pass of the post-refiners in each block; moves that spoil a part are taken back."""
+    """One k-way pass of the post-refiners in each block; moves that spoil a part are undone."""
     pieces, cells = graph.split(blocks)
     before = labels[cells]
     owner = np.empty(int(labels.max()) + 1, np.int64)
@@ -108,7 +108,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
 
 
 def _without_bad_moves(pieces: Graph, before: Int, after: Int, limit: float) -> Int:
-    """Take back all moves in or out of parts that became disconnected or too wide, until none is."""
+    """Undo all moves into or out of parts that became disconnected or too wide, until none is left."""
     while True:
         component = pieces.components(after)
         part_of = np.zeros(int(component.max()) + 1, np.int64)

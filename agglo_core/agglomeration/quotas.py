@@ -1,4 +1,4 @@
-"""How a number of parts is shared: among the pieces at the start, and between the two sides of a split."""
+"""How a number of parts is divided: among the pieces at the start, and between the two sides of a split."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ __all__ = ["apportion", "share_out", "split_quotas"]
 
 
 def share_out(k: int, measures: Float, offsets: Int) -> Int:
-    """Quotas of pieces that hold cells of these ``measures``, piece after piece, cut by ``offsets``."""
+    """Quotas of pieces; ``measures`` are those of their cells, piece after piece, cut by ``offsets``."""
     sizes = np.diff(offsets)
     pieces = np.repeat(np.arange(len(sizes)), sizes)
     return apportion(k, frozen_float(np.bincount(pieces, measures)), frozen_int(sizes))
 
 
 def apportion(k: int, measures: Float, cells: Int) -> Int:
-    """Share k parts among pieces by measure: at least 1 each, at most their cells, exactly k in all.
+    """Divide k parts among pieces by measure: at least 1 each, at most their cells, exactly k in all.
 
-    Pieces without any measure are shared by cells.
+    If no piece has a measure, they are divided by number of cells.
 
     Raises
     ------

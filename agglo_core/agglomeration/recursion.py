@@ -1,8 +1,8 @@
-"""The recursion of the paper's Algorithm 1, depth by depth.
+"""The recursion of the paper's Algorithm 1, depth by depth: how a piece is split.
 
-All pieces of one depth are the blocks of one block-diagonal graph, a *level*: bisect, refine, fix, test,
-split. Asserted on the way: no side is empty, each phase keeps the label set, every piece is connected, the
-number of pieces strictly grows.
+All pieces of one depth are the blocks of one block-diagonal graph (``level``, as in the method
+``bisect_level`` of bisectors): bisect, refine, fix, test, split. Asserted on the way: no side is empty, each
+phase keeps the label set, every piece is connected, the number of pieces strictly grows.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
         if finished.all():
             return growth.tree(), frozen_int(np.concatenate(leaves))
         going = np.flatnonzero(~finished)
-        if nodes[0] > 0 or len(going) < len(nodes):  # else the blocks are the roots, as they stand
+        if nodes[0] > 0 or len(going) < len(nodes):  # otherwise the blocks are the roots themselves
             with statistics.timed("split"):
                 take, starts = _taken(order, offsets, going)
                 source, cells = source.subgraph(take, starts), cells[take]
@@ -121,7 +121,7 @@ def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int]:
 
 
 def _taken(order: Int, offsets: Int, chosen: Int) -> tuple[Int, Int]:
-    """What the chosen pieces hold, and where each starts."""
+    """Cells of the chosen pieces, and where each piece starts."""
     if len(chosen) == len(offsets) - 1:
         return order, offsets
     rows, sizes = _rows(offsets, chosen)
@@ -152,10 +152,10 @@ def _split(level: Graph, run: Run, seeds: UInt64, target: Target) -> Int:
 
 
 def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int]:
-    """Labels of each level, finest first.
+    """Labels of each coarse level, finest first.
 
     One tree serves all sizes: each level is a cut of it. Counts go coarsest first, the parts of one level
-    being the first pieces of the next; so do sizes with post-passes, or if the bisector is told each.
+    being the first pieces of the next; so do sizes if there are post-passes or the bisector wants the target.
     """
     if not post.active and _one_tree_serves(goals, run):
         return _levels_of_one_tree(graph, goals, run)
@@ -191,4 +191,4 @@ def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
     if count > run.statistics.oversized_cells:
         run.statistics.oversized_cells = count
         cells = "1 cell is" if count == 1 else f"{count} cells are"
-        _log.warning("%s larger than h* = %g; what is larger stays alone", cells, goal.h_star)
+        _log.warning("%s larger than h* = %g; such cells stay alone", cells, goal.h_star)

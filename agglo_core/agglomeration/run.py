@@ -84,7 +84,7 @@ class Run:
     partitioner : Member, optional
         Makes direct k-way partitions.
     listen : callable, optional
-        Told how far the run has come, after each depth of a recursion.
+        Called with the progress of the run after each depth of a recursion.
     seed : int
     statistics : Statistics
     """
@@ -100,7 +100,7 @@ class Run:
     statistics: Statistics = field(default_factory=Statistics)
 
     def for_target(self, target: Target) -> Run:
-        """The run with its bisector told the target; the run itself if that makes no difference to it."""
+        """The run with its bisector for this target; the run itself if the target makes no difference."""
         told = bisector_for(self.bisector, target)
         return self if told is self.bisector else replace(self, bisector=told)
 
@@ -123,8 +123,8 @@ class Run:
             one_sided = one_sided_blocks(level, sides)
         if len(one_sided):
             size = int(level.sizes[one_sided[0]])
-            rescue = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
-            raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{rescue}")
+            also = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
+            raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{also}")
         return sides
 
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:

@@ -1,4 +1,4 @@
-"""The TOML file of a run: read, its keys checked, its components turned into choices."""
+"""The TOML file of a run: reading it, checking its keys, and turning its components into choices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line ``agglo``: light at start, so that help and listings import nothing numerical."""
+"""The command line ``agglo``: starting it is fast, as help and listings import nothing numerical."""
 
 from agglo_core.cli.app import main
 

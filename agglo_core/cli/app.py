@@ -1,4 +1,4 @@
-"""The group of commands, those of plugins among them, and what becomes of errors."""
+"""The group of commands, including those of plugins, and how errors are reported."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def _stand_in(name: str, record: Record) -> click.Command:
                 return real.invoke(inner)
             except (AggloError, click.ClickException, click.exceptions.Exit, click.Abort):
                 raise
-            except Exception as error:  # a stranger's bug: say whose, and keep its traceback
+            except Exception as error:  # a bug of a plugin: say whose, and keep its traceback
                 error.add_note(f"raised by {describe(record)}")
                 raise
 
@@ -128,7 +128,7 @@ def _run(args: Sequence[str] | None) -> int:
         return _fail(error.format_message())
     except MemoryError as error:
         return _fail(f"out of memory: {error}" if str(error) else "out of memory")
-    except BrokenPipeError:  # the reader of our output left: say nothing
+    except BrokenPipeError:  # the reader of our output has closed it: say nothing
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
@@ -142,7 +142,7 @@ def _run(args: Sequence[str] | None) -> int:
 
 
 def _give_up_output() -> None:
-    """Let what stdout cannot write go nowhere: at exit it would fail once more."""
+    """Discard what stdout could not write: at exit it would fail once more."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,4 +1,4 @@
-"""What is typed after a command: meshes, components with options, targets. For plugins' commands too.
+"""Options and arguments of commands: meshes, components with options, targets. For plugins' commands too.
 
 .. code-block:: python
 
@@ -8,8 +8,8 @@
     def mine(source: str, agglomeration: dict[str, Any]) -> None:
         hierarchy = agglomerate(load_mesh(source), **agglomeration)
 
-So decorated, a command chooses bisector and method in a way of its own, if at all. With
-``@agglomeration_options(bisector="one")`` it has everything that ``agglo run`` has, in the same words.
+Decorated like this, a command chooses bisector and method in its own way, if at all. With
+``@agglomeration_options(bisector="one")`` it has all options of ``agglo run``, under the same names.
 
 Nothing heavy is imported before a mesh is loaded.
 """
@@ -30,6 +30,7 @@ from agglo_core.cli.specs import (
     load_mesh,
     numbers,
     parse_spec,
+    refuse_duplicates,
     refuse_twins,
     split_specs,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "parse_spec",
     "read_bisectors",
     "read_methods",
+    "refuse_duplicates",
     "refuse_twins",
     "split_specs",
 ]
@@ -84,7 +86,7 @@ def read_methods(_: click.Context, parameter: click.Parameter, text: str | None)
     unknown = [method for method in methods if method not in METHODS]
     if unknown:
         raise click.UsageError(f"{flag}: {unknown[0]!r} is none of {', '.join(METHODS)}")
-    refuse_twins(flag, methods)
+    refuse_duplicates(flag, methods)
     return methods
 
 

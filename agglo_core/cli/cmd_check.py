@@ -1,4 +1,4 @@
-"""``agglo check``: whether a component keeps the laws of its kind and its own promises."""
+"""``agglo check``: whether a component obeys the laws of its kind and keeps its promises."""
 
 from __future__ import annotations
 

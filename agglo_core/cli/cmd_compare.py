@@ -18,10 +18,10 @@ from agglo_core.cli.arguments import (
     metrics_option,
     read_bisectors,
     read_methods,
-    refuse_twins,
+    refuse_duplicates,
 )
-from agglo_core.cli.console import explain_compilation, hush, number, print_json
-from agglo_core.cli.outputs import check_report, refuse_solids
+from agglo_core.cli.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.outputs import check_report, refuse_3d_meshes
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show
 from agglo_core.registry import default
 
@@ -71,15 +71,15 @@ def compare(
     is shown as such. Targets are those of agglo run.
     """
     if quiet:
-        hush()
+        quieten()
     specs, words = [*bisectors, *more_bisectors], [*methods, *more_methods]
-    refuse_twins("--bisector", specs)
-    refuse_twins("--method", words)
+    refuse_duplicates("--bisector", specs)
+    refuse_duplicates("--method", words)
     plans = _plans(specs or all_bisectors(), words or [_configured_method(agglomeration)])
     if report is not None:
         check_report(report)
     mesh = load_mesh(source)
-    refuse_solids(mesh, source, {"--report": report})
+    refuse_3d_meshes(mesh, source, {"--report": report})
     refuse_metrics(mesh, metrics)
     if not quiet:
         explain_compilation()

@@ -1,4 +1,4 @@
-"""``agglo demo``: a human brain agglomerated by every bisector there is; what to see goes into a folder."""
+"""``agglo demo``: a human brain agglomerated by every bisector; writes a report, pictures and meshes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import FILE, bisectors_option, choice
-from agglo_core.cli.console import explain_compilation, hush, number, print_json
+from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
 from agglo_core.errors import FileError, PluginError
@@ -54,7 +54,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
     The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
     """
     if quiet:
-        hush()
+        quieten()
     chosen = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet)}
     _check_folder(output)
     from agglo_core import samples

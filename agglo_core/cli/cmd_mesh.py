@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from agglo_core.cli.console import hush
+from agglo_core.cli.console import quieten
 
 __all__ = ["mesh"]
 
@@ -18,7 +18,7 @@ __all__ = ["mesh"]
 def mesh(sample: str, output: Path, quiet: bool) -> None:
     """Write SAMPLE (squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …) to a file."""
     if quiet:
-        hush()
+        quieten()
     from agglo_core import io, samples
 
     io.check_writable(output)

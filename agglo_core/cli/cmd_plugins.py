@@ -19,7 +19,7 @@ from agglo_core.registry.options import Option, options_of
 __all__ = ["plugins"]
 
 _COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
-_PIPE = 200  # columns of what is no terminal
+_PIPE = 200  # columns where the output is not a terminal
 _LEAST = 30  # columns for the last column, however narrow the terminal
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import metrics_option
-from agglo_core.cli.console import hush, number, print_json, print_table
+from agglo_core.cli.console import number, print_json, print_table, quieten
 from agglo_core.cli.runs import level_data, single_level
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
     its cells measured as they are.
     """
     if quiet:
-        hush()
+        quieten()
     from agglo_core.io import read_hierarchy
     from agglo_core.measure.agglomerates import measure_levels
 

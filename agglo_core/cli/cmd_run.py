@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
-from agglo_core.cli.console import explain_compilation, hush, number, print_json
-from agglo_core.cli.outputs import check_outputs, refuse_solids, write_outputs
+from agglo_core.cli.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.outputs import check_outputs, refuse_3d_meshes, write_outputs
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show
 
 if TYPE_CHECKING:
@@ -47,11 +47,11 @@ def run(
     Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each.
     """
     if quiet:
-        hush()
+        quieten()
     files = check_outputs(output, plot, report, bisectors)
     chosen = {spec: choice("bisector", spec) for spec in bisectors}
     mesh = load_mesh(source)
-    refuse_solids(mesh, source, {"--plot": plot, "--report": report})
+    refuse_3d_meshes(mesh, source, {"--plot": plot, "--report": report})
     refuse_metrics(mesh, metrics)
     if not quiet:
         explain_compilation()

@@ -10,7 +10,7 @@ import click
 
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh, parse_spec
 from agglo_core.cli.console import explain_compilation, print_json
-from agglo_core.cli.outputs import check_picture, refuse_solids
+from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import default
 
@@ -29,7 +29,7 @@ _NOT_CONVERGED = 3
 @click.argument("source", metavar="MESH|SAMPLE")
 @click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
 @agglomeration_options(bisector="one")
-@click.option("--levels", type=int, help="Use the first so many of mesh, level 0, 1, … (default all).")
+@click.option("--levels", type=int, help="How many to use of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=int, help="Of the polynomials (default: the solver's).")
 @click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
@@ -65,9 +65,9 @@ def solve(
     _check_files(output, plot, tool, solver)
     explain_compilation()
     mesh = load_mesh(source)
-    refuse_solids(mesh, source, {"--plot": plot})
+    refuse_3d_meshes(mesh, source, {"--plot": plot})
     asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
-    plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is looked at
+    plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is checked
     solution = tool.solve(
         asked, _levelless(mesh) if plain and not agglomeration else _levels(mesh, agglomeration)
     )
@@ -103,7 +103,7 @@ def _solver(spec: str, given: Mapping[str, Any]) -> Any:
 
 
 def _check_files(output: Path | None, plot: Path | None, tool: object, solver: str) -> None:
-    """Find out before anything is computed."""
+    """Check before anything is computed that the files can be written."""
     if (output or plot) and getattr(tool, "discretisation", None) is None:
         raise OptionError(f"{solver} does not say what its unknowns mean: -o and --plot are not available")
     if output is not None:
@@ -119,7 +119,7 @@ def _check_files(output: Path | None, plot: Path | None, tool: object, solver: s
 def _posed(
     text: str, mesh: Mesh, tool: object, solver: str, *, wanted: bool
 ) -> tuple[Problem, Discretisation | None]:
-    """The problem asked for, and what tells the meaning of its unknowns; ``wanted`` if that is needed."""
+    """The problem asked for, and its discretisation, which must exist if it is ``wanted``."""
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 
     is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
@@ -152,7 +152,7 @@ def _levels(mesh: Mesh, agglomeration: Mapping[str, Any]) -> Hierarchy:
 def _write(
     mesh: Mesh, solution: Solution, how: Discretisation | None, output: Path | None, plot: Path | None
 ) -> list[str]:
-    """Leave the files asked for, the picture first: a failed one leaves no other file behind."""
+    """Write the files asked for, the picture first: if it fails no other file is left behind."""
     if how is None or (output is None and plot is None):
         return []
     samples = how.sample(mesh, solution.x)

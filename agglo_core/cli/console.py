@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "explain_compilation",
-    "hush",
     "notices",
     "number",
     "plain",
     "print_json",
     "print_table",
     "progress",
+    "quieten",
 ]
 
 _log = logging.getLogger("agglo")
@@ -48,8 +48,8 @@ def notices() -> Iterator[None]:
         _log.setLevel(level)
 
 
-def hush() -> None:
-    """Keep all but errors out of the log, for ``--quiet``."""
+def quieten() -> None:
+    """Log nothing but errors, for ``--quiet``."""
     _log.setLevel(logging.ERROR)
 
 
@@ -62,7 +62,7 @@ def explain_compilation() -> None:
 
 
 class _Watcher:
-    """Shows how far a run has come, as a plugin that follows its levels."""
+    """Shows how far a run has come, as a plugin that is told after each depth."""
 
     def __init__(self, status: Status, label: str) -> None:
         self._status, self._label = status, label
@@ -74,7 +74,7 @@ class _Watcher:
 
 @contextmanager
 def progress(label: str, quiet: bool) -> Iterator[None]:
-    """A spinner on stderr that counts levels and pieces; nothing if quiet or not on a terminal."""
+    """A spinner on stderr that shows depth and number of pieces; nothing if quiet or not on a terminal."""
     if quiet:
         yield
         return

@@ -1,4 +1,4 @@
-"""The files the commands leave: checked before anything is computed, written when all is done."""
+"""Output files of the commands: checked before anything is computed, written at the end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ __all__ = [
     "check_outputs",
     "check_picture",
     "check_report",
-    "refuse_solids",
+    "refuse_3d_meshes",
     "write_outputs",
 ]
 
@@ -31,7 +31,7 @@ _PICTURES = (".png", ".pdf", ".svg")
 def check_outputs(
     output: Path | None, plot: Path | None, report: Path | None, bisectors: Sequence[str]
 ) -> list[Path]:
-    """The mesh file of each run, all known to be writable as far as can be seen.
+    """The mesh file of each run, all writable as far as can be told in advance.
 
     Raises
     ------
@@ -55,13 +55,13 @@ def check_outputs(
 
 
 def check_report(report: Path) -> None:
-    """Raise FileError unless a report can be written there, as far as can be seen."""
+    """Raise FileError unless a report can be written there, as far as can be told in advance."""
     from agglo_core.draw.webpage import check_page
 
     check_page(report)
 
 
-def refuse_solids(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
+def refuse_3d_meshes(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
     """Raise OptionError if a picture of a 3-D mesh is wanted; ``wanted`` is by option."""
     flags = [flag for flag, path in wanted.items() if path is not None]
     if flags and mesh.dim != 2:
@@ -71,8 +71,9 @@ def refuse_solids(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) ->
 
 
 def check_picture(plot: Path) -> None:
-    """Raise FileError unless a picture can be written there, as far as can be seen; OptionError without
-    matplotlib.
+    """Raise FileError unless a picture can be written there, as far as can be told in advance.
+
+    Raises OptionError without matplotlib.
     """
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
@@ -90,7 +91,7 @@ def as_file_name(spec: str) -> str:
 
 
 def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
-    """``out_kmeans.vtu``, ``out_metis.vtu``; with options, whatever of them a file name may hold."""
+    """``out_kmeans.vtu``, ``out_metis.vtu``; options become part of the name as far as file names allow."""
     names = [as_file_name(spec) for spec in bisectors]
     if len(set(names)) < len(names):
         raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")

@@ -61,7 +61,7 @@ def attempt(
 
 
 def _warm_up(given: Mapping[str, Any]) -> None:
-    """Import packages and compile kernels on a tiny mesh: they must not be on the first run's clock."""
+    """Import packages and compile kernels on a tiny mesh: the first run's time must not include them."""
     from agglo_core import samples
     from agglo_core.agglomeration.pipeline import agglomerate
 
@@ -77,7 +77,7 @@ def _warm_up(given: Mapping[str, Any]) -> None:
 
 
 def refuse_all_failed(runs: Sequence[RunResult]) -> None:
-    """Raise OptionError if no run came to an end."""
+    """Raise OptionError if every run failed."""
     if all(run.hierarchy is None for run in runs):
         reasons = dict.fromkeys(f"{run.name}: {run.error}" for run in runs)
         raise OptionError("no run came to an end: " + "; ".join(reasons))
@@ -139,7 +139,7 @@ def single_level(mesh: Mesh) -> Hierarchy:
 def show(
     title: str, runs: Sequence[RunResult], written: Sequence[Path] = (), only_finest: bool = False
 ) -> None:
-    """Print one line a level, and the files written; why a run failed stands in a column of its own."""
+    """Print one line per level, and the files written; a column of its own says why a run failed."""
     failed = any(run.error for run in runs)
     measured = next(level for run in runs for level in run.levels)
     heads = ["target", "K", *measured.metrics, "connected", *_last(measured).values(), "seconds"]
@@ -158,7 +158,7 @@ def show(
 
 
 def _last(level: Level) -> dict[str, str]:
-    """Keys and heads of the columns after ``connected``."""
+    """Keys and headings of the columns after ``connected``."""
     ratio = {} if "diameter_ratio" in level.metrics else {"diameter_ratio": "mean diam/h*"}
     return ratio | {name: name for name in level.objectives}
 

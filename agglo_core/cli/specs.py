@@ -1,4 +1,4 @@
-"""What is typed in one word: a mesh, a component with its options, a list of either, numbers."""
+"""Parsing of single arguments: a mesh, a component with its options, a list of either, numbers."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ __all__ = [
     "load_mesh",
     "numbers",
     "parse_spec",
+    "refuse_duplicates",
     "refuse_twins",
     "split_specs",
 ]
@@ -113,7 +114,7 @@ def bisector_specs(typed: Sequence[str]) -> list[str]:
         If one is given twice.
     """
     specs = [spec for text in typed for spec in split_specs(text)]
-    refuse_twins("--bisector", specs)
+    refuse_duplicates("--bisector", specs)
     expanded = [name for spec in specs for name in (all_bisectors() if spec == "all" else [spec])]
     return list(dict.fromkeys(expanded))
 
@@ -133,11 +134,15 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
     return name, checked_options(record, resolve(record), options)
 
 
-def refuse_twins(flag: str, specs: Sequence[str]) -> None:
+def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:
     """Raise UsageError if something is given twice."""
     twice = sorted({spec for spec in specs if specs.count(spec) > 1})
     if twice:
         raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")
+
+
+refuse_twins = refuse_duplicates
+"""The name of this function in version 0.1."""
 
 
 def numbers(

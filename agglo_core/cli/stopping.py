@@ -12,7 +12,7 @@ __all__ = ["Terminated", "stopped_by", "terminations"]
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM; like Ctrl-C no plugin's failure, which a SystemExit of 143 would be taken for."""
+    """SIGTERM; like Ctrl-C not the failure of a plugin, for which a SystemExit of 143 would be taken."""
 
 
 @contextmanager

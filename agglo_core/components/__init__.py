@@ -1,4 +1,4 @@
-"""The built-in components, declared through the same hook as any plugin's: one table a kind."""
+"""The built-in components, declared through the same hook as any plugin's: one table per kind."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ _METRICS = {
 _SHAPES = {
     "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared."),
     "convexity": ("Convexity", "Area over the area of the convex hull."),
-    "star_shapedness": ("StarShapedness", "Area of the kernel (what sees the whole) over the area."),
+    "star_shapedness": (
+        "StarShapedness",
+        "Area of the kernel (the points that see the whole) over the area.",
+    ),
     "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
     "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
 }
@@ -80,7 +83,7 @@ def _refiners() -> list[Component]:
             name="connectivity",
             target="agglo_core.components.fixers:ConnectivityFixer",
             promises=alike | {"invariant": True},
-            summary="Loose components join the neighbour they share most interface with.",
+            summary="Loose components join the neighbour with which they share the most interface.",
         ),
     ]
 

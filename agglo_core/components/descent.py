@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_int
-from agglo_core.components.objective_choice import Pursuit, pursuit
+from agglo_core.components.objective_choice import ChosenObjective, chosen_objective
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.moves import boundary_moves, part_sums
@@ -17,7 +17,7 @@ from agglo_core.protocols import IncrementalMetric, Target
 __all__ = ["DescentRefiner"]
 
 _FLOOR = 0.85
-"""Least measure of a part over its measure at entry (of two parts: over the smaller one's)."""
+"""Smallest allowed measure of a part over its measure at entry (of two parts: over the smaller one's)."""
 _NOISE = 1e-9
 """Changes below this share of the largest in their block are taken for rounding."""
 
@@ -38,8 +38,8 @@ class _Moves:
 class DescentRefiner:
     """Moves boundary cells to neighbouring parts wherever that improves an objective of your choice.
 
-    In a sweep all moves are rated at once, and the best of them that share no part are made. A block
-    whose objective did not improve gets its sweep taken back and is left alone from then on. No part is
+    In a sweep all moves are evaluated at once, and the best of them that share no part are made. In a block
+    whose objective did not improve the sweep is undone, and the block is left alone from then on. No part is
     emptied or falls into more pieces, and none falls below 0.85 times its measure at entry (of two
     parts: the smaller one's).
 
@@ -49,7 +49,7 @@ class DescentRefiner:
         An objective (interface, cut, compactness, balance, normalised_cut), or a quality metric with
         a method ``changes``, by name or as an object: the sum of its values over the parts.
     sweeps : int
-        At most so many.
+        Largest number of sweeps.
 
     Attributes
     ----------
@@ -76,8 +76,8 @@ class DescentRefiner:
         whole = isinstance(sweeps, int | np.integer) and not isinstance(sweeps, bool)
         if not whole or sweeps < 1:
             raise OptionError(f"descent: sweeps must be a whole number, 1 or more, not {sweeps!r}")
-        self._pursuit = pursuit(objective)
-        self.objective, self.metric = self._pursuit.name, self._pursuit.metric
+        self._chosen = chosen_objective(objective)
+        self.objective, self.metric = self._chosen.name, self._chosen.metric
         self.sweeps = int(sweeps)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
@@ -95,18 +95,18 @@ class DescentRefiner:
                 break
             moved = parts.copy()
             moved[moves.cells] = moves.parts
-            active &= _improved(self._pursuit, graph, parts, frozen_int(moved), moves, block)
+            active &= _improved(self._chosen, graph, parts, frozen_int(moved), moves, block)
             parts = frozen_int(np.where(active[graph.block_ids], moved, parts))
         return frozen_int(local[parts])
 
     def _allowed(self, graph: Graph, parts: Int, floors: Float, active: Mask) -> _Moves:
-        """Moves that pay and leave their part whole and large enough, in the parts that are ``active``."""
+        """Moves in ``active`` parts that pay and leave their part connected and large enough."""
         from agglo_core.kernels.articulation import cut_cells
 
         cells, to = boundary_moves(graph, parts)
         kept = active[to]
         cells, to = frozen_int(cells[kept]), frozen_int(to[kept])
-        moves = _Moves(cells, parts[cells], to, self._pursuit.changes(graph, parts, cells, to))
+        moves = _Moves(cells, parts[cells], to, self._chosen.changes(graph, parts, cells, to))
         block = graph.block_ids[cells]
         largest = np.zeros(graph.n_blocks)
         np.maximum.at(largest, block, np.abs(moves.changes))
@@ -127,7 +127,7 @@ def _floors(graph: Graph, parts: Int, block: Int) -> Float:
 
 
 def _chosen(moves: _Moves, k: int) -> _Moves:
-    """Of the moves the best, and the next best that share no part with those, until none is left."""
+    """The best moves, then the next best that share no part with them, until none is left."""
     q = len(moves.cells)
     rank = np.empty(q, np.int64)
     rank[np.argsort(moves.changes, kind="stable")] = np.arange(q)
@@ -144,19 +144,21 @@ def _chosen(moves: _Moves, k: int) -> _Moves:
     return moves[np.concatenate(chosen) if chosen else free]
 
 
-def _improved(pursued: Pursuit, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int) -> Mask:
+def _improved(
+    objective: ChosenObjective, graph: Graph, before: Int, after: Int, moves: _Moves, block: Int
+) -> Mask:
     """Whether the objective of each block ``(B,)`` is better than before the moves.
 
-    Totals are compared where there are any. A metric cannot be measured on a graph: there the moves
-    must also pay seen from behind, where taking each back alone is asked for.
+    Totals are compared if the objective has values of parts. A metric cannot be measured on a graph: there,
+    undoing the moves, each on its own, must make things worse in total.
     """
-    if pursued.of_parts is not None:
+    if objective.of_parts is not None:
         now, then = (
-            part_sums(block, pursued.of_parts(graph, labels), graph.n_blocks) for labels in (after, before)
+            part_sums(block, objective.of_parts(graph, labels), graph.n_blocks) for labels in (after, before)
         )
         better: Mask = now < then
         return better
-    back = pursued.changes(graph, after, frozen_int(moves.cells), frozen_int(moves.own))
+    back = objective.changes(graph, after, frozen_int(moves.cells), frozen_int(moves.own))
     return part_sums(block[moves.own], back, graph.n_blocks) > 0.0
 
 

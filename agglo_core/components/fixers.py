@@ -38,10 +38,10 @@ class ConnectivityFixer:
         loose = np.sort(order[~largest])
         if len(loose) == 0:
             return frozen_int(labels)
-        settled = np.ones(len(size), bool)
-        settled[loose] = False
+        intact = np.ones(len(size), bool)
+        intact[loose] = False
         kept = np.empty(graph.n, np.int64)
-        kept[nodes] = np.where(np.repeat(settled, np.diff(offsets)), parts[nodes], -1)
+        kept[nodes] = np.where(np.repeat(intact, np.diff(offsets)), parts[nodes], -1)
         fixed = absorb(
             graph.indptr,
             graph.indices,

@@ -1,4 +1,4 @@
-"""Recursive coordinate and inertial bisection: the floor every other bisector must justify itself against."""
+"""Recursive coordinate and inertial bisection: the baseline for every other bisector."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ class DiameterRatio:
     Parameters
     ----------
     h_star : float
-        Positive, in the units of the mesh; with it fixed, values scale like a length.
+        Positive, in the units of the mesh; as it is fixed, values scale like a length.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a refiner is told to pursue: an objective of the table, or a metric that knows what moves change."""
+"""What a refiner is told to minimise: an objective of the table, or a metric with a method ``changes``."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import IncrementalMetric
 from agglo_core.registry import Registry, default, describe
 
-__all__ = ["Pursuit", "pursuit"]
+__all__ = ["ChosenObjective", "chosen_objective"]
 
 Changes = Callable[[Graph, Int, Int, Int], Float]
 
 
 @dataclass(frozen=True)
-class Pursuit:
-    """What is pursued; lower is better, whatever the metric says of itself.
+class ChosenObjective:
+    """What a refiner minimises; lower is better, whichever direction is better for the metric.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Pursuit:
         Value of each part ``(k,)``, given a graph and labels; a metric has none, for it needs a mesh.
     metric : object, optional
     title : str
-        How errors call it.
+        Its name in error messages.
     """
 
     name: str
@@ -58,8 +58,8 @@ class Pursuit:
         return self.sign * values
 
 
-def pursuit(objective: str | IncrementalMetric, registry: Registry | None = None) -> Pursuit:
-    """What an objective's name, a metric's name or a metric stands for.
+def chosen_objective(objective: str | IncrementalMetric, registry: Registry | None = None) -> ChosenObjective:
+    """The objective for an objective's name, a metric's name or a metric.
 
     Raises
     ------
@@ -72,7 +72,9 @@ def pursuit(objective: str | IncrementalMetric, registry: Registry | None = None
         return _of_metric(type(objective).__name__, objective, f"metric {type(objective).__name__}")
     known = OBJECTIVES.get(objective)
     if known is not None and known.changes is not None:
-        return Pursuit(known.name, known.changes, of_parts=known.of_parts, title=f"objective {objective!r}")
+        return ChosenObjective(
+            known.name, known.changes, of_parts=known.of_parts, title=f"objective {objective!r}"
+        )
     source = default() if registry is None else registry
     plain = objective.rpartition("/")[2]
     names = {record.name for record in source.list() if record.kind == "metric"}
@@ -90,11 +92,11 @@ def pursuit(objective: str | IncrementalMetric, registry: Registry | None = None
     )
 
 
-def _of_metric(name: str, metric: Any, title: str) -> Pursuit:
+def _of_metric(name: str, metric: Any, title: str) -> ChosenObjective:
     if isinstance(metric, type) or not callable(getattr(metric, "changes", None)):
         raise OptionError(
-            f"{title} cannot be pursued: it has no method changes(graph, labels, cells, parts), which "
+            f"{title} cannot be optimised: it has no method changes(graph, labels, cells, parts), which "
             "tells what moves change"
         )
     sign = -1.0 if getattr(metric, "better", "low") == "high" else 1.0
-    return Pursuit(name, metric.changes, sign, metric=metric, title=title)
+    return ChosenObjective(name, metric.changes, sign, metric=metric, title=title)

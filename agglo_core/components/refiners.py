@@ -13,11 +13,11 @@ __all__ = ["InterfaceRefiner"]
 
 
 class InterfaceRefiner:
-    """Moves cells to the part they share more interface with; the total length only falls.
+    """Moves cells to the part with which they share more interface; the total length never grows.
 
     Bounded sweeps over the boundary cells, ordered by projection on an axis of the block, so the
     result does not depend on cell numbering: first single cells, then pairs of neighbours where
-    neither pays alone. No part is emptied or loses its connection, and none
+    neither move pays alone. No part is emptied or disconnected, and none
     falls below ``floor`` times its measure at entry (of two sides: the smaller side's).
 
     Parameters

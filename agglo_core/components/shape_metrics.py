@@ -2,7 +2,7 @@
 
 M. Attene et al., "Benchmark of polygon quality metrics for polytopal element methods" (2019) compares
 area with perimeter, kernel with area, and shortest with longest edge; convexity and the sides of a
-bounding box are common beside them.
+bounding box are common besides.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Sweeps along rotated principal axes: what a learned bisector must beat."""
+"""Sweeps along rotated principal axes: the baseline for a learned bisector."""
 
 from __future__ import annotations
 

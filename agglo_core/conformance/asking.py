@@ -1,4 +1,4 @@
-"""How each kind of component is asked: the call that its protocol says, and nothing else."""
+"""How each kind of component is called in a case: as its protocol says, and in no other way."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["ask"]
 
 
 def ask(kind: str, tool: Any, case: Case) -> Any:
-    """The answer as it is; what the component raises passes through."""
+    """The unchecked answer; exceptions of the component pass through."""
     special: dict[str, Callable[..., Any]] = {
         "bisector": _sides,
         "format": _read_back,
@@ -32,7 +32,7 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
     }
     if kind in special:
         return special[kind](tool, *case.given)
-    if kind == "sample":  # to be built was the question
+    if kind == "sample":  # building it was the question
         return tool
     method = "example" if kind == "problem" else KINDS[kind].methods[0]
     return getattr(tool, method)(*case.given)
@@ -73,7 +73,7 @@ def _smoothed(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
 
 
 def _masks(tool: Any, graph: Graph, labels: Any) -> dict[str, Any]:
-    """What the constraint says of edges, parts and pieces, as far as it does."""
+    """What the constraint says of edges, parts and pieces, as far as it has the methods."""
     arguments = {"forbidden": (graph,), "admissible": (graph, labels), "finished": (graph, labels)}
     return {
         method: getattr(tool, method)(*given)

@@ -1,4 +1,4 @@
-"""What a question to a component is."""
+"""A case: one question to a component, that is one call with its arguments."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Case:
 
     @property
     def sort(self) -> str:
-        """What may be refused as a whole: a sort of problem by a solver, else this one question."""
+        """What may be refused as a whole: a sort of problem by a solver, otherwise this one question."""
         problem = self.given[0] if self.given else None
         if isinstance(problem, Mesh | Graph):
             return self.name

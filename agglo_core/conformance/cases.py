@@ -22,11 +22,11 @@ from agglo_core.protocols import Target
 
 __all__ = [
     "cases",
+    "cases_in_3d",
     "laplacian",
     "level_case",
     "part_of_level",
     "seeds_for",
-    "solids",
     "stripes",
     "tiny",
     "with_problem",
@@ -36,7 +36,7 @@ _ABOUT_MESHES = ("format", "problem", "constraint", "section")
 
 
 def cases(kind: str, seed: int = 0) -> list[Case]:
-    """Ordinary questions to a component of this kind, on meshes of the plane."""
+    """Ordinary questions to a component of this kind, on 2-D meshes."""
     if kind == "solver":
         return _problems()
     if kind == "smoother":
@@ -57,8 +57,8 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     ]
 
 
-def solids(kind: str) -> list[Case]:
-    """The same in space; none for a kind that sees no space."""
+def cases_in_3d(kind: str) -> list[Case]:
+    """The same in 3-D; none for a kind that is given neither mesh nor graph."""
     if kind in _ABOUT_MESHES:
         return in_space(kind)
     if kind in ("smoother", "sample"):
@@ -76,7 +76,7 @@ def solids(kind: str) -> list[Case]:
 
 
 def tiny(kind: str) -> list[Case]:
-    """Questions at the edge of what has an answer: one cell, coincident centroids, touching in a point."""
+    """Questions about degenerate inputs: one cell, coincident centroids, touching in a point."""
     if kind in _ABOUT_MESHES:
         return of_one_cell(kind)
     if kind in ("smoother", "sample"):
@@ -107,7 +107,7 @@ def tiny(kind: str) -> list[Case]:
 
 
 def level_case(kind: str) -> Case:
-    """A recursion level of very unequal blocks; for refiners and fixers with 1, 2 or 3 parts in a block."""
+    """A graph of very unequal blocks; for refiners and fixers with 1, 2 or 3 parts in a block."""
     level = small_meshes.level()
     if kind == "bisector":
         return Case("a level", (level, seeds_for(level.n_blocks)))
@@ -178,7 +178,7 @@ def _quarters(graph: Graph) -> Int:
 
 
 def _scattered(graph: Graph) -> Int:
-    """Labels 0, 1, 2 in loose bits; the first cells make sure of each."""
+    """Labels 0, 1, 2 in disconnected pieces; the first cells make sure that each occurs."""
     labels = np.random.default_rng(graph.n).integers(min(3, graph.n), size=graph.n)
     labels[:3] = np.arange(min(3, graph.n))
     return frozen_int(labels)

@@ -47,7 +47,7 @@ def conformance(
 
     excused = dict(xfail or {})
     if unknown := sorted(set(excused) - {law.name for law in all_laws()}):
-        raise OptionError(f"xfail names {unknown[0]!r}, which is no law")
+        raise OptionError(f"xfail names {unknown[0]!r}, which is not a law")
     try:
         subject: Subject | None = subject_of(component, kind, options=options, registry=registry)
         problem = ""

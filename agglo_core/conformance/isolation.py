@@ -24,11 +24,11 @@ from agglo_core.registry.options import Text
 
 __all__ = ["judge_apart", "main"]
 
-_STOPS = 2  # laws given up on before the rest is not tried any more
+_STOPS = 2  # laws that may time out before the rest is skipped
 _START = 120.0  # seconds for a new process to import the suite
 
 Listen = Callable[[float], dict[str, Any]]
-"""What the other process says next, waiting so many seconds at most."""
+"""Returns the next message of the other process; the argument is the timeout in seconds."""
 
 
 class _Stopped(Exception):
@@ -63,7 +63,7 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
 
 @contextlib.contextmanager
 def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
-    """A process that judges ``task``, by what it says; killed at the end."""
+    """A process that judges ``task``, as a function that gives its messages; killed at the end."""
     command = [sys.executable, "-c", "from agglo_core.conformance.isolation import main; main()"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     lines: queue.Queue[str] = queue.Queue()

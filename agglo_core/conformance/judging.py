@@ -1,4 +1,4 @@
-"""One component, the laws that apply to it, and how it stands to each."""
+"""One component, the laws that apply to it, and the result of each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["Result", "judge", "laws_for"]
 
 @dataclass(frozen=True)
 class Result:
-    """How a component stands to one law.
+    """Whether a component obeys one law.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Result:
     seconds : float
         Wall clock.
     promise : str or None
-        The promise that brought the law.
+        The promise that switched the law on.
     """
 
     law: str
@@ -47,7 +47,7 @@ def laws_for(subject: Subject) -> Sequence[Law]:
     Raises
     ------
     OptionError
-        If it cannot be built for want of an option.
+        If it cannot be built without an option.
     """
     try:
         subject.make()

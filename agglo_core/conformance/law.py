@@ -27,7 +27,7 @@ class Law:
     promise : str or None
         The promise that switches it on; None if it always holds.
     when : callable or None
-        Further condition on the subject (a method it has, a name it bears).
+        Further condition on the subject (a method it has, the name it has).
     judge : callable
         Raises :class:`Broken`; its docstring is the law in one sentence.
     """

@@ -18,7 +18,7 @@ __all__ = ["levels", "multigrid_level", "single_unknown"]
 def levels() -> list[Case]:
     """Two-level Poisson problems, of one unknown per cell and of three, with a coarse correction and without.
 
-    The matrix is the graph Laplacian, shifted a little; ``x`` is random and solves nothing.
+    The matrix is the graph Laplacian, shifted a little; ``x`` is random and not a solution.
     """
     squares = small_meshes.grid(8, 8)
     jittered = small_meshes.grid(9, 7, jitter=0.2)

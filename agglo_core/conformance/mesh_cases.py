@@ -24,7 +24,7 @@ UNSAFE = '<b id="it\'s">R&D</b>'
 
 
 def on_meshes(kind: str) -> list[Case]:
-    """Questions on meshes of the plane."""
+    """Questions on 2-D meshes."""
     if kind == "problem":
         return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
     if kind == "constraint":
@@ -44,7 +44,7 @@ def on_meshes(kind: str) -> list[Case]:
 
 
 def in_space(kind: str) -> list[Case]:
-    """The same in 3-D; to formats also tetrahedra, which some hold alone."""
+    """The same in 3-D; to formats also tetrahedra, as some hold nothing else."""
     boxes = _about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
     return [boxes, _about(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
 

@@ -36,7 +36,7 @@ __all__ = [
     "questions",
     "refuses",
     "same",
-    "settled",
+    "same_labelling",
     "taken",
     "with_suffix",
 ]
@@ -47,7 +47,7 @@ _OWN_PROBLEMS = ("diffusion", "linear")
 
 
 def answer(subject: Subject, tool: Any, case: Case) -> Any:
-    """What the component returns, as it is; whatever it raises becomes :class:`Broken`."""
+    """What the component returns, unchecked; whatever it raises becomes :class:`Broken`."""
     try:
         return ask(subject.kind, tool, case)
     except Broken:
@@ -67,9 +67,9 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:
     """Of some questions, those that the component takes.
 
-    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`): whether it does is seen by the
-    first question of that sort, which it answers by an AggloError. What it takes in one case it must take in
-    all. A format may refuse a mesh that it cannot hold, a constraint a graph without the data it needs.
+    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`), by answering the first question
+    of that sort with an AggloError. What it takes in one case it must take in all. A format may refuse a
+    mesh that it cannot hold, a constraint a graph without the data it needs.
     """
     if subject.kind not in _CHOOSY:
         return asked
@@ -133,7 +133,9 @@ def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
         return digest(given)
     values = np.asarray(given.x if isinstance(given, Solution) else given)
     if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
-        raise Broken(f"on {case.name}: {in_words(given)} is no answer; see to the law above that says so")
+        raise Broken(
+            f"on {case.name}: {in_words(given)} is not an answer; fix the law above that says so first"
+        )
     return values >= 0.5 if subject.kind == "bisector" and values.dtype.kind == "f" else values
 
 
@@ -151,8 +153,8 @@ def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * scale, equal_nan=True))
 
 
-def settled(before: NDArray[Any], after: NDArray[Any], swap: bool) -> bool:
-    """Whether two labellings are equal, or with ``swap`` equal but for the names of two sides."""
+def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> bool:
+    """Whether two labellings are equal, or with ``swap`` equal up to exchanging the two sides."""
     return np.array_equal(before, after) or (swap and np.array_equal(before, 1 - after.astype(np.int64)))
 
 
@@ -162,7 +164,7 @@ def chunks(level: Graph, values: NDArray[Any]) -> list[NDArray[Any]]:
 
 
 def in_words(value: Any) -> str:
-    """What a value is, shortly."""
+    """What a value is, in a few words."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and {value.dtype}"
     return f"a {type(value).__name__} ({value!r:.40})"
@@ -190,7 +192,7 @@ def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 @contextmanager
 def global_random(seed: int) -> Iterator[Callable[[], bool]]:
-    """Seed Python's, numpy's and torch's global generators for a while; gives whether they still stand."""
+    """Seed the global generators of Python, numpy and torch; yields a function: are they unchanged?"""
     torch = sys.modules.get("torch")
 
     def state() -> list[Any]:

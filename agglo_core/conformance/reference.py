@@ -1,4 +1,4 @@
-"""The suite's own solver: two-point fluxes and preconditioned conjugate gradients, as plain as can be.
+"""The suite's own solver: two-point fluxes and preconditioned conjugate gradients, as simple as possible.
 
 It shows the laws of solvers what a correct one looks like, and an author how little one needs.
 """

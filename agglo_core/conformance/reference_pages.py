@@ -1,4 +1,4 @@
-"""Pages of the reference made by the suite itself: the laws, and how agglo's own components stand to them."""
+"""Pages of the reference made by the suite itself: the laws, and the results of agglo's own components."""
 
 from __future__ import annotations
 

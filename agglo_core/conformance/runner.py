@@ -1,4 +1,4 @@
-"""Judging a component by the laws of its kind; the answer is data."""
+"""Judging a component by the laws of its kind; the results are data."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def check(
     promises : mapping, optional
         Instead of the declared ones.
     registry : Registry, optional
-        Where names are looked up; by default that of the installed plugins. With a timeout the other
-        process is given the component alone: what else is in the registry it does not know.
+        Where names are looked up; by default the installed plugins. With a timeout the other
+        process is given the component alone and does not know the rest of the registry.
 
     Raises
     ------

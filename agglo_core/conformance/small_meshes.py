@@ -1,4 +1,4 @@
-"""The suite's own tiny meshes: made afresh at each call, so that no component can spoil them for another."""
+"""The suite's own tiny meshes: built again in each call, so that no component can spoil them for another."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 CHANGES = ("renumbered", "rotated", "shifted", "scaled")
-"""Changes that leave a mesh the same but for names and position."""
+"""Changes that leave a mesh the same except for numbering and position."""
 
 _BIG, _SMALL = 50, 12  # rows of the large block of a level, and of the small ones (a multiple of 4)
 
@@ -134,7 +134,7 @@ def tetrahedra() -> Mesh:
 
 
 def plane_meshes() -> list[Mesh]:
-    """Connected meshes of the plane with at least two cells."""
+    """Connected 2-D meshes of at least two cells."""
     return [
         replace(grid(2, 1), name="two cells"),
         replace(grid(9, 1), name="strip"),
@@ -159,7 +159,7 @@ def coincident(n: int) -> Graph:
 
 
 def level() -> Graph:
-    """A recursion level: a block of 4,000 cells beside 60 of 16, far from each other in size."""
+    """Blocks as in a recursion: one of 4,000 cells beside 60 of 16, very different in size."""
     mesh = grid(80, _BIG + _SMALL, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 80)
     small = 1 + (row - _BIG) // 4 * 20 + column // 4

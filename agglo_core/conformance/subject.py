@@ -1,4 +1,4 @@
-"""The component under test: where it comes from, what it promises, how it is built afresh."""
+"""The component under test: where it comes from, what it promises, how it is built."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Subject:
     declared : mapping
         Promises.
     registry : Registry, optional
-        Where names are looked up; by default that of the installed plugins.
+        Where names are looked up; by default the installed plugins.
     refused : dict
         Which questions it refused, as far as that was asked: some formats take a second to answer one.
     """
@@ -101,7 +101,7 @@ class Subject:
 
     @property
     def fallback(self) -> str | None:
-        """The bisector that stands in where this one leaves a side empty."""
+        """The bisector used where this one leaves a side empty."""
         return self.record.component.fallback if self.record and self.record.component else None
 
     def promised(self, promise: str) -> bool | float | None:
@@ -191,5 +191,5 @@ def _kind_of(component: object) -> str:
     kind = kind_of_methods(component)
     if kind is None:
         wanted = ", ".join(method for each in KINDS.values() for method in each.methods)
-        raise OptionError(f"{component!r:.60} is no component: it has none of the methods {wanted}")
+        raise OptionError(f"{component!r:.60} is not a component: it has none of the methods {wanted}")
     return kind

@@ -1,4 +1,4 @@
-"""What a law says of a component that breaks it."""
+"""The exception raised by a law that a component breaks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ __all__ = ["Broken", "require"]
 
 
 class Broken(Exception):
-    """A law that does not hold; the message says what was seen and what to do about it."""
+    """A law that does not hold; the message says what was found and what to do about it."""
 
 
 def require(holds: object, message: str) -> None:

@@ -24,7 +24,7 @@ def draw_boxes(
     metrics: Sequence[str] = ("UF", "CR"),
     title: str = "",
 ) -> None:
-    """Draw one panel a metric with one box a run, and write the picture.
+    """Draw one panel per metric with one box per run, and write the picture.
 
     Boxes span the quartiles, whiskers reach 1.5 boxes further, the line is the median, the diamond the
     mean.

@@ -35,7 +35,7 @@ PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two
 _INK, _FINE, _PAPER = "#222222", "#777777", "#F4F1EA"
 _DPI = 160
 _IN_TITLES = ("UF", "CR")
-_CROWDED = 20_000
+_DENSE = 20_000
 """Fine edges inside agglomerates are drawn up to this many cells."""
 
 
@@ -136,7 +136,7 @@ def _draw_fine(axis: Any, mesh: Mesh, name: str) -> None:
 def _draw_level(axis: Any, mesh: Mesh, labels: Int, title: str) -> None:
     coarse = mesh.coarsen(labels)
     _fill(axis, coarse, colouring(coarse, len(PALETTE)), PALETTE)
-    if mesh.n_cells <= _CROWDED:
+    if mesh.n_cells <= _DENSE:
         _edges(axis, mesh, _FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
     _edges(axis, coarse, _INK, _line_width(axis, coarse.n_cells, 1.1))
     _frame(axis, mesh, title)

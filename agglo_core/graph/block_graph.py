@@ -21,7 +21,7 @@ _FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points"
 
 @dataclass(frozen=True, eq=False)
 class BlockGraph:
-    """Arrays of a :class:`~agglo_core.graph.Graph`, which says what they are; its blocks on their own."""
+    """Arrays of a :class:`~agglo_core.graph.Graph`, which documents them, and operations on its blocks."""
 
     indptr: Int
     indices: Index
@@ -143,7 +143,7 @@ class BlockGraph:
     def without_edges(self, removed: ArrayLike) -> Self:
         """Graph without the CSR entries of the mask ``removed (m,)``, which holds both directions of an edge.
 
-        Their interfaces become boundary of the cells on both sides, so that outlines stay what they are.
+        Their interfaces become boundary of the cells on both sides, so that perimeters do not change.
         """
         gone = np.asarray(removed)
         if gone.shape != self.indices.shape or gone.dtype != bool:
@@ -181,7 +181,7 @@ class BlockGraph:
         return frozen_float(block_diameters(offsets, cells, self.vertex_offsets, self.vertices, self.points))
 
     def components(self, labels: ArrayLike | None = None) -> Int:
-        """Connected component of each node ``(n,)``, of equal ``labels`` if given; by first node."""
+        """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
         from agglo_core.kernels.graphs import components
 
         parts = frozen_int(np.zeros(self.n) if labels is None else labels)

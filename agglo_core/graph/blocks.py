@@ -1,7 +1,7 @@
-"""Geometry of the blocks of a level: extents, sums, principal frames, weighted medians.
+"""Geometry of the blocks of a graph: extents, sums, principal frames, weighted medians.
 
-Whole levels at once. Sums go through ``np.bincount`` and cumulated weights are integers, so that the
-result of a block does not depend, to the last bit, on the blocks beside it.
+All blocks of a recursion depth at once. Sums go through ``np.bincount`` and cumulated weights are integers,
+so that the result of a block does not depend, to the last bit, on the blocks beside it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 TIE = 1e-7
-"""Part of a block's extent that counts as nothing: meshes shifted by 1e6 diameters carry such noise."""
+"""Fraction of a block's extent that counts as zero: meshes shifted by 1e6 diameters carry such noise."""
 
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _SHARE_BITS = 40  # for shares of a block in integers: the sum over 2**23 blocks fits in an int64
@@ -104,7 +104,7 @@ def _order(level: Graph, projection: Float, tie: Float) -> Int:
     """Nodes of each block by ``projection``; those that count as equal by the columns of ``tie``."""
     order = np.lexsort((projection, level.block_ids))
     blocks = level.block_ids
-    apart = np.ones(level.n + 1, bool)  # whether what stands at a place is apart from what stands before
+    apart = np.ones(level.n + 1, bool)  # whether each value differs from the one before it
     extents = block_extents(level, projection[:, None])[:, 0]
     apart[1:-1] = (np.diff(projection[order]) > TIE * extents[blocks[1:]]) | (blocks[1:] != blocks[:-1])
     tied = np.flatnonzero(~(apart[:-1] & apart[1:]))
@@ -118,7 +118,7 @@ def _order(level: Graph, projection: Float, tie: Float) -> Int:
 
 
 def _ranks(values: Float, groups: Int, extents: Float) -> Int:
-    """Rank of each value in its group, the same for values that a chain of tiny steps connects."""
+    """Rank of each value in its group, the same for values connected by a chain of tiny steps."""
     order = np.lexsort((values, groups))
     steps = np.diff(values[order]) > TIE * extents[1:]
     ranks = np.zeros(len(values), np.int64)
@@ -127,7 +127,7 @@ def _ranks(values: Float, groups: Int, extents: Float) -> Int:
 
 
 def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
-    """Rank of each value in its block, the same for values that a chain of tiny steps connects."""
+    """Rank of each value in its block, the same for values connected by a chain of tiny steps."""
     return _ranks(values, level.block_ids, extents[level.block_ids])
 
 

@@ -26,7 +26,7 @@ class Graph(BlockGraph):
     """Dual graph of a mesh; one block per piece.
 
     Block b owns the nodes ``offsets[b]:offsets[b + 1]`` and no edge joins two blocks. A mesh is one block;
-    a *level*, all pieces of one depth of a recursion, is one block-diagonal Graph.
+    all pieces of one depth of a recursion are one block-diagonal Graph, which bisectors call a *level*.
 
     Attributes
     ----------

@@ -1,7 +1,8 @@
 """What moving one cell to another part changes, for many moves at once.
 
-Each function takes a graph, labels ``(n,)`` that number the parts of all blocks through, and moves: cell
-``cells[i]`` alone goes to part ``parts[i]``. It returns by how much the sum over all parts changes ``(q,)``.
+Each function takes a graph, labels ``(n,)`` that number the parts of all blocks consecutively, and moves:
+cell ``cells[i]`` alone goes to part ``parts[i]``. It returns by how much the sum over all parts changes,
+``(q,)``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Objectives of a partition, lower is better: what refiners pursue, laws judge and comparisons list.
+"""Objectives of a partition, lower is better: what refiners minimise, laws check and comparisons list.
 
 >>> from agglo_core import samples
 >>> from agglo_core.graph.objectives import OBJECTIVES
@@ -56,7 +56,7 @@ class Objective:
 
 
 def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
-    """Number the parts of all blocks through: labels ``(n,)`` without gaps, rising with the block."""
+    """Number the parts of all blocks consecutively: labels ``(n,)`` without gaps, rising with the block."""
     local = np.asarray(labels, dtype=np.int64)
     stride = int(local.max(initial=0)) + 1
     return frozen_int(np.unique(graph.block_ids * stride + local, return_inverse=True)[1])

@@ -26,8 +26,8 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
         cut · √A (1/A₁ + 1/A₂) + max(15, 4 √n) (1 − B/T)
 
     with n cells in the block (in 3-D ∛A in place of √A, so that the cost has no unit): a longer cut harms
-    two parts, sides that are unequal all those that come of them. One pass over the edges finds all
-    cuts. Both sides are never empty, whatever the scores: probabilities that all lie on one side of ½
+    two parts, unequal sides harm all the parts that they are split into. One pass over the edges finds all
+    cuts. Neither side is ever empty, whatever the scores: probabilities that all lie on one side of ½
     are rounded as well as any.
 
     Parameters

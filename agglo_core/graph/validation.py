@@ -16,7 +16,7 @@ __all__ = ["GraphArrays", "check_graph", "copied"]
 
 
 class GraphArrays(Protocol):
-    """The arrays of a :class:`~agglo_core.graph.Graph`, which this module need not know."""
+    """The arrays of a :class:`~agglo_core.graph.Graph`, which this module does not import."""
 
     @property
     def n(self) -> int: ...
@@ -43,7 +43,7 @@ def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
     Raises
     ------
     MeshError
-        If they are no numbers of that kind.
+        If they are not numbers of that kind.
     """
     try:
         array = np.array(values)

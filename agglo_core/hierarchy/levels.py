@@ -32,7 +32,7 @@ class Hierarchy:
         ``levels[0]`` is the finest coarse level; labels 0..k−1 numbered by smallest cell id. One per
         target; equal levels are kept.
     targets : list of mapping
-        What each level was asked for, e.g. ``{"h_star": 0.3}``.
+        The target of each level, e.g. ``{"h_star": 0.3}``.
     nested : bool
         Whether each level is a coarsening of the one before.
     statistics : mapping

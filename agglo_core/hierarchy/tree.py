@@ -13,7 +13,7 @@ __all__ = ["Tree", "by_first_cell"]
 
 
 def by_first_cell(labels: ArrayLike) -> Int:
-    """Labels renumbered 0..k−1 in the order of each one's smallest cell id."""
+    """Labels renumbered 0..k−1 in the order of their smallest cell ids."""
     array = np.asarray(labels, dtype=np.int64)
     first = np.full(int(array.max()) + 1, -1, np.int64)
     first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write, the smallest id, stays

@@ -1,4 +1,4 @@
-"""Meshes, graphs and levels in the terms of other packages, and back.
+"""Conversion of meshes, graphs and levels to objects of other packages, and back.
 
 Each function imports the other package when it is called.
 

@@ -92,7 +92,7 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
     Raises
     ------
     MeshError
-        If it is no FeatureCollection; naming the feature without a polygon; as :func:`mesh_from_shapely`.
+        If it is not a FeatureCollection, or a feature is not a polygon (named); as :func:`mesh_from_shapely`.
     """
     kind = collection.get("type") if isinstance(collection, Mapping) else type(collection).__name__
     features = collection.get("features") if isinstance(collection, Mapping) else None

@@ -112,7 +112,7 @@ def mesh_from_shapely(
 
 
 def _checked_items(polygons: Any) -> NDArray[np.object_]:
-    """The polygons as an object array, or MeshError naming the first that is none."""
+    """The polygons as an object array, or MeshError naming the first that is not one."""
     import shapely
 
     if isinstance(polygons, shapely.Geometry):
@@ -184,7 +184,7 @@ def _merge_near(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int
 def _insert_hanging(points: Float, rings: _Rings, reach: float) -> tuple[_Rings, int]:
     """Rings that list every vertex on their edges, and how many they missed.
 
-    Only edges that no neighbour walks the other way can miss one.
+    Only edges that no neighbour traverses in the other direction can lack one.
     """
     import shapely
 
@@ -217,9 +217,9 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
             f"from {points[a].tolist()} to {points[b].tolist()}"
         )
     pairs = rings.cells[double]
-    twins = np.flatnonzero(shapely.equals(items[pairs[:, 0]], items[pairs[:, 1]]))
-    if len(twins):
-        raise MeshError(f"{name_cells(pairs[twins[0]])} are the same polygon")
+    equal = np.flatnonzero(shapely.equals(items[pairs[:, 0]], items[pairs[:, 1]]))
+    if len(equal):
+        raise MeshError(f"{name_cells(pairs[equal[0]])} are the same polygon")
     face_cells = np.append(rings.cells, -1)[face_rings]
     kept = face_cells[:, 0] != face_cells[:, 1]  # rings of one cell closer than the tolerance
     return frozen_int(face_vertices[kept]), frozen_int(face_cells[kept]), len(double)

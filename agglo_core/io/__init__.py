@@ -1,4 +1,4 @@
-"""Files, each by the format that its suffix stands for: one of agglo's own, or of a plugin.
+"""Reading and writing files; the suffix chooses the format, one of agglo's own or of a plugin.
 
 :func:`read` gives the mesh of a file, :func:`read_hierarchy` also the hierarchy stored with it, and
 :func:`write` writes both; :mod:`agglo_core` offers all three. Formats are components like any other (kind
@@ -28,7 +28,7 @@ __all__ = ["Meshlane", "Npz", "OpenFoam", "Vtu", "check_writable", "read", "read
 
 
 def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Registry | None = None) -> Mesh:
-    """Mesh of a file; its suffix says the format.
+    """Mesh of a file; its suffix chooses the format.
 
     Several formats may claim a suffix. The first that accepts the file reads it: agglo's own are asked
     before those of plugins, and what goes through meshlane is asked last.
@@ -43,7 +43,7 @@ def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Regi
     merge_points : bool
         Merge exactly equal points. An ``.npz`` written by :func:`write` is never changed.
     registry : Registry, optional
-        Where the formats are looked up; by default, that of the program.
+        Where the formats are looked up; by default the installed plugins.
 
     Raises
     ------
@@ -52,9 +52,10 @@ def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Regi
     MeshError
         For a mesh that breaks a rule, naming file and cells.
     OptionError
-        If ``path`` is no path, or the format always merges points.
+        If ``path`` is not a path, or the format always merges points.
     PluginError
-        If a format misbehaves: what it returns is no mesh, or it raises what is no AggloError.
+        If a format misbehaves: it returns something other than a mesh, or raises something other
+        than an AggloError.
 
     Examples
     --------
@@ -81,7 +82,7 @@ def read_hierarchy(
     ----------
     path : path
     registry : Registry, optional
-        Where the formats are looked up; by default, that of the program.
+        Where the formats are looked up; by default the installed plugins.
 
     Raises
     ------
@@ -100,7 +101,7 @@ def write(
     *,
     registry: Registry | None = None,
 ) -> None:
-    """Write a mesh, and the hierarchy if given; the suffix says the format.
+    """Write a mesh, and the hierarchy if given; the suffix chooses the format.
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as
     cell data ``level_0``, …, and beside it each coarse mesh as ``NAME_level0.vtu``, …. Other formats
@@ -115,7 +116,7 @@ def write(
     mesh : Mesh
     hierarchy : Hierarchy, optional
     registry : Registry, optional
-        Where the formats are looked up; by default, that of the program.
+        Where the formats are looked up; by default the installed plugins.
 
     Raises
     ------
@@ -126,7 +127,7 @@ def write(
     OptionError
         If an argument is not of its type.
     PluginError
-        If a format misbehaves: it writes nothing, or raises what is no AggloError.
+        If a format misbehaves: it writes nothing, or raises something other than an AggloError.
     """
     target = _checked_path("write", path)
     _check_written(mesh, hierarchy)
@@ -140,9 +141,9 @@ def write(
 
 
 def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:
-    """Raise FileError unless a file can be written there, as far as can be seen before.
+    """Raise FileError unless a file can be written there, as far as can be told in advance.
 
-    Some format must write its suffix, its folder must exist, and no folder have its name.
+    Some format must write its suffix, its folder must exist, and it must not be a folder itself.
     """
     target = _checked_path("write", path)
     with naming(target):
@@ -181,7 +182,7 @@ def _existing(path: object) -> Path:
 def _checked_path(function: str, path: object) -> Path:
     if not isinstance(path, str | PathLike):
         call = "read(path)" if function == "read" else "write(path, mesh, hierarchy)"
-        raise OptionError(f"{call}: the path must be a text or a Path, given {type(path).__name__}")
+        raise OptionError(f"{call}: the path must be a str or a Path, given {type(path).__name__}")
     return Path(path)
 
 

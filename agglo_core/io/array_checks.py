@@ -1,4 +1,4 @@
-"""Whether the arrays of a stored mesh are a mesh: another program may have written the file."""
+"""Checks that the arrays of a stored mesh form a mesh: another program may have written the file."""
 
 from __future__ import annotations
 

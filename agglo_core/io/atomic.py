@@ -18,8 +18,8 @@ __all__ = ["check_replaceable", "staging"]
 def staging(path: Path) -> Iterator[Path]:
     """A temporary folder; the files left in it move beside ``path`` when the block ends without error.
 
-    None moves before all are written, and an existing target that is no regular file stops them
-    all. A symbolic link is followed, an existing file's permissions are kept.
+    None moves before all are written; if an existing target is not a regular file, none moves
+    at all. A symbolic link is followed, an existing file's permissions are kept.
 
     Yields
     ------
@@ -52,7 +52,7 @@ def staging(path: Path) -> Iterator[Path]:
 def check_replaceable(target: Path) -> None:
     """Raise FileError if something stands at ``target`` that must not be overwritten."""
     if target.exists() and not target.is_file():
-        raise FileError(f"{target}: exists and is no regular file")
+        raise FileError(f"{target}: exists and is not a regular file")
     if target.exists() and not os.access(target, os.W_OK):
         raise FileError(f"{target}: exists and is read-only")
     if not os.access(target.resolve().parent, os.W_OK):

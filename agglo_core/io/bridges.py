@@ -1,4 +1,4 @@
-"""Polygons with holes as single loops: a bridge edge, walked both ways, joins two boundary loops."""
+"""Polygons with holes as single loops: a bridge edge, traversed both ways, joins two boundary loops."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _join(points: Float, parts: list[Int], edges: _Edges) -> Int | None:
 
 
 def _nearest(points: Float, rest: Int, loop: Int, edges: _Edges) -> tuple[Int, Float]:
-    """For each vertex of ``rest`` the nearest of ``loop`` that may be joined to it, and how far it is."""
+    """For each vertex of ``rest`` the nearest of ``loop`` that may be joined to it, and its distance."""
     tree = cKDTree(points[loop])
     for k in (min(8, len(loop)), len(loop)):
         gap, place = tree.query(points[rest], k=range(1, k + 1))

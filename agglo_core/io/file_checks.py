@@ -1,4 +1,4 @@
-"""What goes to a format and comes back is checked here, and every error names the file and the culprit."""
+"""Checks of what formats are given and return; every error names the file and the format at fault."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class KnownFormat:
 
     @property
     def title(self) -> str:
-        """What errors call it."""
+        """Its name in error messages."""
         return describe(self.record)
 
     def has(self, attribute: str) -> bool:
@@ -45,7 +45,7 @@ class Formats:
     """The formats of a registry, in the order in which they are asked.
 
     Agglo's own come first, then those of plugins, then those of last resort. Each is built when its turn
-    comes: where an early one takes the file, the modules of the others are not imported.
+    comes: once one accepts the file, the modules of the others are not imported.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Formats:
                 continue
             wrong = [suffix for suffix in tool.suffixes if not _is_suffix(suffix)]
             if wrong:
-                form = "small letters after a dot, such as '.vtu'"
+                form = "lower case after a dot, such as '.vtu'"
                 yield None, f"{describe(record)}: its suffix {wrong[0]!r:.60} is not of the form: {form}"
             else:
                 yield KnownFormat(record, tool), ""

@@ -30,7 +30,7 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
         levels.append(mesh.check_labels(tags.pop(f"level_{len(levels)}")))
     later = [name for name in tags if is_level(name)]
     if later:
-        _log.warning("%s taken for no level: there is no level_%d", ", ".join(later), len(levels))
+        _log.warning("%s not taken for levels: there is no level_%d", ", ".join(later), len(levels))
     if not levels:
         return mesh, None
     mesh = replace(mesh, cell_tags=tags)

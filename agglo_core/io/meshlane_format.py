@@ -1,4 +1,4 @@
-"""Every other format, by the package meshlane: what no format of agglo or a plugin reads, it is asked."""
+"""Every other format, through the package meshlane, which is asked after those of agglo and of plugins."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
     cell_offsets, faces = mesh.cell_faces
     other = np.flatnonzero((np.diff(offsets) != 4) | (np.diff(cell_offsets) != 4))
     if len(other):
-        raise FileError(f"cell {other[0]} is no tetrahedron; only .vtu and .npz can hold it")
+        raise FileError(f"cell {other[0]} is not a tetrahedron; only .vtu and .npz can hold it")
     first = faces[cell_offsets[:-1]]
     base = mesh.face_vertices[gather(mesh.face_offsets, first)[1]].reshape(-1, 3)
     own = mesh.face_cells[first, 0] == np.arange(mesh.n_cells)

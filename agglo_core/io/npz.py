@@ -66,7 +66,7 @@ def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """Plain data of what JSON does not know."""
+    """Plain data for types that JSON does not know."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):

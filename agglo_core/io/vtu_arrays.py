@@ -66,7 +66,7 @@ class Document:
         else:
             raise ValueError(f"unknown format {form!r}")
         if len(content) % native.itemsize:
-            raise ValueError(f"{len(content)} bytes are no whole number of {kind}")
+            raise ValueError(f"{len(content)} bytes are not a whole number of {kind}")
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
     def _binary(self, data: bytes, start: int, *, raw: bool) -> bytes:
@@ -112,7 +112,7 @@ def _numbers(words: list[str], dtype: np.dtype[Any]) -> NDArray[Any]:
         return np.empty(0, dtype)
     longest = max(words, key=len)
     if len(longest) > 64:  # a numpy string array gives every word the room of the longest
-        raise ValueError(f"{longest[:20]}… is no number")
+        raise ValueError(f"{longest[:20]}… is not a number")
     return np.array(words).astype(dtype)
 
 

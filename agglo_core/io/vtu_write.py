@@ -40,7 +40,7 @@ def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.vtu``, ….
 
     The fine mesh carries its cell tags and the labels of every level (``level_0``, …). A cell of
-    several boundary loops (a hole) is one polygon that walks a bridge between them both ways; then
+    several boundary loops (a hole) is one polygon that traverses a bridge between them both ways; then
     integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
     its triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
 
@@ -81,7 +81,7 @@ def _remove_stale(path: Path, count: int) -> None:
             if ours:
                 file.unlink()
                 _log.info("removed %s, a level of an earlier hierarchy", file)
-        except OSError as error:  # the mesh and its levels are written: this is no reason to fail
+        except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 

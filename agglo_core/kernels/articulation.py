@@ -1,4 +1,4 @@
-"""Cells that hold their part together."""
+"""Articulation points: cells that hold their part together."""
 
 from __future__ import annotations
 

@@ -240,12 +240,12 @@ def circles(points, offsets, faces, face_vertices, centroids, diameters, anywher
     then make the radius exact where three edges touch the circle. Let c be the centre of a square, s
     its half side, q1 the boundary point nearest to c, at distance d. In that square no radius exceeds
     d + s√2; nor, with m the middle of q1 and any other boundary point q2, √(r² + |q1 − q2|²/4) where
-    r = |c − m| + s√2. Taking q2 nearest to the mirror image of q1 in c, the second bound settles long
+    r = |c − m| + s√2. Taking q2 nearest to the mirror image of q1 in c, the second bound decides long
     strips, where the first would open every square along the axis.
 
     A third bound comes from three edges and weights λ (λ >= 0, Σ λ = 1): no radius in the square exceeds
     the largest Σ λ_i d_i there. With those of a polished circle it is exact at the circle's centre and
-    O(s²) above nearby, so that squares around the largest circle settle early.
+    O(s²) above nearby, so that squares around the largest circle are discarded early.
     """
     radius = np.zeros(len(offsets) - 1)
     edges = np.empty((7, 64))

@@ -35,6 +35,6 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
 @cache  # once per process
 def _warn_unwritable() -> None:
     _log.warning(
-        "no folder for compiled kernels is writable: they are compiled anew in each run; "
+        "no folder for compiled kernels is writable: they are compiled again in each run; "
         "set NUMBA_CACHE_DIR to a folder that is"
     )

@@ -105,9 +105,9 @@ def check_polygons(points, offsets, vertices, weak):
 def match_half_edges(offsets, vertices, n_points):
     """Pair the directed edges of counter-clockwise cells into faces.
 
-    Returns face vertices (F, 2), face cells (F, 2), the pairs of cells (D, 2) that walk an edge the
+    Returns face vertices (F, 2), face cells (F, 2), the pairs of cells (D, 2) that traverse an edge the
     same way (they overlap; each keeps a face of its own) and the first edge met by a third cell as
-    (a, b, its three cells), else −1. An edge that one cell walks both ways is a bridge: it is dropped.
+    (a, b, its three cells), else −1. An edge that one cell traverses both ways is a bridge and dropped.
     """
     n_half = len(vertices)
     head = np.full(n_points, -1, np.int64)

@@ -1,4 +1,4 @@
-"""Whether kernels are still to be compiled."""
+"""Whether the kernels still have to be compiled."""
 
 from __future__ import annotations
 

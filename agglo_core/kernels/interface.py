@@ -1,4 +1,4 @@
-"""Interface relaxation: move boundary cells to the part they share more boundary with."""
+"""Interface relaxation: move boundary cells to the part with which they share more boundary."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _best_move(graph, parts, i, pairs):
 
 @kernel
 def _keeps_whole(graph, parts, i, search, stamp):
-    """Whether the neighbours of cell i in its part stay joined near it once it has left.
+    """Whether the neighbours of cell i in its part stay connected near it once it has left.
 
     Complete rings of cells are grown around all of them at once until they meet; the search ends
     between rings, so that its outcome does not depend on the order of the neighbours.
@@ -188,7 +188,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 @kernel
 def _paying(graph, parts, cells, m, pairs, axis, centroids, keys, chosen):
-    """Write the cells of ``cells[:m]`` whose move pays to ``chosen``, along ``axis``; return how many."""
+    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
     found = 0
     for c in range(m):
         i = cells[c]
@@ -217,7 +217,7 @@ def _add_new(graph, i, cells, m, seen, stamp):
 
 @kernel
 def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Sweeps of interface-shortening moves, block by block; no part loses its connection.
+    """Sweeps of interface-shortening moves, block by block; no part is disconnected.
 
     No part falls below ``floor`` times its measure at entry (of two: the smaller one's). Sweeps run
     along the line from the block's centroid to that of its smallest part: single cells until none

@@ -1,4 +1,4 @@
-"""Connectivity repair: loose components go to the kept neighbour they share most interface with."""
+"""Connectivity repair: loose components join the kept neighbour with which they share the most interface."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, n_
     """Part of each node once every loose component has joined a kept one.
 
     ``kept`` is the part of the nodes that stay, −1 elsewhere; ``loose`` lists components, whose nodes
-    are ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components that touch settled
-    ground choose at once, then settle; then the next ring. A node left at −1 cannot be reached.
+    are ``nodes[component_offsets[c]:component_offsets[c + 1]]``. All components that touch nodes with
+    a part choose at once and join; then the next ring of components. A node left at −1 cannot be reached.
     """
     parts = kept.copy()
     waiting = loose.copy()

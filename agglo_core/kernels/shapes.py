@@ -112,7 +112,7 @@ def box_ratios(points, offsets, hull):
 
 @kernel
 def _clip(source, m, target, ax, ay, ux, uy):
-    """Copy what of the convex polygon ``source[:m]`` lies left of the line through a along u; its size."""
+    """Copy the part of convex polygon ``source[:m]`` left of the line through a along u; return its size."""
     k = 0
     px, py = source[m - 1, 0], source[m - 1, 1]
     before = ux * (py - ay) - uy * (px - ax)

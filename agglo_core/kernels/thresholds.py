@@ -15,10 +15,10 @@ __all__ = [
     "edge_room",
     "edges_of_block",
     "scan_thresholds",
-    "settle_block",
     "sweep_axes",
     "sweep_block",
     "sweep_level",
+    "write_sides",
 ]
 
 NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
@@ -34,15 +34,15 @@ _LONG = 0.5  # ratio of principal moments below which a block is long
 def compactness(n):
     """Weight of the inertia beside the cut of a block of n cells.
 
-    A longer cut harms two parts, sides that are unequal all those that they will be split into: the
-    more cells, the more that counts; no faster than the root, so that necks are still found.
+    A longer cut harms two parts, unequal sides harm all the parts that they will be split into: the
+    more cells, the more that counts, but only like √n, so that necks are still found.
     """
     return max(_COMPACT, _GROWTH * np.sqrt(n))
 
 
 @kernel
 def edge_room(offsets, indptr):
-    """Room for the edges of the largest block: ends, lengths."""
+    """Work arrays for the edges of the largest block: ends, lengths."""
     most = 0
     for b in range(len(offsets) - 1):
         most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
@@ -96,13 +96,13 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
 
 
 @kernel
-def sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally):
+def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
     """Best threshold of ``score[:n]`` on a block: its cost, 1e300 if there is none, and the last bin below.
 
-    ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the room that
+    ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the work arrays that
     ``edges_of_block`` filled and their number; ``local (3, n)`` are positions about the centre of mass,
-    ``shares`` the weights (sum 1); ``gauge`` is one over the measure of a typical section, the inertia,
-    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are room to work in.
+    ``shares`` the weights (sum 1); ``scales`` is one over the measure of a typical section, the inertia,
+    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays.
     """
     if rate == 0.0:
         return NO_CUT, 0
@@ -121,12 +121,12 @@ def sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally):
         a, b = bins[np.uint32(tails[e])], bins[np.uint32(heads[e])]
         tally[np.uint32(min(a, b)), 4] += lengths[e]
         tally[np.uint32(max(a, b)), 4] -= lengths[e]
-    scale, inertia, weight = gauge
+    scale, inertia, weight = scales
     return scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale, inertia, weight)
 
 
 @kernel
-def settle_block(start, n, found, score, bins, sides):
+def write_sides(start, n, found, score, bins, sides):
     """Write the sides of a block: above the best threshold, or any halving if there is none."""
     best, last, low, rate = found
     if best == NO_CUT:
@@ -176,10 +176,10 @@ def _project(n, a, b, x, y, score):
 
 
 @kernel
-def axes_block(n, edges, local, shares, gauge, turns, finer, score, bins, tally):
+def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally):
     """Cheapest cut of a planar block across its principal axis, or axes turned from it by ``turns``.
 
-    Long blocks are not cut along: where the ratio of moments is below 0.5, axes more than 45° off are
+    Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 45° off are
     left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
     cost, the last bin below, the lowest threshold and thresholds per unit, and leaves the coordinates
     along the best axis in ``score``.
@@ -201,7 +201,7 @@ def axes_block(n, edges, local, shares, gauge, turns, finer, score, bins, tally)
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         low, high = _project(n, a, b, local[0], local[1], score)
         low, rate = _thresholds(low, high, _CLIP * np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
-        cost, last = sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally)
+        cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
             best, p, q = (cost, last, low, rate), a, b
     _project(n, p, q, local[0], local[1], score)
@@ -230,17 +230,17 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
     sides = np.empty(len(weights), np.int64)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
-        gauge = centre_block(start, n, centroids, weights, measures, local, shares)
+        scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
         for c in range(scores.shape[1]):
             low, high, spread = _centred(start, n, scores[:, c], shares, score)
             low, rate = _thresholds(low, high, _CLIP * spread)
-            cost, last = sweep_block(n, low, rate, score, edges, local, shares, gauge, bins, tally)
+            cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
             if cost < best[0] - 1e-9 * abs(best[0]):
                 best, column = (cost, last, low, rate), c
         _centred(start, n, scores[:, column], shares, score)
-        settle_block(start, n, best, score, bins, sides)
+        write_sides(start, n, best, score, bins, sides)
     return sides
 
 
@@ -253,8 +253,8 @@ def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures
     sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
-        gauge = centre_block(start, n, centroids, weights, measures, local, shares)
+        scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
-        best = axes_block(n, edges, local, shares, gauge, turns, finer, score, bins, tally)
-        settle_block(start, n, best, score, bins, sides)
+        best = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
+        write_sides(start, n, best, score, bins, sides)
     return sides

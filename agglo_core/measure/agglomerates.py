@@ -37,7 +37,7 @@ class Level:
     values : mapping of name to (k,) float
         ``cells``, ``diameter``, ``measure``, those of the metrics, ``components``.
     metrics : sequence of str
-        Names of the metrics that were chosen; where a value does not exist (circle ratios of solids,
+        Names of the metrics that were chosen; where a value does not exist (circle ratios in 3-D,
         unless asked for), ``values`` lacks it.
     objectives : mapping of name to float
         Objectives of the partition that were chosen.
@@ -57,7 +57,7 @@ class Level:
         Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by its name (``UF``,
         ``CR``, ``CRc`` if none were chosen), the share of parts that are ``connected``,
         ``diameter_ratio``, the mean diameter over h*, and ``objectives`` if any were chosen. What does
-        not exist (circle ratios of solids, h* of a count) is None.
+        not exist (circle ratios in 3-D, h* of a count) is None.
         """
         h_star = self.target.get("h_star")
         diameters = self.values["diameter"]
@@ -91,7 +91,7 @@ def quality(
     metrics : iterable
         Names, ``(name, options)`` pairs or metric objects (keyed by class name).
     registry : Registry, optional
-        Where names are looked up; the program's own by default.
+        Where names are looked up; by default the installed plugins.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def quality(
     Raises
     ------
     MeshError
-        If the labels do not fit, or a metric exists only in 2-D.
+        If the labels do not fit the mesh, or a metric exists only in 2-D.
     OptionError, PluginError
         For an argument of a wrong kind, an option or a metric that does not exist, or misbehaves.
 
@@ -129,10 +129,10 @@ def measure_levels(
     mesh : Mesh
     hierarchy : Hierarchy
     registry : Registry, optional
-        Where names are looked up; the program's own by default.
+        Where names are looked up; by default the installed plugins.
     metrics : iterable, optional
-        As for :func:`quality`; a name that is no metric's may be an objective's. By default UF, CR and
-        CRc, of solids UF alone.
+        As for :func:`quality`; names of objectives are accepted as well. By default UF, CR and
+        CRc, for 3-D meshes UF alone.
 
     Raises
     ------

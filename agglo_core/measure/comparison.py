@@ -27,7 +27,7 @@ _WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """One way to agglomerate a mesh and what came of it.
+    """One way to agglomerate a mesh, and its result.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ def timed_run(
 
 
 def wanted(target: Mapping[str, Any]) -> str:
-    """A target in the words it was asked in: ``h ≤ 4 h0``, ``16 parts``; – if unknown."""
+    """A target as the user gave it: ``h ≤ 4 h0``, ``16 parts``; – if unknown."""
     for name, form in _WORDS.items():
         if target.get(name) is not None:
             return form.format(target[name])

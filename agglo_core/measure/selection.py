@@ -1,4 +1,4 @@
-"""Which metrics and objectives are measured: from names, options and objects to what can be called."""
+"""Which metrics and objectives are measured: from names, options and objects to objects that measure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
 """A metric's name, a metric, or a name with its options."""
 
 RATIOS = ("UF", "CR", "CRc")
-"""What is measured where nothing else is asked for; of solids the first alone."""
+"""What is measured where nothing else is asked for; in 3-D the first alone."""
 
 _RESERVED = ("connected", "diameter", "max_diameter", "measure", "objectives", "parts", "target")
 
@@ -33,7 +33,7 @@ class Selection:
 
 
 def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Selection:
-    """Metrics, and objectives where a name is no metric's.
+    """Metrics, and objectives where a name is not that of a metric.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def select(chosen: Iterable[Metric], registry: Registry | None = None) -> Select
 
 
 def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) -> dict[str, Member]:
-    """Metric objects, and how errors call them, by name."""
+    """Metric objects with their names in error messages, by name."""
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
     for metric in _listed(chosen):
@@ -76,7 +76,7 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
             raise OptionError(f"metric {name!r} is given twice")
         if isinstance(component, type) or not callable(getattr(component, "measure", None)):
             raise OptionError(
-                f"{component!r:.60} is no metric: expected an object with the method measure(mesh, labels)"
+                f"{component!r:.60} is not a metric: expected an object with the method measure(mesh, labels)"
             )
         built[name] = Member(component, title)
     return built

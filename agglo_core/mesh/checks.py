@@ -1,4 +1,4 @@
-"""What is checked and repaired before arrays become a mesh; whoever builds one uses these."""
+"""Checks and repairs of arrays before they become a mesh, shared by everything that builds one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faces and tags of agglomerates: what is left when interior faces go."""
+"""Faces and tags of agglomerates: what remains when interior faces are dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What follows from the arrays of a mesh: sizes, measures, centroids, diameters, loops; each made once."""
+"""What is derived from the arrays of a mesh: sizes, measures, centroids, diameters, loops; computed once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conveniences of meshes and graphs that packages further on make, as ``mesh.graph``: found when used."""
+"""Methods of meshes and graphs, as ``mesh.graph``, that later packages implement: imported when used."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["made_by"]
 
 
 def made_by(target: str) -> Callable[..., Any]:
-    """The function ``"module:name"``, imported now; nothing here knows what it is."""
+    """The function ``"module:name"``, imported now, so that this package does not depend on it."""
     module, _, name = target.partition(":")
     function: Callable[..., Any] = getattr(import_module(module), name)
     return function

@@ -14,7 +14,7 @@ class Loops(NamedTuple):
 
     Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``; loop l owns
     ``vertices[loop_offsets[l]:loop_offsets[l + 1]]``. The cell lies on the left of each loop: outer
-    loops run counter-clockwise, holes clockwise. No loop meets a vertex twice: at a pinch they part.
+    loops run counter-clockwise, holes clockwise. No loop visits a vertex twice.
     """
 
     cell_offsets: Int

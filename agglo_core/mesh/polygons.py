@@ -124,25 +124,25 @@ def _faces(offsets: Int, vertices: Int, used: Int, weak: bool, strict: bool) -> 
 
     face_vertices, face_cells, double, (a, b, *cells) = match_half_edges(offsets, vertices, len(used))
     if a >= 0:
-        _refuse_twins(offsets, vertices, combinations(cells, 2))
+        _refuse_duplicates(offsets, vertices, combinations(cells, 2))
         named = ", ".join(str(cell) for cell in sorted(cells))
         raise MeshError(
             f"the face between points {used[a]} and {used[b]} has more than two cells: cells {named}"
         )
-    if weak:  # an agglomerate of two overlapping cells walks their common edge twice
+    if weak:  # an agglomerate of two overlapping cells traverses their common edge twice
         double = double[double[:, 0] != double[:, 1]]
-    _refuse_twins(offsets, vertices, double.tolist())
+    _refuse_duplicates(offsets, vertices, double.tolist())
     for first, second in double.tolist():
         if strict:
             raise MeshError(f"cells {first} and {second} overlap: both lie on the same side of an edge")
     return frozen_int(face_vertices), frozen_int(face_cells), len(double)
 
 
-def _refuse_twins(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int]]) -> None:
-    """Raise MeshError if a pair of cells is one cell twice, or a cell walks an edge twice."""
+def _refuse_duplicates(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int]]) -> None:
+    """Raise MeshError if a pair of cells is one cell twice, or a cell traverses an edge twice."""
     for first, second in pairs:
         if first == second:
-            raise MeshError(f"cell {first}: a repeated vertex (it walks an edge twice)")
+            raise MeshError(f"cell {first}: a repeated vertex (it traverses an edge twice)")
         a, b = (np.sort(vertices[offsets[c] : offsets[c + 1]]) for c in (first, second))
         if np.array_equal(a, b):
             raise MeshError(f"cells {first} and {second} are duplicates: they have the same vertices")

@@ -100,7 +100,7 @@ def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, cent
     """Sign of each half-face: −1 where its loop as given is clockwise seen from outside.
 
     Where all faces of a cell look away from its middle, or all look towards it, they are taken as they
-    are; elsewhere neighbours across an edge must walk it in opposite directions.
+    are; elsewhere neighbours across an edge must traverse it in opposite directions.
     """
     n = int(cell_of[-1]) + 1
     first = np.flatnonzero(np.diff(cell_of, prepend=-1))
@@ -126,7 +126,7 @@ def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, cent
 
 
 def _consistent(cell_of: Int, loop_offsets: Int, vertices: Int, flux: Float) -> Float:
-    """Signs that make the faces of each cell walk every edge once each way, where that can be."""
+    """Signs that make the faces of each cell traverse every edge once in each direction, where possible."""
     loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
     head = np.roll(vertices, -1)
     head[loop_offsets[1:] - 1] = vertices[loop_offsets[:-1]]
@@ -172,9 +172,9 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[I
         count = np.diff(np.append(start, len(order)))
         many = np.flatnonzero(count > 2)
         if len(many):
-            crowd = loops[order[start[many[0]] : start[many[0]] + count[many[0]]]]
+            half_faces = loops[order[start[many[0]] : start[many[0]] + count[many[0]]]]
             face = used[keys[order[start[many[0]]]]].tolist()
-            _refuse_crowd(cell_of, loop_offsets, vertices, cell_of[crowd].tolist(), face)
+            _refuse_shared_face(cell_of, loop_offsets, vertices, cell_of[half_faces].tolist(), face)
         owners.append(loops[order[start]])
         partners.append(np.where(count == 2, loops[order[np.minimum(start + 1, len(order) - 1)]], -1))
     owner, partner = np.concatenate(owners), np.concatenate(partners)
@@ -186,10 +186,10 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[I
     return frozen_int(owner), frozen_int(partner)
 
 
-def _refuse_crowd(
+def _refuse_shared_face(
     cell_of: Int, loop_offsets: Int, vertices: Int, cells: list[int], face: list[int]
 ) -> NoReturn:
-    """Say why a face with these three or more cells cannot be."""
+    """Raise MeshError that says why a face cannot have these three or more cells."""
     for cell in cells:
         if cells.count(cell) > 1:
             raise MeshError(f"cell {cell}: the same face twice")

@@ -102,7 +102,7 @@ class Mesh(Derived):
         merge_points : bool
             Merge exactly equal points first.
         weak : bool
-            Accept polygons that touch themselves; an edge walked both ways is a bridge to a hole
+            Accept polygons that touch themselves; an edge traversed both ways is a bridge to a hole
             and is dropped.
         strict : bool
             Also refuse cells that overlap and vertices that lie unlisted on a neighbour's edge.

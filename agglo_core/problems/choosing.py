@@ -35,7 +35,7 @@ def named_problem(
     options : mapping
         Of the component.
     registry : Registry, optional
-        Where names are looked up; by default that of the program.
+        Where names are looked up; by default the installed plugins.
 
     Raises
     ------
@@ -92,12 +92,12 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
 
 
 def discretisation_of(solver: object, problem: Problem) -> Discretisation | None:
-    """What tells the meaning of the unknowns a solver has in a problem; None if nothing does.
+    """The discretisation that says what a solver's unknowns of a problem mean; None if there is none.
 
     Raises
     ------
     OptionError
-        If what the solver calls its ``discretisation`` lacks something of it.
+        If the solver's ``discretisation`` lacks a method or attribute of one.
     """
     found = getattr(solver, "discretisation", None)
     if found is None:
@@ -123,7 +123,9 @@ def _reader_of(kind: Any, registry: Registry) -> Any:
     record = registry.record(_KIND, kind)
     from_table = getattr(resolve(record), "from_table", None)
     if from_table is None:
-        raise OptionError(f"kind: {describe(record)} has a name alone: choose it without a file")
+        raise OptionError(
+            f"kind: {describe(record)} is made by name, not from a file: choose it by its name alone"
+        )
     return from_table
 
 

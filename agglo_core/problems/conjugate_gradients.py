@@ -1,4 +1,4 @@
-"""Plain conjugate gradients: what every method is measured against."""
+"""Plain conjugate gradients: the baseline for every method."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class Diffusion:
         Diffusion coefficient (positive) and right-hand side f.
     dirichlet, neumann : mapping of boundary tag value to Field
         Boundary values u and outward fluxes κ ∂u/∂n. If both are empty u = 0 on the whole boundary.
-        Otherwise faces whose tag stands in neither are insulated, and every component of the domain needs
+        Otherwise faces whose tag is in neither are insulated, and every component of the domain needs
         a tag in ``dirichlet``: with fluxes alone u is known only up to a constant.
     exact : callable, optional
         The solution, when known, for error norms.
@@ -91,12 +91,12 @@ class Diffusion:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """Return the problem a table describes, see :mod:`agglo_core.problems.diffusion`.
+        """Return the problem described by a table; see :mod:`agglo_core.problems.diffusion`.
 
         Raises
         ------
         OptionError
-            For a key, tag or value that does not exist or is lacking, anything but finite numbers, or a
+            For a key, tag or value that is unknown or missing, anything but finite numbers, or a
             coefficient that is not positive.
         """
         require_keys(table, _KEYS)
@@ -108,7 +108,7 @@ class Diffusion:
         neumann = boundary_values("neumann", table.get("neumann", {}), mesh, boundary)
         both = sorted(set(dirichlet) & set(neumann))
         if both:
-            raise OptionError(f"boundary tag {both[0]} stands in dirichlet and in neumann")
+            raise OptionError(f"boundary tag {both[0]} is in both dirichlet and neumann")
         kappa = cell_values("kappa", table.get("kappa", 1.0), mesh)
         if np.min(kappa) <= 0.0:
             raise OptionError(f"kappa must be positive, given {np.min(kappa):g}")

@@ -1,4 +1,4 @@
-"""What the unknowns of a method mean: the one thing files, pictures and error norms ask."""
+"""What the unknowns of a method mean: all that files, pictures and error norms need to know."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Discretisation(Protocol):
     """How problems become linear systems on a mesh, and what their unknowns mean.
 
     A solver that has one as its attribute ``discretisation`` gets files, pictures and error norms of
-    ``agglo solve``. ``accepts`` lists the kinds of problem it discretises; of all other problems, such as a
-    linear system, the unknowns mean what their author knows.
+    ``agglo solve``. ``accepts`` lists the kinds of problem it discretises; what the
+    unknowns of other problems, such as a linear system, mean is known only to their author.
     """
 
     accepts: tuple[str, ...]
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Raise an AggloError if it cannot discretise the problem on the mesh, as far as is quickly seen."""
+        """Quick check: raise an AggloError if it cannot discretise the problem on the mesh."""
         ...
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
@@ -58,7 +58,7 @@ class Discretisation(Protocol):
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Return the matrix of the problem on the agglomerates ``labels (n_cells,)`` of the mesh.
 
-        Corrections are sought there: boundary conditions are the same, their data 0.
+        It is for corrections: the boundary conditions are the same, with data 0.
         """
         ...
 
@@ -86,5 +86,5 @@ class Discretisation(Protocol):
         ...
 
     def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> Callable[[Float], float]:
-        """Return what measures residuals ``(n,)`` relative to the right-hand side ``b (n,)``."""
+        """Return a function that measures residuals ``(n,)`` relative to the right-hand side ``b (n,)``."""
         ...

@@ -40,7 +40,7 @@ class Linear:
     Raises
     ------
     OptionError
-        If ``block_offsets`` is no array ``(n_cells + 1,)``.
+        If ``block_offsets`` is not an array ``(n_cells + 1,)``.
     """
 
     kind: ClassVar[str] = "linear"
@@ -58,12 +58,12 @@ class Linear:
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
-        """Return the system a table describes, see :mod:`agglo_core.problems.linear`.
+        """Return the system described by a table; see :mod:`agglo_core.problems.linear`.
 
         Raises
         ------
         OptionError
-            For keys that are unknown or lacking; a matrix that is not square, a right-hand side of another
+            For keys that are unknown or missing; a matrix that is not square, a right-hand side of another
             size, unknowns that do not fit the cells.
         FileError
             If a file cannot be read, or holds values that are not finite real numbers.
@@ -144,7 +144,7 @@ def _width(unknowns: Any, n: int, mesh: Mesh) -> int:
     """Unknowns of each cell."""
     if unknowns is None:
         if n % mesh.n_cells or not n:
-            raise OptionError(f"matrix: its {n} rows cannot be shared equally by {mesh.n_cells} cells")
+            raise OptionError(f"matrix: its {n} rows cannot be divided equally among {mesh.n_cells} cells")
         return n // mesh.n_cells
     if not isinstance(unknowns, int) or isinstance(unknowns, bool) or unknowns < 1:
         raise OptionError(f"unknowns must be a whole number, at least 1; given {unknowns!r:.60}")

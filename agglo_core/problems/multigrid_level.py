@@ -1,4 +1,4 @@
-"""One level of a multigrid method, as a smoother sees it."""
+"""One level of a multigrid method, as it is given to a smoother."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class MultigridLevel:
     A : (n, n) sparse
         Its matrix.
     inherited : (n, n) sparse
-        Pᵀ A P down from the finest level; A itself where levels are not discretised anew.
+        Pᵀ A P down from the finest level; A itself where levels are not rediscretised.
     block_offsets : (parts + 1,) int
         The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
     labels : (n_cells,) int
@@ -28,7 +28,7 @@ class MultigridLevel:
     P : (n, m) sparse
         Prolongation from the next coarser level.
     coarse : callable, optional
-        Residual ``(n,)`` to the correction ``(n,)`` by the next level; None if the smoother shall do without.
+        Maps a residual ``(n,)`` to the correction ``(n,)`` by the next level; None if there is to be none.
     steps : int
         Smoothing steps asked for in one application.
     """

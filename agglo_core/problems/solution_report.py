@@ -31,7 +31,7 @@ def report(
     Parameters
     ----------
     how : Discretisation, optional
-        Tells error norms, loads and the size of residuals. Without it there are no errors, the energy is
+        Gives error norms, loads and the size of residuals. Without it there are no errors, the energy is
         bᵀx, and residuals are measured by their 2-norm.
     cg_tolerance : float, optional
         If given, the iterations of plain conjugate gradients from 0 to this tolerance, with the same test;
@@ -80,7 +80,7 @@ def _plain_cg(solution: Solution, tolerance: float | None, measure: Callable[[Fl
 
 
 def text(title: str, data: Mapping[str, Any]) -> str:
-    """A few lines for people."""
+    """A few lines for people to read."""
     levels = " → ".join(f"{level['cells']:,}" for level in data["levels"])
     state = f"converged after {data['iterations']} iterations ({data['reason']})"
     if not data["converged"]:

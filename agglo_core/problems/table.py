@@ -44,7 +44,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     Raises
     ------
     OptionError
-        For a tag the mesh does not have, a value of the tag that is lacking or foreign, no number.
+        For a tag the mesh does not have, a value of the tag that is missing or unknown, or not a number.
     """
     if not isinstance(given, Mapping):
         return number(key, given)
@@ -63,7 +63,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     foreign = sorted(set(by_value) - set(present.tolist()))
     if foreign:
         known = ", ".join(map(str, present[:20]))
-        raise OptionError(f"{key}.{tag} speaks of {foreign[0]}; the tag's values in the mesh are: {known}")
+        raise OptionError(f"{key}.{tag} names {foreign[0]}; the tag's values in the mesh are: {known}")
     return frozen_float(np.array([by_value[int(each)] for each in present])[place])
 
 
@@ -73,7 +73,7 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     Raises
     ------
     OptionError
-        For a value no boundary face has, or what is no number.
+        For a value no boundary face has, or anything that is not a number.
     """
     if not isinstance(given, Mapping):
         raise OptionError(f"{key} must be a table by boundary tag, given {given!r:.60}")
@@ -84,7 +84,7 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     for tag in values:
         if tag not in present:
             known = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
-            raise OptionError(f"{key} speaks of boundary tag {tag}; the mesh has: {known}")
+            raise OptionError(f"{key} names boundary tag {tag}; the mesh has: {known}")
     return values
 
 

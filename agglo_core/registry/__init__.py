@@ -10,7 +10,7 @@ module (or object) whose hooks return records::
         return [Component(kind="bisector", name="halves", target="my_package.halves:Halves")]
 
 Listing components imports the declarations and nothing else; the target is imported when it is built.
-A plugin that is broken, misses a package or clashes with another never takes the program down: it is
+A plugin that is broken, lacks a package or clashes with another never takes the program down: it is
 listed with its state and the reason, and using it raises :class:`~agglo_core.errors.PluginError`.
 
 **Installing a plugin runs its code**: its declaration module is imported whenever agglo looks for

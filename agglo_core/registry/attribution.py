@@ -1,4 +1,4 @@
-"""Errors that say whose component raised them."""
+"""Errors of components, attributed: the message names component, plugin and distribution."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["Member", "attributed"]
 
 @dataclass(frozen=True)
 class Member:
-    """A component at work, and how errors call it."""
+    """A component in use: the object that was built (``tool``) and its name in error messages (``title``)."""
 
     tool: Any
     title: str

@@ -73,7 +73,7 @@ class Registry:
         self._add(origin, plugin, declared, problem)
 
     def unregister(self, name: str) -> None:
-        """Take out every plugin of that name, whatever its state."""
+        """Remove every plugin of that name, whatever its state."""
         leaving = [p for p in self._plugins if p.name == name]
         if not leaving:
             raise PluginError(f"no plugin {name!r} is registered; registered: {self._names()}")
@@ -128,7 +128,7 @@ class Registry:
         if kind not in (*KINDS, "command"):
             raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
         qualifier, _, plain = name.rpartition("/")
-        records = self._records(lambda r: r.kind == kind and r.name == plain, settled=not qualifier)
+        records = self._records(lambda r: r.kind == kind and r.name == plain, resolved=not qualifier)
         if qualifier:
             records = [r for r in records if qualifier in (r.plugin, r.distribution)]
             records = [r for r in records if r.in_tree] or records
@@ -140,7 +140,7 @@ class Registry:
         raise PluginError(self._unknown(kind, name))
 
     def level_done(self, info: Mapping[str, Any]) -> None:
-        """Tell every watcher how far a run has come.
+        """Tell every plugin that watches runs how far one has come.
 
         One that raises is named in a warning and not called again: whoever only watches cannot end a
         run.
@@ -164,7 +164,7 @@ class Registry:
         names = {each.name for each in found}
         for unknown in sorted((blocked | only) - names):
             logging.getLogger("agglo").warning(
-                "AGGLO_BLOCK or AGGLO_ONLY names %r, which is no installed plugin", unknown
+                "AGGLO_BLOCK or AGGLO_ONLY names %r, which is not an installed plugin", unknown
             )
         for name in sorted(names):
             if name in blocked:
@@ -208,11 +208,13 @@ class Registry:
             records.append(replace(origin, state="broken", reason=problem))
         self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
 
-    def _records(self, wanted: Callable[[Record], bool] = lambda _: True, *, settled: bool = True) -> Records:
+    def _records(
+        self, wanted: Callable[[Record], bool] = lambda _: True, *, resolved: bool = True
+    ) -> Records:
         found = (record for plugin in self._plugins for record in plugin.records if wanted(record))
         installed = Installed()
         records = [with_requirements(self._unblocked(record), installed) for record in found]
-        return with_conflicts(records) if settled else records
+        return with_conflicts(records) if resolved else records
 
     def _unblocked(self, record: Record) -> Record:
         reason = self._blocked.get(record.plugin)

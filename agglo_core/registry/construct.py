@@ -47,7 +47,7 @@ def construct(record: Record, options: Mapping[str, Any]) -> Any:
     PluginError
         If it is not ok, cannot be imported or built, or lacks a method of its kind.
     OptionError
-        If an option is unknown or missing; whatever AggloError the constructor raises passes through.
+        If an option is unknown or missing; any AggloError that the constructor raises passes through.
     """
     target = resolve(record)
     if not callable(target):
@@ -60,7 +60,7 @@ def construct(record: Record, options: Mapping[str, Any]) -> Any:
     except PLUGIN_FAILURES as error:
         given = ", ".join(f"{name}={value!r}" for name, value in chosen.items()) or "no options"
         raise PluginError(f"{describe(record)} could not be built with {given}: {raised(error)}") from error
-    _check_border(record, built)
+    _check_built(record, built)
     return built
 
 
@@ -88,7 +88,7 @@ def checked_options(record: Record, target: Any, options: Mapping[str, Any]) -> 
     return {name: convert(accepted[name], value, describe(record)) for name, value in options.items()}
 
 
-def _check_border(record: Record, built: Any) -> None:
+def _check_built(record: Record, built: Any) -> None:
     """Raise PluginError unless what was built has what its kind needs."""
     kind = KINDS[record.kind]
     if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):

@@ -43,7 +43,7 @@ class Component:
     requires : tuple of str
         Top-level modules that must be importable, as in ``import NAME``.
     promises : mapping of str to bool or float
-        Properties the component vouches for, of those in :data:`~agglo_core.registry.kinds.PROMISES`.
+        Properties the component guarantees, of those in :data:`~agglo_core.registry.kinds.PROMISES`.
     summary : str
         One line for listings.
     fallback : str, optional
@@ -83,7 +83,7 @@ class Hooks:
 
     @hookspec
     def agglo_level_done(self, info: Mapping[str, Any]) -> None:
-        """Follow a run: called after each recursion level with ``depth``, ``pieces``, ``cells``."""
+        """Follow a run: called after each depth of a recursion with ``depth``, ``pieces``, ``cells``."""
 
 
 _TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")

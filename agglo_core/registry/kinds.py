@@ -1,6 +1,8 @@
-"""The kinds of component: one record each. A new kind is a new record here and a file of laws.
+"""The kinds of component that a plugin may offer, one record each.
 
-What a component of a kind must *do* is said in :mod:`agglo_core.protocols`; here stands what the registry
+A new kind is a new record here and a file of laws.
+
+What a component of a kind must *do* is said in :mod:`agglo_core.protocols`; here is what the registry
 checks when it builds one, which laws judge it, and which promises mean something.
 """
 

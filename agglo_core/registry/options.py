@@ -1,9 +1,9 @@
-"""Options of components: what each is called, of which type it is, and whether a value fits.
+"""Options of components: names, types, and whether a value fits.
 
 An option is a keyword of the constructor; its type is the annotation there, one of bool, int, float, str,
 ``Literal[…]``, an Enum, Path, a tuple of these, or a union, also with None. The same rules hold on the
 command line (where every value is a text), in TOML and in Python. What has another annotation, or none,
-is taken as it comes; a text then becomes what it reads as: a number, true, false, none, or itself.
+accepts anything; a text then becomes what it looks like: a number, true, false, none, or itself.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Option:
 
 
 def options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
-    """Options of a class or factory; None if it takes any, or does not tell (it then checks itself)."""
+    """Options of a class or factory; None if it takes any, or does not say (it then checks them itself)."""
     return _options_of_class(target) if isinstance(target, type) else _options_of(target)
 
 
@@ -98,7 +98,7 @@ def _options_of_class(target: type) -> tuple[Option, ...] | None:
 
 
 def parse_value(text: str) -> int | float | bool | str | None:
-    """An integer, a number, true, false or none if ``text`` reads as one; else the text itself."""
+    """An integer, a number, true, false or none if ``text`` looks like one; otherwise the text itself."""
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
     for number in (int, float):
@@ -115,7 +115,7 @@ def convert(option: Option, value: Any, owner: str) -> Any:
     Raises
     ------
     OptionError
-        If it does not fit; says what was given, what is expected and whose option it is.
+        If it does not fit; says what was given, what was expected and whose option it is.
     """
     known = _members(option.type)
     if known is None:
@@ -209,7 +209,7 @@ def _fit_enum(member: type[Enum], value: Any) -> tuple[bool, Any]:
 
 
 def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
-    """A list or tuple item by item; a text is cut at ``+``, as commas part options."""
+    """A list or tuple item by item; a text is split at ``+``, as commas separate options."""
     if isinstance(value, Text):
         items: list[Any] = [Text(item.strip()) for item in value.split("+")]
     elif isinstance(value, list | tuple):
@@ -230,7 +230,7 @@ def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:
-    """The annotation itself, also where it stands as a text; empty where the text means nothing here."""
+    """The annotation itself, evaluated if it is a string; empty where the string cannot be evaluated."""
     given = parameter.annotation
     if not isinstance(given, str):
         return given

@@ -1,4 +1,4 @@
-"""What the registry knows of each declaration: its origin, its state, the reason."""
+"""What the registry knows of each declaration: its origin, what state it is in, and why."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PROJECTS = {"sklearn": "scikit-learn"}  # import names that differ from the nam
 
 @dataclass(frozen=True)
 class Record:
-    """A declared component or command and where it stands; a plugin that failed as a whole has neither.
+    """A declared component or command and its state; a plugin that failed as a whole has neither.
 
     Attributes
     ----------
@@ -79,12 +79,12 @@ def describe(record: Record) -> str:
 
 
 def unusable(record: Record) -> str:
-    """State and reason of a record that is not ok, the state once: reasons of ``needs`` begin with it."""
+    """State and reason of a record that is not ok, the state once (reasons of ``needs`` begin with it)."""
     return record.reason if record.state == "needs" else f"{record.state}: {record.reason}"
 
 
 class Installed:
-    """What is installed, looked up once for each name: for one listing, as installing goes on."""
+    """What is installed, each name looked up once; for one listing, as packages may come later."""
 
     def __init__(self) -> None:
         self._modules: dict[str, bool] = {}
@@ -151,16 +151,16 @@ def _extras(distribution: str) -> dict[str, set[str]]:
 
 
 def with_conflicts(records: Sequence[Record]) -> list[Record]:
-    """The records, those whose name another one holds or claims turned to ``conflict``."""
+    """The records; those whose name is taken or claimed by another one in state ``conflict``."""
     rivals: dict[tuple[str, str], list[Record]] = defaultdict(list)
     for record in records:
         if record.declared:
             rivals[record.kind, record.name].append(record)
-    return [_settle(r, rivals[r.kind, r.name]) if r.declared else r for r in records]
+    return [_resolved(r, rivals[r.kind, r.name]) if r.declared else r for r in records]
 
 
-def _settle(record: Record, rivals: list[Record]) -> Record:
-    """In-tree declarations hold their names; strangers who share one all lose it."""
+def _resolved(record: Record, rivals: list[Record]) -> Record:
+    """The record after conflicts: agglo's own keep their names; of others that share one, none gets it."""
     owners = [rival for rival in rivals if rival.in_tree] or rivals
     if record.command is not None and not record.in_tree and record.name in CORE_COMMANDS:
         reason = "the name is reserved for agglo's own command"
@@ -171,6 +171,6 @@ def _settle(record: Record, rivals: list[Record]) -> Record:
         reason = f"the name is also declared by {others}"
     else:
         reason = f"the name is reserved for {describe(owners[0])}"
-    twins = [rival for rival in rivals if rival.plugin == record.plugin]
-    qualifier = record.plugin if len(twins) == 1 else record.distribution
+    same_plugin = [rival for rival in rivals if rival.plugin == record.plugin]
+    qualifier = record.plugin if len(same_plugin) == 1 else record.distribution
     return replace(record, state="conflict", reason=f"{reason}; use '{qualifier}/{record.name}'")

@@ -19,7 +19,7 @@ def names(registry: Registry | None = None) -> list[str]:
     Parameters
     ----------
     registry : Registry, optional
-        Where they are looked up; by default, that of the program.
+        Where they are looked up; by default the installed plugins.
     """
     records = (default() if registry is None else registry).list()
     usable = [record for record in records if record.kind == "sample" and record.state == "ok"]
@@ -27,7 +27,7 @@ def names(registry: Registry | None = None) -> list[str]:
 
 
 def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
-    """Mesh from a text ``name:option=value,…``; the first option may go without its name.
+    """Mesh from a text ``name:option=value,…``; the name of the first option may be left out.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
         Such as ``squares:n=64``, ``squares:64``, ``voronoi:n=5000,seed=3`` or ``paper:random``. The name
         may be qualified as ``plugin/name``.
     registry : Registry, optional
-        Where the sample is looked up; by default, that of the program.
+        Where the sample is looked up; by default the installed plugins.
 
     Raises
     ------

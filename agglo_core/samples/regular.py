@@ -1,4 +1,4 @@
-"""Regular 2-D samples: squares, triangles, hexagons, and shapes that put agglomeration to the test."""
+"""Regular 2-D samples: squares, triangles, hexagons, and shapes that are hard to agglomerate."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def hexagons(n: int) -> Mesh:
 
 
 def ring(n: int) -> Mesh:
-    """Annulus of radii 1/2 and 1: ``n`` quadrilaterals around, in as many layers as make them squarish.
+    """Annulus of radii 1/2 and 1: ``n`` quadrilaterals around, in as many layers as make them nearly square.
 
     Parameters
     ----------

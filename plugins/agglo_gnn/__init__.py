@@ -1,4 +1,4 @@
-"""Graph neural networks as bisectors, and the commands that train them and look into their files."""
+"""Graph neural networks as bisectors, and the commands that train them and show what is in their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks of your own: how one is named, what it must offer, and how it is built.
+"""Networks of your own: how to name one, what it must offer, and how it is built.
 
 A network is a class of ``torch.nn.Module`` that takes no arguments, or a function that returns one. Its
 
@@ -39,7 +39,7 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
     Raises
     ------
     OptionError
-        If it cannot be imported, or is none that can be trained and used (:mod:`agglo_gnn.trial`).
+        If it cannot be imported, or cannot be trained and used (:mod:`agglo_gnn.trial`).
     """
     if name is None:
         return PaperNetwork
@@ -67,12 +67,12 @@ def arrays_of(network: nn.Module) -> dict[str, NDArray[np.float32]]:
 
 
 def filled(name: str | None, weights: str | Path) -> nn.Module:
-    """A network with the arrays of a model file, ready to be asked.
+    """A network with the arrays of a model file, ready for use.
 
     Raises
     ------
     FileError
-        If the file is not a sound model file of that very network.
+        If the file is not a valid model file of that very network.
     """
     with unseeded():
         network = network_class(name)()

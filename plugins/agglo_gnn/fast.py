@@ -30,12 +30,12 @@ _SHIPPED = Path(__file__).parent / "weights" / "fast.safetensors"
 class FastGNN:
     """Bisection by a learned direction and an exact sweep across it.
 
-    A block of at least 96 cells is laid on a raster in its principal frame. Two SAGE layers on the
+    A block of at least 96 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
-    the one that costs least by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
+    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
     or of equal cells, try their axes and diagonals as well, and the best of these directions turned
     by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
-    32 cells on. Both sides are never empty, and no random numbers.
+    32 cells on. Neither side is ever empty, and no random numbers are used.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class FastGNN:
         self._h_star: float | None = None
 
     def for_target(self, target: Target) -> FastGNN:
-        """This bisector, or one that looks ahead to the size of ``target``.
+        """This bisector, or one that looks ahead to the size that ``target`` asks for.
 
         Raises
         ------

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agglo_core.authoring import Float, Graph, Int
-from agglo_gnn.features import see
+from agglo_gnn.features import rasterise
 
 if TYPE_CHECKING:
     import torch
@@ -41,7 +41,7 @@ def gather(levels: list[Graph]) -> Pieces:
     """Flat arrays of all blocks; lengths in units of √A."""
     kinds: dict[str, list[Any]] = {key: [] for key in Pieces.__dataclass_fields__}
     for level in levels:
-        sight = see(level)
+        rasters = rasterise(level)
         rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
         once = rows < level.indices
         rows, columns, block = rows[once], level.indices[once], level.block_ids[rows[once]]
@@ -49,16 +49,16 @@ def gather(levels: list[Graph]) -> Pieces:
         first = level.offsets[block]
         found = {
             "cell_offsets": np.diff(level.offsets),
-            "cells": sight.cells,
-            "shares": sight.shares,
+            "cells": rasters.cells,
+            "shares": rasters.shares,
             "edge_offsets": np.bincount(block, minlength=level.n_blocks),
             "ends": np.stack((rows - first, columns - first), axis=1),
             "lengths": level.interface[once] / np.sqrt(area[block]),
-            "node_offsets": np.diff(sight.node_offsets),
-            "nodes": sight.nodes,
-            "near": sight.near.astype(np.int64),
-            "areas": sight.areas,
-            "blocks": sight.blocks,
+            "node_offsets": np.diff(rasters.node_offsets),
+            "nodes": rasters.nodes,
+            "near": rasters.near.astype(np.int64),
+            "areas": rasters.areas,
+            "blocks": rasters.blocks,
         }
         for key, values in found.items():
             kinds[key].append(values)

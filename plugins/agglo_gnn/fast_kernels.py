@@ -1,4 +1,4 @@
-"""Kernels of the fast model: the network on the raster of a piece, and the sweep across its direction."""
+"""Kernels of the fast model: the network on the raster of a piece, and the sweep in its direction."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from agglo_core.authoring import (
     halvings,
     kernel,
     scan_thresholds,
-    settle_block,
     turned,
+    write_sides,
 )
-from agglo_gnn.raster_kernels import lay_raster, raster_room, to_frame
+from agglo_gnn.raster_kernels import fill_raster, raster_room, to_frame
 
 __all__ = ["bisect_fast", "direction"]
 
@@ -103,8 +103,8 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
 
 
 @kernel
-def _band_sweep(start, n, graph, local, shares, gauge, p, q, spread, bins, tally):
-    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there are seen.
+def _band_sweep(start, n, graph, local, shares, scales, p, q, spread, bins, tally):
+    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
 
     Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
     """
@@ -129,7 +129,7 @@ def _band_sweep(start, n, graph, local, shares, gauge, p, q, spread, bins, tally
         tally[own, 1] += shares[i] * local[1, i]
         tally[own, 3] += shares[i]
         tally[own, 4] += rise
-    scale, inertia, weight = gauge
+    scale, inertia, weight = scales
     best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
     return best, last, low, rate
 
@@ -143,15 +143,15 @@ def _equal(n, shares):
 
 
 @kernel
-def _cut_large(start, n, graph, local, shares, gauge, uv, room, net, turns, finer, score, bins, tally):
+def _cut_large(start, n, graph, local, shares, scales, uv, room, net, turns, finer, score, bins, tally):
     """Cheapest cut near the mean of the network's score.
 
     With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
     Returns what ``_band_sweep`` does, and leaves the score in ``score``.
     """
     grid, place, nodes, near, areas, features = room
-    ux, uy, vx, vy = to_frame(n, local, shares, gauge[1], uv, features)
-    count = lay_raster(n, uv, shares, grid, place, nodes, near, areas)
+    ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
+    count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
     pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
     few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
@@ -161,7 +161,7 @@ def _cut_large(start, n, graph, local, shares, gauge, uv, room, net, turns, fine
         if c < 0:
             a, b = turns[c - first]
             if long and abs(a) < 0.9:
-                continue  # a long piece is not cut along
+                continue  # a long piece is not cut lengthwise
         elif c == 0:
             a, b = pointed
         elif c % 2 == 1:
@@ -171,7 +171,7 @@ def _cut_large(start, n, graph, local, shares, gauge, uv, room, net, turns, fine
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
-        trial = _band_sweep(start, n, graph, local, shares, gauge, x, y, spread, bins, tally)
+        trial = _band_sweep(start, n, graph, local, shares, scales, x, y, spread, bins, tally)
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
     x, y = p * ux + q * vx, p * uy + q * vy
@@ -182,7 +182,7 @@ def _cut_large(start, n, graph, local, shares, gauge, uv, room, net, turns, fine
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a planar level: the network's cut, or the best of some axes if it is small."""
+    """Side of each node of a planar graph: the network's cut, or the best of some axes if it is small."""
     largest = np.diff(offsets).max()
     local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
     score, bins, tally = np.empty(largest), np.empty(largest, np.int32), np.empty((_BINS, 5))
@@ -191,11 +191,11 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
     room, edges = raster_room(largest), edge_room(offsets, indptr)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
-        gauge = centre_block(start, n, centroids, weights, measures, local, shares)
+        scales = centre_block(start, n, centroids, weights, measures, local, shares)
         best = (NO_CUT, 0, 0.0, 0.0)
-        if n >= _SMALL and gauge[1] > 1e-299:
+        if n >= _SMALL and scales[1] > 1e-299:
             best = _cut_large(
-                start, n, graph, local, shares, gauge, uv, room, net, turns, finer, score, bins, tally
+                start, n, graph, local, shares, scales, uv, room, net, turns, finer, score, bins, tally
             )
             cost, last, low, rate = best
             for i in range(n if cost < NO_CUT else 0):
@@ -203,6 +203,6 @@ def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measure
         if best[0] == NO_CUT:
             some = finer[: (n >= 16) + (n >= 32)]  # few cells have few cuts
             found = edges, edges_of_block(start, n, indptr, indices, interface, edges)
-            best = axes_block(n, found, local, shares, gauge, turns, some, score, bins, tally)
-            settle_block(start, n, best, score, bins, sides)
+            best = axes_block(n, found, local, shares, scales, turns, some, score, bins, tally)
+            write_sides(start, n, best, score, bins, sides)
     return sides

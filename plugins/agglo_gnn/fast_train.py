@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.authoring import Float, OptionError, PluginError
 from agglo_gnn.fast_data import Pieces, batch_of, gather
 from agglo_gnn.fast_network import initial_parameters, network
-from agglo_gnn.pieces import piece_levels
+from agglo_gnn.pieces import piece_graphs
 
 if TYPE_CHECKING:
     import torch
@@ -77,7 +77,7 @@ def train_fast(
 
     start = time.process_time()
     with one_thread():
-        data = gather(list(piece_levels(np.random.default_rng([seed, 2]), pieces)))
+        data = gather(list(piece_graphs(np.random.default_rng([seed, 2]), pieces)))
         values = {
             k: torch.tensor(v, dtype=torch.float32, requires_grad=True)
             for k, v in initial_parameters(seed).items()

@@ -10,7 +10,7 @@ from agglo_core.authoring import Float, Graph, Int, UInt64, sweep
 from agglo_gnn.fast import FastGNN
 from agglo_gnn.fast_data import batch_of, gather
 from agglo_gnn.fast_network import network
-from agglo_gnn.pieces import piece_levels
+from agglo_gnn.pieces import piece_graphs
 
 __all__ = ["validate"]
 
@@ -26,7 +26,7 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
     """
     from agglo_core.authoring import SweepBisection, default
 
-    levels = list(piece_levels(np.random.default_rng(_SEED), count))
+    levels = list(piece_graphs(np.random.default_rng(_SEED), count))
     rivals: dict[str, Rival] = {
         "ratio": FastGNN(parameters).bisect_level,
         "axes": SweepBisection().bisect_level,

@@ -1,4 +1,4 @@
-"""What the fast network sees of each block of a level."""
+"""Input features of the fast network: a raster of each block, and moments of the block."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 from agglo_core.authoring import Float, Graph, Index, Int
 
-__all__ = ["FEATURES", "Sight", "see"]
+__all__ = ["FEATURES", "Rasters", "rasterise"]
 
 FEATURES = (
     *("bin u", "bin v", "bin area / mean - 1, at most 3", "bin sides without neighbour / 4"),
     *(f"block moment {u}{order - u}" for order in (2, 3, 4) for u in range(order, -1, -1)),
     "3 / sqrt(block cells)",
 )
-"""What the network is told, in this order: of each bin, then of the block."""
+"""Features in this order: of each bin, then of the block."""
 
 
 @dataclass(frozen=True)
-class Sight:
-    """A level as the network sees it: each block a raster of at most about 200 occupied bins.
+class Rasters:
+    """All blocks as input of the network: each one a raster of at most about 200 occupied bins.
 
     A block lies in its frame: origin at the centre of mass, principal axes, each pointing to its
     heavier tail, and one scale that makes a square [−1, 1]². Shift, scale and rotation of the mesh
@@ -45,8 +45,8 @@ class Sight:
     shares: Float
 
 
-def see(level: Graph) -> Sight:
-    """Rasters and features of all blocks of a planar level."""
+def rasterise(level: Graph) -> Rasters:
+    """Rasters and features of all blocks of a planar graph."""
     from agglo_gnn.raster_kernels import describe
 
-    return Sight(*describe(level.offsets, level.centroids, level.weights, level.measures))
+    return Rasters(*describe(level.offsets, level.centroids, level.weights, level.measures))

@@ -22,7 +22,7 @@ from agglo_core.authoring import (
     grow,
     sweep,
 )
-from agglo_gnn.features import see
+from agglo_gnn.features import rasterise
 
 __all__ = ["look_ahead"]
 
@@ -33,7 +33,7 @@ _UNEVEN = 4.0  # how much parts smaller than allowed count against a cut
 
 @dataclass(frozen=True)
 class _Quick:
-    """The bisector of the roll-outs, as the recursion wants it."""
+    """The bisector of the roll-outs, in the form the recursion needs."""
 
     sides: Callable[[Graph], Int]
 
@@ -48,13 +48,13 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
     principal one, refined and connected; each side is then split by ``quick`` until no part exceeds
     ``h_star``. Of cuts that lead to equally many parts the one of least total interface is taken, times
     1 + 4 ⟨(1 − diam / h_star)²⟩ so that parts come near the size allowed; of equal ones the first. All
-    candidates of all blocks are rolled out together, as one level.
+    candidates of all blocks are rolled out together, as the blocks of one graph.
 
     Parameters
     ----------
     level : Graph
     quick : callable
-        Sides of all blocks of a level.
+        Sides of all blocks of a graph.
     count : int
         Candidates of each block.
     h_star : float
@@ -86,7 +86,7 @@ def look_ahead(level: Graph, quick: Callable[[Graph], Int], count: int, h_star: 
 
 def _cuts(blocks: Graph, quick: Callable[[Graph], Int], count: int) -> Int:
     """Sides of all candidates ``(count · n,)``, one candidate of all blocks after the other."""
-    u, v = see(blocks).cells.T
+    u, v = rasterise(blocks).cells.T
     angles = np.arange(count - 1) * np.pi / (count - 1)
     turned = [sweep(blocks, np.cos(angle) * u + np.sin(angle) * v) for angle in angles]
     return np.concatenate([quick(blocks), *turned])

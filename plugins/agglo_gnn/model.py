@@ -13,7 +13,7 @@ __all__ = ["model"]
 
 @click.group()
 def model() -> None:
-    """Look into model files."""
+    """Show what is in model files."""
 
 
 @model.command()

@@ -112,12 +112,12 @@ def load(
 
 
 def read_header(path: str | Path) -> dict[str, Any]:
-    """Header of a model file, without its arrays being looked at.
+    """Header of a model file; its arrays are not read.
 
     Raises
     ------
     FileError
-        If there is no such file, or no model file's header in it.
+        If there is no such file, or it does not have the header of a model file.
     """
     content = _content(Path(path))
     if content[:1] == b"\x80" or content[:2] == b"PK":
@@ -127,14 +127,14 @@ def read_header(path: str | Path) -> dict[str, Any]:
         )
     length = int.from_bytes(content[:8], "little")
     if len(content) < 8 or length > len(content) - 8:
-        raise FileError(f"{path}: is truncated or no safetensors file ({len(content)} bytes)")
+        raise FileError(f"{path}: is truncated or not a safetensors file ({len(content)} bytes)")
     try:
         metadata = json.loads(content[8 : 8 + length])["__metadata__"]
         header = json.loads(metadata["agglo"])
     except (ValueError, KeyError, TypeError) as error:
         raise FileError(f"{path}: has no header of an agglo model: expected one by agglo train") from error
     if not isinstance(header, dict):
-        raise FileError(f"{path}: its header is no JSON object")
+        raise FileError(f"{path}: its header is not a JSON object")
     missing = [key for key in (*REQUIRED, "arrays", "sha256") if key not in header]
     if missing:
         raise FileError(f"{path}: its header lacks {', '.join(missing)}")

@@ -18,7 +18,7 @@ _ROUNDINGS = ("threshold", "sweep")
 
 
 class PaperGNN:
-    """Bisection by the paper's graph neural network (§3): one forward pass a recursion level.
+    """Bisection by the paper's graph neural network (§3): one forward pass per recursion depth.
 
     The network may put a whole piece on one side, most of all small pieces; the declared fallback then
     splits it, and the run counts that. Plane meshes only.

@@ -26,7 +26,7 @@ def draw(count: int, rng: np.random.Generator, pieces: float = 0.0) -> Iterator[
     rng : numpy.random.Generator
         What comes out depends on it alone.
     pieces : float
-        Share, from 0 to 1, of meshes of which only a random piece is kept, as recursion sees them.
+        Share, from 0 to 1, of meshes of which only a random piece is kept, as they occur in recursion.
     """
     for number in range(count):
         graph = _mesh(FAMILIES[number % len(FAMILIES)], rng)
@@ -51,8 +51,8 @@ def _mesh(family: str, rng: np.random.Generator) -> Graph:
 def random_piece(graph: Graph, rng: np.random.Generator) -> Graph:
     """A connected piece of a connected graph: what one to seven random straight cuts leave.
 
-    Each cut has a random direction, leaves 35 to 65 per cent of the cells on either side, and a side is
-    chosen by a coin; of that side the largest component stays. Fewer than twelve cells are not cut again.
+    Each cut has a random direction, leaves 35 to 65 per cent of the cells on either side, and a random side
+    is kept; of that side the largest component stays. Fewer than twelve cells are not cut again.
     """
     for _ in range(rng.integers(1, 8)):
         if graph.n < 3 * _SMALLEST:

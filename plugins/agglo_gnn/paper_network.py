@@ -1,7 +1,7 @@
 """The paper's network in plain torch: INorm, four SAGE layers, three linear ones, and its loss.
 
 A batch is one block-diagonal graph in CSR form, whatever its blocks: the meshes of a mini-batch in
-training, the pieces of a recursion level afterwards.
+training, the pieces of a recursion depth afterwards.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The preset ``paper`` of ``agglo train``: checkpoints, log and model file around a training."""
+"""The preset ``paper`` of ``agglo train``: training with checkpoints, log and model file."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def train_paper(
     header = _header(recipe, network)
     title = [f"# {command}", f"# {json.dumps(header['recipe'])}, seed {recipe.seed}", _COLUMNS]
     build, chosen = network_class(network), choose_device(device)
-    with one_thread(), reporter(title, log, quiet, append=resume) as say:
+    with one_thread(), reporter(title, log, quiet, append=resume) as report:
         training = Training(build, recipe, chosen)
         if resume and checkpoint is not None:
             _resume(training, checkpoint, header)
@@ -55,7 +55,7 @@ def train_paper(
             header["metrics"] = _metrics(epoch)
             if checkpoint is not None:
                 model_file.save(checkpoint, training.state(), header | _checkpoint(header))
-            say(_line(epoch), epoch.number / recipe.epochs)
+            report(_line(epoch), epoch.number / recipe.epochs)
     model_file.save(target, arrays_of(training.network), header)
     return header
 
@@ -77,13 +77,13 @@ def _checkpoint(header: dict[str, Any]) -> dict[str, str]:
 
 
 def _resume(training: Training, checkpoint: Path, header: dict[str, Any]) -> None:
-    """Take up a training where its checkpoint left it; only the number of epochs may have changed."""
+    """Resume training from its checkpoint; only the number of epochs may have changed."""
     arrays, saved = model_file.load(checkpoint, architecture=_checkpoint(header)["architecture"])
     now, then = ({**each["recipe"], "seed": each["seed"]} for each in (header, saved))
     odd = sorted(key for key in now.keys() | then.keys() if now.get(key) != then.get(key) and key != "epochs")
     if odd:
         was = ", ".join(f"{key}={then.get(key)!r} (now {now.get(key)!r})" for key in odd)
-        raise OptionError(f"{checkpoint}: is of a training with {was}; resume it with the same options")
+        raise OptionError(f"{checkpoint}: belongs to a training with {was}; resume it with the same options")
     done = saved["metrics"]["epoch"]
     if done >= training.recipe.epochs:
         raise OptionError(f"{checkpoint}: has {done} epochs done, of {training.recipe.epochs} wanted")

@@ -1,4 +1,4 @@
-"""Training data of the fast model: the pieces that recursion meets, of meshes made on the spot."""
+"""Training data of the fast model: pieces as they occur in recursion, of meshes generated on the fly."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from agglo_core.authoring import (
     samples,
 )
 
-__all__ = ["RECIPE", "piece_levels"]
+__all__ = ["RECIPE", "piece_graphs"]
 
 RECIPE = (
     "recursion pieces of 10..1200 cells of Voronoi, Delaunay and grid meshes, half stretched up to 2.5:1, "
@@ -30,8 +30,8 @@ RECIPE = (
 _FEWEST, _MOST = 10, 1200
 
 
-def piece_levels(rng: np.random.Generator, count: int) -> Iterator[Graph]:
-    """Levels whose blocks are pieces, at least ``count`` blocks in all."""
+def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
+    """Graphs whose blocks are pieces, at least ``count`` blocks in all."""
     found = 0
     while found < count:
         graph = _domain(rng)
@@ -44,7 +44,7 @@ def piece_levels(rng: np.random.Generator, count: int) -> Iterator[Graph]:
 
 
 def _halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
-    """The next level: connected pieces of both sides that are large enough."""
+    """The pieces of the next depth: connected pieces of both sides that are large enough."""
     seeds: UInt64 = np.zeros(level.n_blocks, np.uint64)
     sides = frozen_int(bisector.bisect_level(level, seeds))
     if refine:

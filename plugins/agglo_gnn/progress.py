@@ -1,4 +1,4 @@
-"""What a training says while it runs: a bar or lines on stderr, and a log file."""
+"""Progress of a training: a bar or lines on stderr, and a log file."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from pathlib import Path
 
 import click
 
-__all__ = ["Say", "reporter"]
+__all__ = ["Report", "reporter"]
 
-Say = Callable[[str, float], None]
+Report = Callable[[str, float], None]
 """Takes a line about the state of a training, and the share of it that is done."""
 
 
 @contextmanager
-def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool = False) -> Iterator[Say]:
+def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool = False) -> Iterator[Report]:
     """A function that shows a line as a progress bar (on a terminal) or as it is, and logs it.
 
     Parameters
     ----------
     title : sequence of str
-        Lines at the head of the log, the last one the heads of the columns.
+        Lines at the head of the log, the last one the column headings.
     log : Path, optional
     quiet : bool
         Show nothing.
     append : bool
-        Go on with the log there is.
+        Append to an existing log.
     """
     with ExitStack() as stack:
-        outputs: list[Say] = []
+        outputs: list[Report] = []
         if log is not None:
             fresh = not (append and log.exists())
             file = stack.enter_context(log.open("w" if fresh else "a", encoding="utf-8", buffering=1))
@@ -40,20 +40,20 @@ def reporter(title: Sequence[str], log: Path | None, quiet: bool, append: bool =
         if not quiet:
             outputs.append(stack.enter_context(_bar(title[-1])) if sys.stderr.isatty() else _lines(title[-1]))
 
-        def say(line: str, share: float) -> None:
+        def report(line: str, share: float) -> None:
             for output in outputs:
                 output(line, share)
 
-        yield say
+        yield report
 
 
-def _lines(heads: str) -> Say:
+def _lines(heads: str) -> Report:
     click.echo(heads, err=True)
     return lambda line, _: click.echo(line, err=True)
 
 
 @contextmanager
-def _bar(heads: str) -> Iterator[Say]:
+def _bar(heads: str) -> Iterator[Report]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -1,4 +1,4 @@
-"""Kernels that show a piece to the fast model: its frame, its moments, and a raster of its cells."""
+"""Kernels of the features of the fast model: frame and moments of a piece, and a raster of its cells."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.authoring import centre_block, kernel, planar_frame
 
-__all__ = ["describe", "lay_raster", "raster_room", "to_frame"]
+__all__ = ["describe", "fill_raster", "raster_room", "to_frame"]
 
 _CELLS_PER_BIN = 20
 _FEWEST, _MOST = 9, 160  # occupied bins wanted
@@ -75,7 +75,7 @@ def _bin_of(value, rate, half):
 
 
 @kernel
-def lay_raster(n, uv, shares, grid, place, nodes, near, areas):
+def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
     """Bin the cells of a piece, symmetrically about its centre; returns the number of occupied bins.
 
     Fills for each ``nodes (:, 4)``: position u, v, area over the mean − 1 (at most 3), share of its four
@@ -125,7 +125,7 @@ def lay_raster(n, uv, shares, grid, place, nodes, near, areas):
 
 @kernel
 def raster_room(largest):
-    """Room to work in, for one piece at a time."""
+    """Work arrays for one piece at a time."""
     bins = min(_ROOM, largest)
     return (
         np.empty((_ROOM, 3)),
@@ -139,7 +139,7 @@ def raster_room(largest):
 
 @kernel
 def describe(offsets, centroids, weights, measures):
-    """What the network sees of each block of a planar level.
+    """Features of each block of a planar graph.
 
     Returns the offsets of the raster bins ``(B + 1,)``, their features ``(N, 4)``, neighbours ``(N, 4)``
     (numbered within the block, −1 for none) and shares ``(N,)``, the features of the blocks ``(B, 13)``,
@@ -156,7 +156,7 @@ def describe(offsets, centroids, weights, measures):
         start, n, at = offsets[b], offsets[b + 1] - offsets[b], node_offsets[b]
         _, inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
         to_frame(n, local, shares, inertia, uv, features)
-        count = lay_raster(n, uv, shares, grid, place, nodes, near, areas)
+        count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
         node_offsets[b + 1] = at + count
         all_nodes[at : at + count] = nodes[:count]
         all_near[at : at + count] = near[:count]

@@ -56,8 +56,8 @@ def train(
 ) -> None:
     """Train a bisector, from a seed and nothing else, and write its model file.
 
-    The preset fast makes weights for gnn, the preset paper for gnn_paper, where all options but --steps
-    serve. On one machine the same seed gives the same file to the last bit.
+    The preset fast makes weights for gnn; the preset paper makes them for gnn_paper and takes all options
+    except --steps. On one machine the same seed gives the same file to the last bit.
     """
     _check_torch()
     target = output or Path(f"{preset}.safetensors")
@@ -84,7 +84,7 @@ def train(
             quiet=quiet,
         )
     if not quiet:
-        click.echo(f"wrote {target}; look into it with: agglo model info {target}")
+        click.echo(f"wrote {target}; inspect it with: agglo model info {target}")
 
 
 def _check_torch() -> None:
@@ -96,7 +96,7 @@ def _check_torch() -> None:
 
 
 def _check_files(target: Path, checkpoint: Path | None, log: Path | None, resume: bool) -> None:
-    """Refuse before the training what would fail after it."""
+    """Raise before the training what would fail after it."""
     for file in filter(None, (target, checkpoint)):
         if file.suffix != ".safetensors":
             raise FileError(f"{file}: model files end in .safetensors, not {file.suffix!r}")
@@ -147,10 +147,10 @@ def _train_fast(
 
     given = {} if steps is None else {"steps": steps}
     total = given.get("steps") or signature(train_fast).parameters["steps"].default
-    with reporter([f"# {command}", f"# {RECIPE}", _FAST_COLUMNS], log, quiet) as say:
+    with reporter([f"# {command}", f"# {RECIPE}", _FAST_COLUMNS], log, quiet) as report:
 
         def progress(step: int, loss: float, seconds: float) -> None:
-            say(f"{step:5d}  {loss:8.4f}  {seconds:11.1f}", step / total)
+            report(f"{step:5d}  {loss:8.4f}  {seconds:11.1f}", step / total)
 
         arrays, metrics = train_fast(seed, progress=progress, **given)
     recipe = {"pieces": RECIPE, "steps": total}

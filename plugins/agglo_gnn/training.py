@@ -1,4 +1,4 @@
-"""Training of a network by the paper's loss, from any seed, in epochs that can be taken up again."""
+"""Training of a network by the paper's loss, from any seed, in epochs that can be resumed."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Training:
         self._pieces = _samples((random_piece(graph, streams[2]) for graph in fresh), device)
 
     def epochs(self) -> Iterator[Epoch]:
-        """Train, yielding after each epoch still to be done."""
+        """Train, yielding after each of the remaining epochs."""
         while self.done < self.recipe.epochs:
             with _seeded(self.recipe.seed, self.done + 1):
                 loss = self._epoch()
@@ -138,7 +138,7 @@ class Training:
         shapes, given = ({k: v.shape for k, v in each.items()} for each in (own, arrays))
         if shapes != given:
             odd = sorted(k for k in shapes.keys() | given.keys() if shapes.get(k) != given.get(k))
-            raise OptionError(f"the checkpoint is of another network: {', '.join(odd[:4])} differ")
+            raise OptionError(f"the checkpoint belongs to another network: {', '.join(odd[:4])} differ")
         tensors = {name: torch.from_numpy(np.array(value)) for name, value in arrays.items()}
         prefix = "network."
         self.network.load_state_dict(
@@ -176,7 +176,7 @@ def _seeded(seed: int, step: int) -> Iterator[None]:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """torch on one thread for the block: sums are then taken in one order, and repeat to the last bit."""
+    """torch on one thread for the block: sums are taken in one order, reproducible to the last bit."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -1,4 +1,4 @@
-"""Whether a network of yours can be trained, written and asked: found out before any training."""
+"""Checks, before any training, that a network of yours can be trained, saved and used."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def try_network(name: str, build: Callable[[], nn.Module]) -> None:
             _check_state(name, network, before)
     except AggloError:
         raise
-    except Exception as error:  # a stranger's code: whatever it raises is what is wrong with it
+    except Exception as error:  # third-party code: whatever it raises is what is wrong with it
         raise OptionError(
             f"network {name!r} failed on two meshes: {type(error).__name__}: {error}"
         ) from error
@@ -50,7 +50,7 @@ def unseeded() -> Iterator[None]:
 
 
 def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
-    """Shapes of the arrays of the state, None for what is no array."""
+    """Shapes of the arrays of the state, None for anything that is not an array."""
     if not any(parameter.requires_grad for parameter in network.parameters()):
         raise OptionError(f"network {name!r} has no parameters to train")
     state = network.state_dict()
@@ -63,7 +63,7 @@ def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
 
 
 def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...] | None]) -> None:
-    """Refuse, by name, what a model file could not give back to a new network."""
+    """Raise OptionError, naming it, for any state that a model file could not restore."""
     for key, value in network.state_dict().items():
         if reason := _unkept(value):
             raise OptionError(f"network {name!r} cannot be kept in a model file: {key!r} {reason}")

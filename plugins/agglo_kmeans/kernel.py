@@ -1,4 +1,4 @@
-"""The kernel of batched 2-means: every block of a level, several starting axes each."""
+"""The kernel of batched 2-means: every block of a graph, several starting axes each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from agglo_core.authoring import kernel
 
 __all__ = ["two_means"]
 
-_TIE = 1e-8  # of the block's size: a cell that close to the separator is on side 0
+_TIE = 1e-8  # of the block's size: a cell this close to the separator is on side 0
 _ROUND = 0.8  # ratio of principal moments above which no axis stands out
 _ITERATIONS = 100
 

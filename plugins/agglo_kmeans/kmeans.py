@@ -25,7 +25,7 @@ __all__ = ["KMeans"]
 class KMeans:
     """2-means on the cell centroids, weighted by ``graph.weights`` (paper, §2.2).
 
-    Every block of a level is split in one call. Lloyd's iteration starts from the halves either side
+    All blocks are split in one call. Lloyd's iteration starts from the halves either side
     of a principal axis; where no axis stands out (ratio of principal moments above 0.8) eight rotated
     axes are tried and the least energy kept. In 3-D: three principal and four diagonal axes.
     Deterministic: no random numbers.

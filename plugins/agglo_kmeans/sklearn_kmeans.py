@@ -45,7 +45,7 @@ class SklearnKMeans:
             return np.arange(graph.n) * 2 // max(graph.n, 1)
         relative = graph.n * block_shares(graph.weights, graph.block_ids)
         model = KMeans(2, n_init=self.n_init, random_state=int(rng.integers(2**31)))
-        # on pieces this small threads cost more than they bring, and on a busy machine they wait busily
+        # on pieces this small threads cost more than they save, and on a busy machine they spin
         with _threads().limit(limits=1, user_api="openmp"):
             model.fit(points, sample_weight=np.maximum(relative, _LEAST_WEIGHT))
         return np.asarray(model.labels_, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""METIS through pymetis: a level is bisected block by block, a graph is partitioned in one call.
+"""METIS through pymetis: blocks are bisected one by one, a k-way partition is one call.
 
 Source: Karypis and Kumar, "A fast and high quality multilevel scheme for partitioning irregular graphs"
 (SIAM J. Sci. Comput. 20, 1998).
@@ -27,8 +27,8 @@ class Metis:
         Of :meth:`partition`: k-way refinement, or repeated bisection (4 to 5 times faster, and its
         parts are not kept connected). Bisections are always multilevel recursive bisections.
     vertex_weights, edge_weights : bool
-        Balance the weights of the nodes (by default measures) instead of their number; cut little
-        interface instead of few edges.
+        Balance the weights of the nodes (by default measures) instead of their number; minimise the
+        interface cut instead of the number of edges.
     ufactor : int in 1..10^6, optional
         Allowed imbalance in thousandths. Default: 300 for k-way (parts round themselves off at the
         cost of balance), METIS' own for bisections.
@@ -151,7 +151,7 @@ def _integers(values: Float, blocks: Int) -> Int:
 
 
 def _with_two_sides(level: Graph, sides: Int) -> Int:
-    """Where METIS left a side empty (one node outweighs the rest), part the heaviest node from the rest."""
+    """Where METIS left a side empty (one node outweighs the rest), put the heaviest node on its own."""
     starts, sizes = level.offsets[:-1], np.diff(level.offsets)
     ones = np.add.reduceat(sides, starts)
     empty = np.flatnonzero((sizes > 1) & ((ones == 0) | (ones == sizes)))

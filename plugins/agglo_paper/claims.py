@@ -1,4 +1,4 @@
-"""The paper's claims, each held against the fresh meshes and the timings."""
+"""The paper's claims, each checked against the fresh meshes and the timings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MEASURES: Final = (
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim, what became of it, and the evidence."""
+    """A claim, the verdict on it, and the evidence."""
 
     text: str
     verdict: str

@@ -52,7 +52,7 @@ def paper(
     bisector, or each that is chosen, has a column. An interrupted run goes on where it was.
     """
     chosen = {spec: choice("bisector", spec) for spec in bisectors} or None
-    with _one_thread(), _hushed():
+    with _one_thread(), _without_notices():
         from agglo_paper.pages import build
 
         with _progress() as done:
@@ -82,8 +82,8 @@ def _one_thread() -> Iterator[None]:
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
-    """Notices about single cells larger than h* would be repeated thousands of times."""
+def _without_notices() -> Iterator[None]:
+    """Hides notices about single cells larger than h*, which would be repeated thousands of times."""
     log = logging.getLogger("agglo")
     level = log.level
     log.setLevel(logging.ERROR)

@@ -31,7 +31,7 @@ from agglo_paper.strategies import Strategy
 __all__ = ["draw_boxes", "draw_grids", "draw_runtime"]
 
 _INK, _FINE, _PAPER = "#222222", "#8a8a8a", "#F4F1EA"
-_CROWDED = 2000
+_DENSE = 2000
 _ALSO = ("gnn", "kmeans", "spectral", "metis k-way")
 
 
@@ -70,14 +70,14 @@ def _agglomerated(axis: Any, mesh: Mesh, each: Strategy, source: str, convention
 
 
 def _panel(axis: Any, mesh: Mesh, hierarchy: Hierarchy | None, title: str) -> None:
-    crowded = mesh.n_cells > _CROWDED  # drawn as an image inside the SVG
+    dense = mesh.n_cells > _DENSE  # drawn as an image inside the SVG
     if hierarchy is None:
-        _fill(axis, mesh.coarsen(np.zeros(mesh.n_cells, np.int64)), [_PAPER], crowded)
-        _edges(axis, mesh, _FINE, 0.12 if crowded else 0.4, crowded)
+        _fill(axis, mesh.coarsen(np.zeros(mesh.n_cells, np.int64)), [_PAPER], dense)
+        _edges(axis, mesh, _FINE, 0.12 if dense else 0.4, dense)
     else:
         coarse = mesh.coarsen(hierarchy.levels[0])
-        _fill(axis, coarse, PALETTE, crowded)
-        _edges(axis, coarse, _INK, 0.6, crowded)
+        _fill(axis, coarse, PALETTE, dense)
+        _edges(axis, coarse, _INK, 0.6, dense)
     used = mesh.local_points[mesh.face_vertices]
     axis.set_xlim(used[:, 0].min(), used[:, 0].max())
     axis.set_ylim(used[:, 1].min(), used[:, 1].max())

@@ -1,4 +1,4 @@
-"""From words of the command to pages: plan the work, do what is not at hand, write pages and figures."""
+"""From words of the command to pages: plan the work, do what is not stored yet, write pages and figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from agglo_paper.strategies import columns
 __all__ = ["build"]
 
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
-"""Told the units of a page and its name; gives what to call after each unit."""
+"""Called with the units of a page and its name; returns a function to call after each unit."""
 
 _TABLES: Final = ("uf", "cr", "brain", *multigrid.TABLES, "statistics", "runtime")
 _DRAWN: Final = ("uf", "brain", "runtime")
@@ -37,12 +37,12 @@ def build(
 ) -> tuple[list[Page], str]:
     """Compute and write the pages of these words, figures beside them; the front page if it is ``all``.
 
-    ``bisectors``, name and options by the head of their column, stand in for every installed one.
+    ``bisectors``, name and options by the heading of their column, stand in for every installed one.
 
     Raises
     ------
     FileError
-        If the folder cannot be written to, or the mesh not be read.
+        If the folder cannot be written to, or the mesh cannot be read.
     OptionError
         If figures are asked for without matplotlib.
     """
@@ -72,7 +72,7 @@ def build(
 
 
 def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: Sequence[str]) -> Page:
-    """The page with the figures there are, and what failed in its own words."""
+    """The page with the figures that exist, and the messages of what failed."""
     word = next((w for w in _TABLES if w == page.name), "brain")
     failed: dict[str, str] = {}
     for unit in _units(plan, word, sources):

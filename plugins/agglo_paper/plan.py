@@ -57,12 +57,12 @@ class Plan:
 
     @property
     def compared(self) -> list[Strategy]:
-        """The columns held against printed numbers: the paper's own, and `gnn` against its GNN."""
+        """The columns compared with printed numbers: the paper's own, and `gnn` against its GNN."""
         return [*self.columns[:3], *(each for each in self.usable if each.name == "gnn")]
 
     @property
     def others(self) -> list[Strategy]:
-        """The columns that are not."""
+        """All other columns."""
         return [each for each in self.columns if each not in self.compared]
 
     def problems(self) -> list[str]:
@@ -77,7 +77,7 @@ def full(columns: Sequence[Strategy]) -> Plan:
 
 
 def quick(columns: Sequence[Strategy]) -> Plan:
-    """A taste of everything: the same tables with fewer rows and repetitions."""
+    """A little of everything: the same tables with fewer rows and repetitions."""
     few = ("triangles", "squares"), 2, ("Voronoi",), 2
     return Plan(columns, 2, *few, (25, 500), 3, 0.1, _solver_package())
 

@@ -39,7 +39,7 @@ def band(name: str) -> Band:
 
 
 def number(table: Mapping[str, Any], column: str, place: int | None = None) -> float | None:
-    """The printed number of a column, if any; our `gnn` is held against the paper's GNN."""
+    """The printed number of a column, if any; our `gnn` is compared with the paper's GNN."""
     value = table.get("GNN" if column == "gnn" else column)
     if value is None:
         return None
@@ -69,7 +69,7 @@ def judged(
     """A row with its verdict and the reasons for the cells that are not exact.
 
     The learned columns decide, and of the two networks the better one; METIS and CG, the references, only
-    where they are alone. Verdicts that differ from it are listed behind it.
+    where they are alone. Verdicts that differ from it are listed after it.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ class Cell:
     low, high : float, optional
         Range of ours; ``ours`` is the median then.
     flag : str
-        A mark behind our number, explained in the notes of the table.
+        A mark after our number, explained in the notes of the table.
     """
 
     ours: float | None = None
@@ -55,13 +55,13 @@ class Table:
     Attributes
     ----------
     name : str
-        Unique, for the machine.
+        Unique, for programs.
     title : str
     rows : sequence of Row
     digits : int
         After the point, 0 for counts.
     corner : str
-        Head of the first column.
+        Heading of the first column.
     notes : sequence of str
     """
 
@@ -74,7 +74,7 @@ class Table:
 
     @property
     def columns(self) -> list[str]:
-        """Heads of the columns, in order of appearance."""
+        """Headings of the columns, in order of appearance."""
         return list(dict.fromkeys(name for row in self.rows for name in row.cells))
 
     def markdown(self) -> str:
@@ -120,7 +120,7 @@ class Page:
 
 
 def _plain(value: Any) -> Any:
-    """``value`` with six digits after the point and without what is empty."""
+    """``value`` with six digits after the point and without empty entries."""
     if isinstance(value, Mapping):
         plain = {key: _plain(each) for key, each in value.items()}
         return {key: each for key, each in plain.items() if each not in (None, "", [])}

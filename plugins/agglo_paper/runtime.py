@@ -1,4 +1,4 @@
-"""How long a bisection takes, and a whole recursion, everyone from the same graph (paper, section 4.2)."""
+"""How long a bisection takes, and a whole recursion, all from the same graph (paper, section 4.2)."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ _INTRO = {
 
 
 def unit(source: str, convention: str, strategy: Strategy, repeat: int = 0) -> Unit:
-    """The measurement as work to do; ``repeat`` renumbers the cells or moves the seed."""
+    """The measurement as a unit of work; ``repeat`` renumbers the cells or changes the seed."""
     settings: Data = {"source": source, "convention": convention, "strategy": strategy.data()}
     if repeat and strategy.varies:
         settings["numbering" if strategy.varies == "numbering" else "seed"] = repeat

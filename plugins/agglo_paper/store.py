@@ -1,4 +1,4 @@
-"""Units of work and where their results are kept, so that an interrupted run goes on where it was."""
+"""Units of work and where their results are kept, so that an interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Unit:
             return self.work(**self.settings)
         except AggloError as error:
             cause: BaseException | None = error
-            while cause is not None:  # Ctrl-C inside a component is no failure of it
+            while cause is not None:  # Ctrl-C inside a component is not its failure
                 if isinstance(cause, KeyboardInterrupt):
                     raise
                 cause = cause.__cause__ or cause.__context__
@@ -66,18 +66,18 @@ class Unit:
 
 @dataclass(frozen=True)
 class Store:
-    """A folder of results, one JSON file a unit; a file counts for the same code and versions only."""
+    """A folder of results, one JSON file per unit; a file is valid for the same code and versions only."""
 
     folder: Path
 
     def results(self, units: Iterable[Unit], done: Callable[[Unit, bool], None]) -> Results:
-        """Results of all units, computed where they are not at hand.
+        """Results of all units, computed where they are not stored.
 
         Parameters
         ----------
         units : iterable of Unit
         done : callable
-            Told each unit that is finished, and whether its result was at hand.
+            Called with each finished unit, and whether its result was stored.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         (self.folder / ".gitignore").write_text("*\n", encoding="utf-8")

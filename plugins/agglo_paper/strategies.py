@@ -26,7 +26,7 @@ _BEST = {"vertex_weights": True, "edge_weights": True, "ufactor": 300, "contig":
 
 @dataclass(frozen=True)
 class Targets:
-    """What the levels of a grid are asked to be: largest diameters, or counts for METIS."""
+    """Targets of the levels of a grid: largest diameters, or counts for METIS."""
 
     sizes: tuple[float, ...]
     counts: tuple[int, ...]
@@ -39,7 +39,7 @@ class Strategy:
     Attributes
     ----------
     name : str
-        Head of its column.
+        Heading of its column.
     bisector : str
     options : mapping
     method : "recursive" or "kway"
@@ -48,7 +48,7 @@ class Strategy:
     refined : bool
         With the default refiner, the paper's "adjust partition"; else without any.
     varies : "", "numbering" or "seed"
-        What the result hangs on besides the grid: tables then give median and range.
+        What the result depends on besides the grid: tables then give median and range.
     package : str
         Whose code it runs.
     problem : str
@@ -98,7 +98,7 @@ def columns(
 ) -> list[Strategy]:
     """All columns: the paper's, then every bisector of the registry in the default pipeline.
 
-    ``chosen`` bisectors, name and options by the head of their column, stand in for every one.
+    ``chosen`` bisectors, name and options by the heading of their column, stand in for every one.
 
     A bisector that also partitions gets a second column, ``NAME k-way``. One that cannot be used stays,
     with its ``problem``; a newly installed one appears by itself.

@@ -23,7 +23,7 @@ _CELLS_PER_PART = 16
 def time_one(kind: str, cells: int, bisectors: Sequence[str], runs: int, seconds: float) -> dict[str, Any]:
     """CPU seconds of every method on one Voronoi mesh, and the failures of those that have none.
 
-    Each method runs once off the clock, then ``runs`` times, or as often as ``seconds`` allow: at least
+    Each method runs once untimed, then ``runs`` times, or as often as ``seconds`` allow: at least
     three times, and once if a single run takes longer.
     """
     mesh = samples.voronoi(cells, seed=cells)

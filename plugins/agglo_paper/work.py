@@ -84,7 +84,7 @@ def count(
     for each in settings:
         try:
             found.append(_iterations(hierarchy, SETTINGS[each]))
-        except OptionError as error:  # a level that does not coarsen, say
+        except OptionError as error:  # for example a level that does not coarsen
             found.append(None)
             reasons.append(str(error))
     return {

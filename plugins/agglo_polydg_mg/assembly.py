@@ -33,7 +33,7 @@ __all__ = ["cell_means", "discretise", "face_coefficients", "load", "positive"]
 def discretise(
     mesh: Mesh, degree: int, problem: Diffusion, *, penalty: float = 10.0, scaled_basis: bool = False
 ) -> System:
-    """Matrix and right-hand side of a diffusion problem with polynomials of a degree on each cell.
+    """Matrix and right-hand side of a diffusion problem with polynomials of degree p on each cell.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def discretise(
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:
-    """Load ``(n,)`` of source and Neumann data: b without what Dirichlet data put there.
+    """Load ``(n,)`` of source and Neumann data: b without the terms of Dirichlet data.
 
     Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
     """

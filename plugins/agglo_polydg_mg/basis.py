@@ -1,4 +1,4 @@
-"""Polynomials of each cell, and the transfer between the spaces of a mesh and of its agglomerates.
+"""Polynomials of each cell, and the transfer between the spaces on a mesh and on its agglomerates.
 
 On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], (x̂, ŷ)
 running over [−1, 1]² in the bounding box of K. They need no mapping, so K may be any polygon.
@@ -118,7 +118,7 @@ class Basis:
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
         """Values ``(q,)`` of the function with coefficients ``x (n,)`` in a cell each.
 
-        ``cells (q,)`` and ``points (q, 2)`` belong together. Points are in the coordinates of the user,
+        ``cells (q,)`` and ``points (q, 2)`` belong together. Points are in user coordinates,
         and need not lie in the cells.
         """
         values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
@@ -152,7 +152,7 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, i
 
     A product of two Legendre polynomials is a sum of Legendre polynomials, so what is needed of a cell
     are the integrals ``(n, k)`` of polynomials up to the degree of the product; each of the list is taken
-    with one pair of orders of derivation in x and y.
+    with one pair of orders of differentiation in x and y.
     """
     i, j = orders(degree).T
     first, second = np.triu_indices(len(i))

@@ -1,4 +1,4 @@
-"""Boundary data: which faces hold values or fluxes, and their part of the right-hand side."""
+"""Boundary data: which faces have Dirichlet or Neumann data, and their part of the right-hand side."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ __all__ = ["Boundary", "boundary_faces", "boundary_values", "dirichlet_load", "n
 
 
 class Boundary(NamedTuple):
-    """Boundary faces by what is known there: their tags ``(f,)``, and the faces with values or fluxes."""
+    """Tags ``(n_faces,)`` of all faces, and the boundary faces with Dirichlet data and without (natural)."""
 
     tags: Int
-    held: Int
+    dirichlet: Int
     natural: Int
 
 
 def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
-    """Faces of the boundary with Dirichlet data (``held``) and without; ``tags`` are those of all faces.
+    """Faces of the boundary with Dirichlet data and without; ``tags`` are those of all faces.
 
-    All are held, at 0, if there are no data at all.
+    Without any data all of them are Dirichlet faces, with value 0.
 
     Raises
     ------
@@ -43,15 +43,15 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     if unknown:
         raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
     given = problem.dirichlet or problem.neumann
-    held = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
-    natural = outer & ~held
+    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
+    natural = outer & ~dirichlet
     if natural.any():
-        _require_held(mesh, held)
-    return Boundary(tags, frozen_int(np.flatnonzero(held)), frozen_int(np.flatnonzero(natural)))
+        _require_dirichlet(mesh, dirichlet)
+    return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
 
 
 def _tags(mesh: Mesh, name: str) -> Int:
-    """Values of the face tag that names the parts of the boundary; 0 if a mesh has no tag ``boundary``."""
+    """Values of the face tag ``name``; 0 if it is ``boundary`` and the mesh has no such tag."""
     if name in mesh.face_tags:
         return mesh.face_tags[name]
     if name != Diffusion.boundary:
@@ -60,11 +60,11 @@ def _tags(mesh: Mesh, name: str) -> Int:
     return frozen_int(np.zeros(mesh.n_faces))
 
 
-def _require_held(mesh: Mesh, held: np.ndarray) -> None:
+def _require_dirichlet(mesh: Mesh, dirichlet: np.ndarray) -> None:
     """Raise OptionError if some component of the domain has no Dirichlet face."""
     component = mesh.graph.components()
     fixed = np.zeros(int(component.max()) + 1, bool)
-    fixed[component[mesh.face_cells[held, 0]]] = True
+    fixed[component[mesh.face_cells[dirichlet, 0]]] = True
     if not fixed.all():
         cell = int(np.flatnonzero(~fixed[component])[0])
         raise OptionError(
@@ -95,7 +95,7 @@ def dirichlet_load(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: 
 
     ``kappa (n_faces, 1 or q)`` is the coefficient in the owner, ``sigma (n_faces,)`` the penalty.
     """
-    mesh, faces = basis.mesh, boundary.held
+    mesh, faces = basis.mesh, boundary.dirichlet
     points, weights, tests = _traces(basis, faces)
     g = boundary_values(mesh, boundary, problem.dirichlet, faces, points, "dirichlet")
     cells = np.repeat(mesh.face_cells[faces, 0], points.shape[1])

@@ -9,33 +9,33 @@ from typing import Any
 import numpy as np
 
 from agglo_core.authoring import MET, Float, History, frozen_float
-from agglo_polydg_mg.gauge import Gauge
+from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import Smooth, Solve
 
-__all__ = ["Level", "Step", "stationary", "unsolved", "v_cycle"]
+__all__ = ["SmoothedLevel", "Step", "stationary", "unsolved", "v_cycle"]
 
 Step = Callable[[Float, Float], Float]
-"""One iteration: right-hand side and iterate ``(n,)`` to the next iterate."""
+"""One iteration: maps right-hand side and iterate ``(n,)`` to the next iterate."""
 
-_HOPELESS = 1e6
+_DIVERGED = 1e6
 """Growth of the residual at which a stationary iteration is given up."""
 
 
 @dataclass(frozen=True)
-class Level:
-    """A level of a cycle that is smoothed: matrix, prolongation from the next one, smoother."""
+class SmoothedLevel:
+    """A multigrid level that is smoothed: matrix, prolongation from the next one, smoother."""
 
     A: Any
     P: Any
     smooth: Smooth
 
 
-def v_cycle(levels: Sequence[Level], coarsest: Solve, b: Float, x: Float) -> Float:
+def v_cycle(levels: Sequence[SmoothedLevel], coarsest: Solve, b: Float, x: Float) -> Float:
     """One V-cycle from ``x (n,)``: smooth, correct by the next level, smooth.
 
     Parameters
     ----------
-    levels : sequence of Level
+    levels : sequence of SmoothedLevel
         Finest first; without any, ``coarsest`` solves.
     coarsest : callable
         Solves on the coarsest level.
@@ -51,17 +51,22 @@ def v_cycle(levels: Sequence[Level], coarsest: Solve, b: Float, x: Float) -> Flo
 
 
 def stationary(
-    A: Any, b: Float, step: Step, tolerance: float, most: int, gauge: Gauge | None = None
+    A: Any,
+    b: Float,
+    step: Step,
+    tolerance: float,
+    max_iterations: int,
+    measure: ResidualMeasure | None = None,
 ) -> History:
-    """Repeat ``x = step(b, x)`` from 0 until the residual is small, at most ``most`` times.
+    """Repeat ``x = step(b, x)`` from 0 until the residual is small, at most ``max_iterations`` times.
 
-    It is small when ``gauge`` says ``tolerance`` or less; by default that is ‖b − A x‖ ≤ tolerance ‖b‖. A
+    It is small when ``measure`` says ``tolerance`` or less; by default that is ‖b − A x‖ ≤ tolerance ‖b‖. A
     matrix that is found not to be positive definite ends the iteration, with the reason.
     """
-    gauge = gauge or Gauge(b)
+    measure = measure or ResidualMeasure(b)
     x, r, reason = np.zeros(len(b)), b, ""
     residuals = [float(np.linalg.norm(b))]
-    while not (converged := gauge(r) <= tolerance) and len(residuals) <= most:
+    while not (converged := measure(r) <= tolerance) and len(residuals) <= max_iterations:
         try:
             x = step(b, x)
         except np.linalg.LinAlgError as error:
@@ -69,12 +74,12 @@ def stationary(
             break
         r = b - A @ x
         residuals.append(float(np.linalg.norm(r)))
-        if not residuals[-1] <= _HOPELESS * residuals[0]:
+        if not residuals[-1] <= _DIVERGED * residuals[0]:
             reason = f"diverged: residual {residuals[-1]:.1e} after {len(residuals) - 1} iterations"
             break
     if not (converged or reason):
         done = len(residuals) - 1
-        reason = f"relative residual {gauge(r):.1e} after {done} iterations, wanted {tolerance:.1e}"
+        reason = f"relative residual {measure(r):.1e} after {done} iterations, wanted {tolerance:.1e}"
     return History(frozen_float(x), frozen_float(residuals), converged, reason or MET)
 
 

@@ -189,7 +189,7 @@ def face_blocks(
 
     ``slots (F, 2, 2)`` says which block holds (owner or neighbour, owner or neighbour); ``kappa (F, 2,
     1 or q)`` is the coefficient on both sides, ``sigma (F,)`` the penalty without it. Faces of σ = 0
-    are left out. Averages and penalty are weighted harmonically. With jumps j and r = σ/2 j − g, g the
+    are skipped. Averages and penalty are weighted harmonically. With jumps j and r = σ/2 j − g, g the
     average, each point adds j rᵀ + r jᵀ: only one of the two is summed.
     """
     m = (degree + 1) * (degree + 2) // 2

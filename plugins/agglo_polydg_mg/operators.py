@@ -1,4 +1,4 @@
-"""Matrices of all levels, discretised anew or inherited, and the cycle built of them."""
+"""Matrices and prolongations of all multigrid levels; coarse matrices are rediscretised or inherited."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from agglo_core.authoring import (
     Problem,
 )
 from agglo_polydg_mg.basis import Basis, project_between
-from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.polydg import PolyDG, corrections
+from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
-__all__ = ["Chain", "Fine", "fine_system", "make_chain"]
+__all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class LevelOperators:
     """Right-hand side, and matrices and prolongations of the levels, finest first.
 
     Attributes
@@ -39,12 +39,12 @@ class Chain:
     finest : sparse
         Matrix of the finest level.
     P : list of sparse
-        To each level but the coarsest from the next one.
+        To each level except the coarsest from the next coarser one.
     width : int
         Unknowns of a cell.
-    anew : list of sparse, optional
-        Matrices of the coarse levels where they are discretised anew.
-    gauge : Gauge, optional
+    rediscretised : list of sparse, optional
+        Matrices of the coarse levels where they are rediscretised.
+    measure : ResidualMeasure, optional
         Measure of its residuals; by default their 2-norm.
     """
 
@@ -52,8 +52,8 @@ class Chain:
     finest: Any
     P: list[Any]
     width: int
-    anew: list[Any] | None = None
-    gauge: Gauge | None = None
+    rediscretised: list[Any] | None = None
+    measure: ResidualMeasure | None = None
 
     @cached_property
     def inherited(self) -> list[Any]:
@@ -66,19 +66,19 @@ class Chain:
     @property
     def A(self) -> list[Any]:
         """Matrices of every level."""
-        return self.inherited if self.anew is None else [self.finest, *self.anew]
+        return self.inherited if self.rediscretised is None else [self.finest, *self.rediscretised]
 
 
-class Fine(NamedTuple):
+class FineSystem(NamedTuple):
     """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals."""
 
     A: Any
     b: Float
     width: int
-    gauge: Gauge
+    measure: ResidualMeasure
 
 
-def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> Fine:
+def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSystem:
     """The system on the mesh.
 
     A diffusion problem is discretised on the mesh of the hierarchy; a linear system is taken as it is.
@@ -93,16 +93,16 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> Fine:
         mesh = _own_mesh(hierarchy)
         system = how.assemble(problem, mesh)
         A, b, width = system.A, system.b, int(system.block_offsets[1])
-        gauge = how.residual_measure(problem, mesh, b)
+        measure = how.residual_measure(problem, mesh, b)
     elif isinstance(problem, Linear):
         width = _width(problem, hierarchy.graph.n)
         A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
-        gauge = Gauge(b)
+        measure = ResidualMeasure(b)
     else:
         raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
     if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    return Fine(A, b, width, gauge)
+    return FineSystem(A, b, width, measure)
 
 
 def _own_mesh(hierarchy: Hierarchy) -> Mesh:
@@ -137,24 +137,24 @@ def _width(problem: Linear, n: int) -> int:
     if np.shape(problem.A) != (unknowns, unknowns) or np.shape(problem.b) != (unknowns,):
         raise OptionError(
             f"A has the shape {np.shape(problem.A)} and b {np.shape(problem.b)}; "
-            f"block_offsets speak of {unknowns} unknowns"
+            f"block_offsets are for {unknowns} unknowns"
         )
     return int(sizes[0])
 
 
-def make_chain(
+def level_operators(
     problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: PolyDG, inherited: bool
-) -> Chain:
-    """Chain of a problem: its system on the mesh, and what belongs to the coarse levels.
+) -> LevelOperators:
+    """Operators of a problem on all levels: its system on the mesh, and the coarse levels.
 
     Parameters
     ----------
     labels : sequence of (n_cells,) int
         Of the coarse levels, finest first.
     inherited : bool
-        Whether coarse matrices of a diffusion problem are Pᵀ A P, or discretised anew on the agglomerates,
+        Whether coarse matrices of a diffusion problem are Pᵀ A P, or rediscretised on the agglomerates,
         each level with its own sizes and penalty. Of a linear system coarse unknowns are constant on
-        agglomerates, and matrices inherited in any case.
+        agglomerates, and matrices always inherited.
 
     Raises
     ------
@@ -163,25 +163,25 @@ def make_chain(
     MeshError
         For a mesh in 3-D; for cells or, unless ``inherited``, agglomerates that overlap themselves.
     """
-    A, b, width, gauge = fine_system(problem, hierarchy, how)
+    A, b, width, measure = fine_system(problem, hierarchy, how)
     if isinstance(problem, Linear):
-        return Chain(b, A, _constant_prolongations(hierarchy, labels, width), width)
+        return LevelOperators(b, A, _constant_prolongations(hierarchy, labels, width), width)
     mesh = _own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
     P = _polydg_prolongations([how.basis(each) for each in (mesh, *meshes)], labels)
-    anew = None
+    rediscretised = None
     if not inherited:
         problems = [corrections(problem, mesh, each) for each in labels]
-        anew = [_coarse_matrix(how, *each) for each in zip(problems, meshes, strict=True)]
-    return Chain(b, A, P, width, anew, gauge)
+        rediscretised = [_coarse_matrix(how, *each) for each in zip(problems, meshes, strict=True)]
+    return LevelOperators(b, A, P, width, rediscretised, measure)
 
 
 def _coarse_matrix(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Any:
     try:
         return how.assemble(problem, mesh).A
-    except MeshError as error:  # a file with cells that overlap a little is served on its own cells
+    except MeshError as error:  # a mesh whose cells overlap a little works on its own cells
         raise MeshError(
-            f"on the level of {mesh.n_cells} agglomerates: {error} (operators='inherited' does without)"
+            f"on the level of {mesh.n_cells} agglomerates: {error} (operators='inherited' does not need it)"
         ) from error
 
 

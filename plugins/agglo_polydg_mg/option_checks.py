@@ -1,4 +1,4 @@
-"""What options may be; every error names the option, what was given, and what is accepted."""
+"""Checks of option values; every error names the option, what was given, and what is accepted."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from agglo_core.authoring import Hierarchy, Int, MultigridLevel, Problem, Smoother, Solution, frozen_int
-from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
-from agglo_polydg_mg.operators import Chain, make_chain
+from agglo_polydg_mg.cycle import SmoothedLevel, Step, stationary, unsolved, v_cycle
+from agglo_polydg_mg.operators import LevelOperators, level_operators
 from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
@@ -23,8 +23,8 @@ __all__ = ["PaperMultigrid"]
 class PaperMultigrid:
     """V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
 
-    How residuals are measured where the coefficient is not constant, so that no contrast hides them, tells
-    :class:`~agglo_polydg_mg.gauge.Gauge`.
+    :class:`~agglo_polydg_mg.residual_measure.ResidualMeasure` says how residuals are measured where the
+    coefficient is not constant, so that no contrast hides them.
 
     Parameters
     ----------
@@ -42,22 +42,22 @@ class PaperMultigrid:
         Scale the basis by the size of each cell's bounding box. The paper does not.
     operators : "rediscretised" or "inherited"
         Coarse matrices: discretised on the agglomerates as in the paper, or Pᵀ A P. Those of a
-        :class:`~agglo_core.problems.Linear` problem are inherited in any case.
+        :class:`~agglo_core.problems.Linear` problem are always inherited.
     smoother : str, object with ``setup``, or callable
         Name of a component of kind ``smoother``, such as ``"schwarz"`` (conjugate gradients preconditioned
         by additive Schwarz as in the paper) and ``"block_jacobi"``; a
-        :class:`~agglo_core.protocols.Smoother`; or what makes one from the same arguments as
+        :class:`~agglo_core.protocols.Smoother`; or a function that makes one from the same arguments as
         :func:`~agglo_polydg_mg.schwarz.schwarz`.
     schwarz_coarse : bool
         Whether smoothers that use it get the correction of the next level. The coarse matrix of this
         correction is inherited whatever ``operators`` says, as in the paper's experiments.
     coarse_solver : "lu", "dense" or callable
-        Sparse or dense direct solver, or what makes one from a matrix.
+        Sparse or dense direct solver, or a function that makes one from a matrix.
 
     Notes
     -----
-    The paper's smoother makes the cycle a nonlinear map: it does not serve as a preconditioner of
-    conjugate gradients.
+    The paper's smoother makes the cycle a nonlinear map: it cannot precondition conjugate
+    gradients.
     """
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
@@ -103,23 +103,23 @@ class PaperMultigrid:
         """
         times = [time.perf_counter()]
         labels = chosen_levels(hierarchy, self.levels)
-        chain = make_chain(problem, hierarchy, labels, self.discretisation, self.inherited)
+        operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
         times.append(time.perf_counter())
         try:
-            step = self._cycle(chain, labels)
+            step = self._cycle(operators, labels)
         except np.linalg.LinAlgError as error:
             times.append(time.perf_counter())
-            history = unsolved(chain.b, str(error))
+            history = unsolved(operators.b, str(error))
         else:
             times.append(time.perf_counter())
             how_long = (self.tolerance, self.max_iterations)
-            history = stationary(chain.finest, chain.b, step, *how_long, chain.gauge)
+            history = stationary(operators.finest, operators.b, step, *how_long, operators.measure)
         times.append(time.perf_counter())
         return Solution(
             x=history.x,
-            A=chain.finest,
-            b=chain.b,
-            operators=list(zip(chain.A, [*chain.P, None], strict=True)),
+            A=operators.finest,
+            b=operators.b,
+            operators=list(zip(operators.A, [*operators.P, None], strict=True)),
             residuals=history.residuals,
             converged=history.converged,
             reason=history.reason,
@@ -127,17 +127,18 @@ class PaperMultigrid:
             seconds=dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True)),
         )
 
-    def _cycle(self, chain: Chain, labels: Sequence[Int]) -> Step:
+    def _cycle(self, operators: LevelOperators, labels: Sequence[Int]) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""
-        parts = [frozen_int(np.arange(chain.finest.shape[0] // chain.width)), *labels]
-        levels = [self._level(chain, level, parts[level]) for level in range(len(chain.P))]
-        coarsest = self.coarse_solver(chain.A[-1])
+        parts = [frozen_int(np.arange(operators.finest.shape[0] // operators.width)), *labels]
+        levels = [self._level(operators, level, parts[level]) for level in range(len(operators.P))]
+        coarsest = self.coarse_solver(operators.A[-1])
         return lambda b, x: v_cycle(levels, coarsest, b, x)
 
-    def _level(self, chain: Chain, level: int, labels: Int) -> Level:
-        A, P = chain.A[level], chain.P[level]
+    def _level(self, operators: LevelOperators, level: int, labels: Int) -> SmoothedLevel:
+        A, P = operators.A[level], operators.P[level]
         wanted = self.schwarz_coarse and getattr(self.smoother, "uses_coarse", True)
-        coarse = correction(P, self.coarse_solver(chain.inherited[level + 1])) if wanted else None
-        offsets = frozen_int(np.arange(0, A.shape[0] + 1, chain.width))
-        told = MultigridLevel(A, chain.inherited[level], offsets, labels, P, coarse, self.smoothing_steps)
-        return Level(A, P, self.smoother.setup(told))
+        coarse = correction(P, self.coarse_solver(operators.inherited[level + 1])) if wanted else None
+        offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.width))
+        B = operators.inherited[level]
+        own = MultigridLevel(A, B, offsets, labels, P, coarse, self.smoothing_steps)
+        return SmoothedLevel(A, P, self.smoother.setup(own))

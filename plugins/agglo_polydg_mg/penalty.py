@@ -29,7 +29,7 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = 10.0, natural: Int |
     Raises
     ------
     MeshError
-        Naming cells in which a face sees no vertex: they overlap themselves, or are flat to rounding.
+        Naming cells with a face from which no vertex is visible: they overlap themselves, or are flat.
     OptionError
         If ``constant`` is not positive.
     """

@@ -1,4 +1,4 @@
-"""Plain conjugate gradients: what a multigrid method is to be measured against (paper, column CG)."""
+"""Plain conjugate gradients: the baseline of multigrid methods (paper, column CG)."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ __all__ = ["PlainCG"]
 class PlainCG:
     """Conjugate gradients from zero on the system of the mesh, without a preconditioner.
 
-    The levels of the hierarchy are not used. Where ``max_iterations`` do not suffice the solution is the
-    iterate of smallest residual, and ``iterations`` its number, as in the paper's tables; ``reason`` tells
-    the iterations done.
+    The levels of the hierarchy are not used. If ``max_iterations`` are not enough, the solution is the
+    iterate of smallest residual, and ``iterations`` its number, as in the paper's tables; ``reason`` says
+    how many were done.
 
     Parameters
     ----------
     degree : int
         Of the polynomials, 1..6.
     tolerance : float
-        Of the residual relative to the right-hand side, by :class:`~agglo_polydg_mg.gauge.Gauge`.
+        Of the residual relative to the right-hand side, by
+        :class:`~agglo_polydg_mg.residual_measure.ResidualMeasure`.
     max_iterations : int
     penalty : float
         Constant C of the penalty of jumps.
@@ -62,9 +63,9 @@ class PlainCG:
             For a mesh in 3-D, or of cells that overlap themselves.
         """
         times = [time.perf_counter()]
-        A, b, _, gauge = fine_system(problem, hierarchy, self.discretisation)
+        A, b, _, measure = fine_system(problem, hierarchy, self.discretisation)
         times.append(time.perf_counter())
-        history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, gauge)
+        history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, measure)
         times.append(time.perf_counter())
         assemble, solve = np.diff(times).tolist()
         return Solution(

@@ -1,4 +1,4 @@
-"""PolyDG as a discretisation: what its options mean in matrices, loads, samples and error norms."""
+"""PolyDG as a discretisation: matrices, loads, samples and error norms for given options."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from agglo_polydg_mg.assembly import cell_means, discretise, load
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.evaluate import evaluate
-from agglo_polydg_mg.gauge import Gauge
 from agglo_polydg_mg.norms import errors
 from agglo_polydg_mg.option_checks import require_count, require_positive, require_truth
 from agglo_polydg_mg.quadrature import sample
+from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.sampling import samples_of
 
 __all__ = ["PolyDG", "corrections"]
@@ -49,7 +49,7 @@ class PolyDG:
     Raises
     ------
     OptionError
-        For a value outside of these.
+        For any other value.
     """
 
     accepts: ClassVar[tuple[str, ...]] = (Diffusion.kind,)
@@ -73,12 +73,12 @@ class PolyDG:
         boundary_faces(mesh, _diffusion(problem))
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
-        """Matrix and right-hand side on a mesh, see :func:`~agglo_polydg_mg.assembly.discretise`."""
+        """Matrix and right-hand side on a mesh; see :func:`~agglo_polydg_mg.assembly.discretise`."""
         asked = _diffusion(problem)
         return discretise(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
-        """Matrix on agglomerates, discretised anew: their own penalty, the means of κ over their cells."""
+        """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""
         return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
 
     def project(self, mesh: Mesh, function: Field) -> Float:
@@ -106,14 +106,16 @@ class PolyDG:
         asked = _diffusion(problem)
         return load(self.basis(mesh), asked) if asked.dirichlet else b
 
-    def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> Gauge:
+    def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> ResidualMeasure:
         """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
         asked = _diffusion(problem)
         kappa = cell_means(mesh, asked.kappa)
         if kappa.min() == kappa.max():
-            return Gauge(b)
+            return ResidualMeasure(b)
         basis = self.basis(mesh)
-        return Gauge(b, np.repeat(kappa, basis.n_local), load(basis, asked) if asked.dirichlet else None)
+        return ResidualMeasure(
+            b, np.repeat(kappa, basis.n_local), load(basis, asked) if asked.dirichlet else None
+        )
 
 
 def _diffusion(problem: Problem) -> Diffusion:

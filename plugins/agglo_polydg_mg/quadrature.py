@@ -1,6 +1,6 @@
-"""Integrals over polygons of any shape: exactly by their boundary, or by points that lie inside.
+"""Integrals over polygons of any shape: exactly over their boundary, or with points inside.
 
-A polynomial is integrated by the divergence theorem, which knows neither corners nor holes. Anything
+A polynomial is integrated by the divergence theorem, for which corners and holes make no difference. Anything
 else must be sampled inside the cell: cells are cut into triangles (a fan where it fits, constrained
 Delaunay triangles otherwise), which carry Gauss points.
 """
@@ -112,33 +112,33 @@ def per_cell(field: float | Float, n: int, name: str) -> Float:
         ) from None
     if values.shape not in ((), (n,)):
         raise OptionError(f"{name} has shape {values.shape}: expected a number, ({n},) values or a callable")
-    _demand_finite(values, name)
+    _require_finite(values, name)
     return np.broadcast_to(values, (n,))
 
 
 def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
-    """Values ``(q,)`` of a callable at ``points (q, 2)`` in the coordinates of the user.
+    """Values ``(q,)`` of a callable at ``points (q, 2)`` in user coordinates.
 
     Raises
     ------
     OptionError
-        If the callable fails, or its values are no numbers, have another shape, or are not finite.
+        If the callable fails, or its values are not numbers, have another shape, or are not finite.
     """
     try:
         values = np.asarray(field(points), dtype=float)
     except AggloError:
         raise
-    except Exception as error:  # whatever the callable of a user raises
+    except Exception as error:  # whatever a user's callable raises
         raise OptionError(
             f"{name} failed for {len(points)} points of shape {points.shape}: {type(error).__name__}: {error}"
         ) from error
     if values.shape not in ((), (len(points),)):
         raise OptionError(f"{name} returned the shape {values.shape} for {len(points)} points")
-    _demand_finite(values, name)
+    _require_finite(values, name)
     return np.broadcast_to(values, (len(points),))
 
 
-def _demand_finite(values: Float, name: str) -> None:
+def _require_finite(values: Float, name: str) -> None:
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
         raise OptionError(f"{name} is {values.flat[bad[0]]} (value {bad[0]} of {values.size}), not finite")
@@ -152,7 +152,7 @@ def face_points(mesh: Mesh, faces: Int, n: int) -> Float:
 
 
 def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
-    """Quadrature points inside the cells, exact up to a degree, some cells at a time.
+    """Quadrature points inside the cells, exact up to a degree, a batch of cells at a time.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Smoothing and coarse solves: maps ``(b, x) → x`` and ``b → x`` made for one matrix."""
+"""Smoothers and coarse solvers of one matrix: maps ``(b, x) → x`` and ``b → x``."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ __all__ = [
 ]
 
 Solve = Callable[[Float], Float]
-"""Right-hand side or residual ``(n,)`` to solution or correction ``(n,)``."""
+"""Maps a right-hand side or residual ``(n,)`` to a solution or correction ``(n,)``."""
 Smooth = Callable[[Float, Float], Float]
-"""``(b, x)`` to a better x."""
+"""Maps ``(b, x)`` to a better x."""
 SolveMaker = Callable[[Any], Solve]
-"""A matrix to what solves with it."""
+"""Makes a solver from a matrix."""
 SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smooth]
-"""Matrix, solve in the parts, correction of the next level, number of steps to what smooths."""
+"""Makes a smoother from matrix, solve in the parts, correction of the next level, number of steps."""
 
 
 def lu(A: Any) -> Solve:
@@ -71,7 +71,7 @@ def dense(A: Any) -> Solve:
 
 
 def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Float:
-    """``x (n,)`` after some steps of preconditioned conjugate gradients, started afresh.
+    """``x (n,)`` after some steps of preconditioned conjugate gradients, restarted.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Smoothers of a level: the paper's and a linear one as components, and what makes them of functions."""
+"""Smoothers of a level: the paper's and a linear one as components, and smoothers made from functions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["BlockJacobi", "Schwarz", "smoother_of"]
 
 
 class Schwarz:
-    """The paper's smoother: conjugate gradients preconditioned by additive Schwarz, afresh in each call.
+    """The paper's smoother: conjugate gradients preconditioned by additive Schwarz, restarted in each call.
 
     Blocks of the parts and the correction of the next level belong to the inherited matrices, as in the
     paper's experiments. What the steps do depends on ``b`` and ``x``: the smoother is nonlinear.
@@ -37,7 +37,7 @@ class BlockJacobi:
 
 @dataclass(frozen=True)
 class _Made:
-    """The smoother a function makes of matrix, solve in the parts, correction of the next level and steps."""
+    """The smoother a function makes from matrix, local solve, correction of the next level and steps."""
 
     maker: SmootherMaker
 
@@ -47,18 +47,18 @@ class _Made:
 
 
 _OWN: Final[Mapping[str, type[Smoother]]] = {"schwarz": Schwarz, "block_jacobi": BlockJacobi}
-"""Their names are reserved, so that no registry needs to be asked."""
+"""Our own smoothers; their names are reserved, so that no registry is needed."""
 
 
 def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
-    """A smoother by the name of its component, itself, or of the function that makes it.
+    """A smoother, from the name of its component, the smoother itself, or the function that makes it.
 
     Parameters
     ----------
     given : str, object with ``setup``, or callable
-        A callable is one as :func:`~agglo_polydg_mg.schwarz.schwarz`.
+        A callable has the arguments of :func:`~agglo_polydg_mg.schwarz.schwarz`.
     registry : Registry, optional
-        Where names are looked up; by default that of the program.
+        Where names are looked up; by default the installed plugins.
 
     Raises
     ------

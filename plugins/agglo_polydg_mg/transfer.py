@@ -1,4 +1,4 @@
-"""Levels of a hierarchy that coarsen, and the transfer of unknowns between them.
+"""The levels of a hierarchy that multigrid uses, and the transfer of unknowns between them.
 
 The spaces of two levels are nested where every agglomerate of the coarser one is a union of
 agglomerates of the finer: prolongation is then injection. Otherwise it is the L2 projection. All
@@ -35,7 +35,7 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
     Raises
     ------
     OptionError
-        If there are not so many, or none of them has fewer parts than the mesh has cells.
+        If there are fewer, or none of them has fewer parts than the mesh has cells.
     """
     most = len(hierarchy.levels) + 1
     if levels is not None and not 2 <= levels <= most:
@@ -57,13 +57,13 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
 
 def parents(fine: Int, coarse: Int) -> Int | None:
     """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest."""
-    held = np.empty(int(fine.max()) + 1, np.int64)
-    held[fine] = coarse
-    return frozen_int(held) if (held[fine] == coarse).all() else None
+    holder = np.empty(int(fine.max()) + 1, np.int64)
+    holder[fine] = coarse
+    return frozen_int(holder) if (holder[fine] == coarse).all() else None
 
 
 def injection(labels: Int, width: int) -> sparse.bsr_array:
-    """Ones from each unknown of a part to the same one of its cells, ``width`` unknowns in each."""
+    """Injection: the ``width`` unknowns of a part become those of each of its cells."""
     n, parts = len(labels), int(labels.max()) + 1
     blocks = np.broadcast_to(np.eye(width), (n, width, width)).copy()
     shape = (n * width, parts * width)

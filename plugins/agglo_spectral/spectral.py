@@ -49,7 +49,7 @@ class Spectral:
     weighted : bool
         Weigh edges by interface over distance and nodes by their weight; otherwise all by 1.
     balance : float in [0, 0.5]
-        ``ncut`` leaves each side at least this share of the weight, where some cut does.
+        ``ncut`` leaves each side at least this share of the weight, if some cut does.
     degeneracy : float
         Eigenvalues within this relative distance of the lowest span the modes tried.
     dense_limit : int
@@ -168,7 +168,7 @@ def _normalised_cut(level: Graph, sides: Int) -> Float:
 
 
 def _aligned(level: Graph, modes: Float, near: Flags, coordinates: Float) -> Float:
-    """Orthonormal basis ``(n, d)`` of the near modes, as close as can be to the linear functions.
+    """Orthonormal basis ``(n, d)`` of the near modes, as close as possible to the linear functions.
 
     The orthogonal factor of the projections of the coordinates on the modes (Procrustes): a basis that
     depends neither on numbering nor on the basis an eigenvalue solver returns.

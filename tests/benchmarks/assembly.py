@@ -1,10 +1,10 @@
 """Assembly of PolyDG in unknowns per CPU second, beside vectorised numpy.
 
-    python tests/benchmarks/assembly.py [--cells N] [--degrees P ...] [--repeats N] [--twin-cells N]
+    python tests/benchmarks/assembly.py [--cells N] [--degrees P ...] [--repeats N] [--reference-cells N]
 
 Squares and random Voronoi cells of the unit square, one thread, CPU seconds of this process after a
 warm-up, best of the repeats; the mesh with its faces, areas and boxes is at hand. ``kernels`` is
-``discretise``: penalty, matrix and right-hand side. ``numpy`` is the matrix alone, by the twin of the tests
+``discretise``: penalty, matrix and right-hand side. ``numpy`` is the matrix alone, by the tests' reference
 (quadrature points, einsum, one sparse sum), on fewer cells as it needs far more memory.
 """
 
@@ -31,7 +31,7 @@ from agglo_polydg_mg.assembly import discretise
 from agglo_polydg_mg.penalty import face_penalty
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "plugins"))
-from test_polydg_twin import twin_matrix
+from test_polydg_kernels import reference_matrix
 
 MESHES: dict[str, Callable[[int], Mesh]] = {
     "squares": lambda n: samples.squares(round(np.sqrt(n))),
@@ -56,9 +56,9 @@ def ready(mesh: Mesh) -> Mesh:
 
 
 def numpy_rate(mesh: Mesh, degree: int) -> float:
-    """Unknowns per second of the twin."""
+    """Unknowns per second of the reference implementation."""
     sigma, kappa = face_penalty(mesh, degree), np.ones(mesh.n_cells)
-    seconds = cpu(lambda: twin_matrix(mesh, degree, kappa, sigma), 1)
+    seconds = cpu(lambda: reference_matrix(mesh, degree, kappa, sigma), 1)
     return mesh.n_cells * (degree + 1) * (degree + 2) / 2 / seconds
 
 
@@ -68,7 +68,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--cells", type=int, default=65_536)
-    parser.add_argument("--twin-cells", type=int, default=16_384)
+    parser.add_argument("--reference-cells", type=int, default=16_384)
     parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
@@ -76,7 +76,7 @@ def main() -> None:
     discretise(samples.voronoi(50), 2, problem)
     print(f"{'mesh':<10}{'cells':>8}{'p':>3}{'unknowns':>10}{'CPU s':>8}{'kernels M/s':>13}{'numpy M/s':>11}")
     for name, build in MESHES.items():
-        mesh, small = ready(build(options.cells)), ready(build(options.twin_cells))
+        mesh, small = ready(build(options.cells)), ready(build(options.reference_cells))
         for p in options.degrees:
             unknowns = mesh.n_cells * (p + 1) * (p + 2) // 2
             seconds = cpu(lambda mesh=mesh, p=p: discretise(mesh, p, problem), options.repeats)

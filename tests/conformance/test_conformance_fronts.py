@@ -23,7 +23,6 @@ from agglo_core.conformance.questions import questions
 from agglo_core.conformance.reference import TwoPointFlux
 from agglo_core.conformance.subject import subject_of
 
-pytestmark = pytest.mark.xdist_group("fronts")
 
 PLUGIN = """
 import numpy as np
@@ -230,7 +229,7 @@ def test_xfail_is_strict() -> None:
         (("side_array",), {"strict": True, "reason": "known"})
     ]
     assert len(mark.args[1]) == 1 + len(check(ListOfSides))
-    with pytest.raises(OptionError, match="'side_arrays', which is no law"):
+    with pytest.raises(OptionError, match="'side_arrays', which is not a law"):
         conformance(ListOfSides, xfail={"side_arrays": "misspelt"})
     with pytest.raises(AssertionError, match="'symmetric', which does not apply"):
         conformance(ListOfSides, xfail={"symmetric": "not asked"})("is_found")

@@ -9,7 +9,7 @@ import pytest
 
 from agglo_core.arrays import frozen_int
 from agglo_core.conformance import small_meshes
-from agglo_core.conformance.cases import cases, level_case, part_of_level, solids, tiny
+from agglo_core.conformance.cases import cases, cases_in_3d, level_case, part_of_level, tiny
 from agglo_core.conformance.laws.refiner import OBJECTIVES, loose_parts
 from agglo_core.conformance.questions import fingerprints, global_random
 from agglo_core.conformance.reference import TwoPointFlux
@@ -31,7 +31,7 @@ def arrays_of(value):
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_arrays_are_read_only(kind: str) -> None:
     levels = [level_case(kind)] if kind in ("bisector", "refiner", "fixer") else []
-    for case in [*cases(kind), *tiny(kind), *solids(kind), *levels]:
+    for case in [*cases(kind), *tiny(kind), *cases_in_3d(kind), *levels]:
         assert not any(array.flags.writeable for array in arrays_of(case.given)), case.name
 
 

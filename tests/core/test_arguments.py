@@ -17,7 +17,7 @@ from agglo_core.cli.arguments import (
     choice,
     load_mesh,
     metrics_option,
-    refuse_twins,
+    refuse_duplicates,
 )
 from agglo_core.registry.options import parse_value
 
@@ -82,10 +82,10 @@ def test_values_read_as_what_they_look_like() -> None:
     assert [parse_value(text) for text in texts] == [3, -2.5, 1e-3, True, None, "fast"]
 
 
-def test_twins_are_refused() -> None:
-    refuse_twins("--bisector", ["kmeans", "metis"])
+def test_duplicates_are_refused() -> None:
+    refuse_duplicates("--bisector", ["kmeans", "metis"])
     with pytest.raises(click.UsageError, match="--bisector kmeans is given twice"):
-        refuse_twins("--bisector", ["kmeans", "metis", "kmeans"])
+        refuse_duplicates("--bisector", ["kmeans", "metis", "kmeans"])
 
 
 def test_a_mesh_is_a_file_or_a_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -199,7 +199,7 @@ def test_levels_that_are_none_are_noted(agglo: Agglo) -> None:
     write("in.vtu", replace(mesh, cell_tags={"level_1": np.zeros(4, int)}))
     code, out, err = agglo("quality", "in.vtu", "--json")
     assert (code, json.loads(out)["levels"][0]["level"]) == (0, "cells")
-    assert "note: level_1 taken for no level: there is no level_0" in err
+    assert "note: level_1 not taken for levels: there is no level_0" in err
     text = Path("in.vtu").read_text()
     real = '<CellData><DataArray type="Float64" Name="level_0" format="ascii">0 0 1 1</DataArray>'
     Path("in.vtu").write_text(text.replace("<CellData>", real))

@@ -162,8 +162,8 @@ def test_cells_that_hold_a_part_together_are_found() -> None:
         ),
         ("isoperimetri", "did you mean 'isoperimetric'"),
         ("diameter", "objective 'diameter' cannot tell what a move changes; interface, cut, "),
-        ("CR", "metric 'CR' .* cannot be pursued: it has no method changes"),
-        (object(), "metric object cannot be pursued"),
+        ("CR", "metric 'CR' .* cannot be optimised: it has no method changes"),
+        (object(), "metric object cannot be optimised"),
     ],
 )
 def test_what_cannot_be_pursued_is_refused(objective: str, message: str) -> None:

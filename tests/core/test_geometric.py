@@ -1,4 +1,4 @@
-"""Geometric bisectors: exact halves, invariances, a level is its blocks, an obvious twin."""
+"""Geometric bisectors: exact halves, invariances, a level is its blocks, an obvious reference."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def obvious_median(projection, weights):
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(2, 40), st.integers(0, 2**32 - 1))
-def test_median_against_an_obvious_twin(n, seed):
+def test_median_against_an_obvious_reference(n, seed):
     rng = np.random.default_rng(seed)
     graph = cloud(rng.random((n, 2)), weights=rng.random(n) + 0.01)
     sides = split_at_median(graph, graph.centroids[:, 0], graph.centroids[:, 1:])

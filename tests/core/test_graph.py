@@ -1,4 +1,4 @@
-"""The dual graph: slow twins, networkx and scipy as oracles, blocks, quotients."""
+"""The dual graph: slow reference implementations, networkx and scipy as oracles, blocks, quotients."""
 
 from __future__ import annotations
 

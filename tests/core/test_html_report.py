@@ -154,7 +154,7 @@ def test_what_cannot_be_shown_is_refused_and_leaves_nothing(
         write_page(tmp_path / "a.txt", mesh, runs)
     with pytest.raises(FileError, match="there is no folder"):
         write_page(tmp_path / "absent" / "a.html", mesh, runs)
-    with pytest.raises(FileError, match="no regular file"):
+    with pytest.raises(FileError, match="not a regular file"):
         write_page(tmp_path / "folder.html", mesh, runs)
     assert [each.name for each in tmp_path.iterdir()] == ["folder.html"]
 
@@ -217,7 +217,7 @@ def test_sections_of_plugins_come_last_and_cannot_do_harm(
     assert f"{html.escape(who)}: no &lt;steps&gt;" in theirs
     assert who in caplog.text
     assert "section 'numbers' (plugin 'mine'" in caplog.text
-    assert "html returned int, expected a text" in caplog.text
+    assert "html returned int, expected a string" in caplog.text
 
 
 def test_the_policy_lets_the_script_of_the_page_run_and_no_other(page: Path) -> None:

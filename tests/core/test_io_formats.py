@@ -314,7 +314,7 @@ def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None
         "'absent' (plugin 'mine', distribution my-dist 2): importing",
         "'nothing' (plugin 'mine', distribution my-dist 2) built",
         "'needy' (plugin 'mine', distribution my-dist 2) needs a value for depth",
-        "'big' (plugin 'mine', distribution my-dist 2): its suffix '.VTU' is not of the form: small letters",
+        "'big' (plugin 'mine', distribution my-dist 2): its suffix '.VTU' is not of the form: lower case",
     ):
         assert reason in said
 

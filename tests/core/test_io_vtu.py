@@ -362,7 +362,7 @@ def test_levels_without_the_first_are_none(tmp_path: Path, caplog: pytest.LogCap
     back, found = read_hierarchy(tmp_path / "o.vtu")
     assert found is None
     assert list(back.cell_tags) == ["level_1"]
-    assert "level_1 taken for no level: there is no level_0" in caplog.text
+    assert "level_1 not taken for levels: there is no level_0" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
@@ -415,7 +415,7 @@ def test_arguments_of_a_wrong_kind_are_explained(tmp_path: Path) -> None:
     for arguments, match in (
         ((file, levels), "the mesh comes before the hierarchy"),
         ((file, mesh.graph), "the mesh must be a Mesh, given Graph"),
-        ((mesh, file), "the path must be a text or a Path, given Mesh"),
+        ((mesh, file), "the path must be a str or a Path, given Mesh"),
         ((file, mesh, levels.levels[0]), "the hierarchy must be a Hierarchy, given ndarray"),
     ):
         with pytest.raises(OptionError, match=match):
@@ -496,7 +496,7 @@ def test_not_a_file(tmp_path: Path) -> None:
         ('type="Float64"', 'type="Float99"', "unknown type 'Float99'"),
         ('format="ascii"', 'format="morse"', "unknown format 'morse'"),
         ("0.0 0.0", "nan 0.0", "not finite"),
-        ("0.0 0.0", "0.0 " + "1" * 100, "no number"),
+        ("0.0 0.0", "0.0 " + "1" * 100, "not a number"),
         ("7 -9", "7", "1 values for 2 cells"),
     ],
 )
@@ -579,7 +579,7 @@ def test_nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (tmp_path / "out.vtu").write_text("old")
     (tmp_path / "out_level0.vtu").mkdir()
     levels = hierarchy_of(mesh, np.zeros(16, np.int64))
-    with pytest.raises(FileError, match="no regular file"):
+    with pytest.raises(FileError, match="not a regular file"):
         write(tmp_path / "out.vtu", mesh, levels)
     assert (tmp_path / "out.vtu").read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == ["out.vtu", "out_level0.vtu"]

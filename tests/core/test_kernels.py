@@ -1,4 +1,4 @@
-"""Compiled kernels against slow, obvious twins; what is compiled, when, and where it is kept.
+"""Compiled kernels against slow, obvious references; what is compiled, when, and where it is kept.
 
 Moments, dual graphs, diameters and loops meet their oracles in the tests of Mesh and Graph, circles and
 shapes in those of the metrics.
@@ -98,9 +98,9 @@ def test_half_edges_are_paired_as_a_dictionary_would(cells: list[list[int]]) -> 
     wanted = slow_match(cells)
     assert (fault[0] >= 0) == wanted[3]
     if wanted[3]:
-        a, b, *crowd = fault
-        assert len(set(crowd)) == 3
-        for c in crowd:
+        a, b, *owners = fault
+        assert len(set(owners)) == 3
+        for c in owners:
             walked = {frozenset(e) for e in zip(cells[c], [*cells[c][1:], cells[c][0]], strict=True)}
             assert frozenset((a, b)) in walked
     else:

@@ -1,4 +1,4 @@
-"""Metrics: hand values, shapely as oracle for circles, invariance, slow twins."""
+"""Metrics: hand values, shapely as oracle for circles, invariance, slow reference implementations."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_diameters_agree_with_all_pairs() -> None:
     np.testing.assert_allclose(DiameterRatio(h_star=0.2).measure(mesh, labels), diameters / 0.2)
 
 
-def test_counting_metrics_agree_with_slow_twins() -> None:
+def test_counting_metrics_agree_with_slow_references() -> None:
     mesh = samples.voronoi(300, seed=5)
     labels = _ragged(mesh, 20, seed=5)
     k = labels.max() + 1

@@ -129,7 +129,7 @@ def only(registry: Registry, plugin_name: str) -> Record:
     return record
 
 
-def test_a_sound_component_is_listed_and_built(registry: Registry) -> None:
+def test_a_valid_component_is_listed_and_built(registry: Registry) -> None:
     registry.register(plugin(HALVES), "mine", distribution="my-dist", version="0.3")
     record = only(registry, "mine")
     assert (record.component, record.state, record.reason) == (HALVES, "ok", "")
@@ -235,10 +235,10 @@ def test_targets_that_cannot_be_had(registry: Registry, target: str, message: st
 )
 def test_a_wrong_declaration_is_broken_alone(registry: Registry, component: Component, reason: str) -> None:
     registry.register(plugin(component, HALVES), "mine")
-    wrong, sound = registry.list()
+    wrong, valid = registry.list()
     assert wrong.state == "broken"
     assert reason in wrong.reason
-    assert sound.state == "ok"
+    assert valid.state == "ok"
 
 
 def test_one_name_twice_in_a_plugin_is_broken(registry: Registry) -> None:
@@ -286,11 +286,11 @@ def leaves() -> None:
 )
 def test_a_broken_plugin_is_explained_and_out(registry: Registry, broken: Any, reason: str) -> None:
     registry.register(broken, "bad", distribution="bad-dist", version="2")
-    registry.register(plugin(Component("bisector", "sound", "halves_target:Halves")), "mine")
+    registry.register(plugin(Component("bisector", "valid", "halves_target:Halves")), "mine")
     (record,) = [r for r in registry.list() if r.plugin == "bad"]
     assert record.state == "broken"
     assert reason in record.reason
-    registry.build("bisector", "sound")
+    registry.build("bisector", "valid")
     with pytest.raises(PluginError, match="bad-dist 2") as info:
         registry.build("bisector", "halves")
     assert reason in str(info.value)

@@ -1,4 +1,4 @@
-"""Shape metrics: hand values, shapely and slow twins as oracles, invariance under similarities."""
+"""Shape metrics: hand values, shapely and slow references as oracles, invariance under similarities."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def test_agree_with_shapely(mesh: Mesh, k: int, swaps: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_hulls_agree_with_scipy_and_boxes_with_a_slow_twin(seed: int) -> None:
+def test_hulls_agree_with_scipy_and_boxes_with_a_slow_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     counts = rng.integers(3, 60, 40)
     offsets = np.append(0, np.cumsum(counts))

@@ -109,7 +109,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         (["--problem", "ring.toml"], "ring.toml: turns must be a whole number, and the only key"),
         (["--problem", "what.toml"], "what.toml: no problem is named 'rings' (did you mean 'ring'?)"),
         (["--problem", "kind.toml"], "kind must be the name of a kind of problem, given 3"),
-        (["--problem", "named.toml"], "has a name alone: choose it without a file"),
+        (["--problem", "named.toml"], "is made by name, not from a file: choose it by its name alone"),
         (["--problem", "sine:n=2"], "problem 'sine' (plugin 'defaults', distribution agglo"),
         (
             ["--problem", "nosuch:n=2"],
@@ -219,7 +219,9 @@ def test_bad_systems_are_refused(tmp_path: Path, name: str) -> None:
 
 def test_rows_that_cells_cannot_share(tmp_path: Path) -> None:
     write_system(tmp_path, 10)
-    with pytest.raises(FileError, match=r"system\.toml: matrix: its 10 rows cannot be shared equally by 9"):
+    with pytest.raises(
+        FileError, match=r"system\.toml: matrix: its 10 rows cannot be divided equally among 9"
+    ):
         read_problem(tmp_path / "system.toml", samples.squares(3))
 
 

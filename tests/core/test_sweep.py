@@ -1,4 +1,4 @@
-"""Sweep rounding against a slow twin, and the bisector along rotated principal axes."""
+"""Sweep rounding against a slow reference implementation, and the bisector along rotated principal axes."""
 
 from __future__ import annotations
 

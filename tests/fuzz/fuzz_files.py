@@ -160,7 +160,7 @@ def _main() -> int:
     total: Counter[tuple[str, str]] = Counter()
     slowest, start = 0.0, time.perf_counter()
     for suffix, verdict in fuzz(counts, given.seed, given.keep):
-        faulthandler.dump_traceback_later(12 * SECONDS, exit=True)  # a compiled loop hears no alarm
+        faulthandler.dump_traceback_later(12 * SECONDS, exit=True)  # a compiled loop ignores the alarm
         slowest, start = max(slowest, time.perf_counter() - start), time.perf_counter()
         total[suffix, verdict.kind] += 1
         if verdict.fault:

@@ -14,9 +14,9 @@ from agglo_core import FileError, Graph, Mesh, OptionError, Target, samples
 from agglo_core.arrays import frozen_float
 from agglo_core.errors import AggloError
 from agglo_gnn.fast import SHAPES, FastGNN
-from agglo_gnn.features import FEATURES, see
+from agglo_gnn.features import FEATURES, rasterise
 from agglo_gnn.lookahead import look_ahead
-from agglo_gnn.pieces import piece_levels
+from agglo_gnn.pieces import piece_graphs
 
 
 def sides_of(graph, bisector=None):
@@ -65,14 +65,16 @@ def slow_direction(nodes, near, areas, features, net):
     return x @ dense3 + add3
 
 
-def kernel_directions(sight, net):
+def kernel_directions(rasters, net):
     from agglo_gnn.fast_kernels import direction
 
     found = []
-    for b, features in enumerate(sight.blocks):
-        rows = slice(sight.node_offsets[b], sight.node_offsets[b + 1])
+    for b, features in enumerate(rasters.blocks):
+        rows = slice(rasters.node_offsets[b], rasters.node_offsets[b + 1])
         count = rows.stop - rows.start
-        found.append(direction(count, sight.nodes[rows], sight.near[rows], sight.areas[rows], features, net))
+        found.append(
+            direction(count, rasters.nodes[rows], rasters.near[rows], rasters.areas[rows], features, net)
+        )
     return np.array(found)
 
 
@@ -84,48 +86,50 @@ def level() -> Graph:
 
 
 def test_the_kernel_is_the_network(level):
-    sight = see(level)
+    rasters = rasterise(level)
     net = tuple(frozen_float(values) for values in arrays(1).values())
     slow = []
-    for b, features in enumerate(sight.blocks):
-        rows = slice(sight.node_offsets[b], sight.node_offsets[b + 1])
-        slow.append(slow_direction(sight.nodes[rows], sight.near[rows], sight.areas[rows], features, net))
-    np.testing.assert_allclose(kernel_directions(sight, net), slow, rtol=1e-10, atol=1e-12)
+    for b, features in enumerate(rasters.blocks):
+        rows = slice(rasters.node_offsets[b], rasters.node_offsets[b + 1])
+        slow.append(
+            slow_direction(rasters.nodes[rows], rasters.near[rows], rasters.areas[rows], features, net)
+        )
+    np.testing.assert_allclose(kernel_directions(rasters, net), slow, rtol=1e-10, atol=1e-12)
 
 
 def test_the_kernel_agrees_with_torch(level):
     torch = pytest.importorskip("torch")
     from agglo_gnn.fast_network import network
 
-    sight = see(level)
+    rasters = rasterise(level)
     values = arrays(2)
-    owner = np.repeat(np.arange(level.n_blocks), np.diff(sight.node_offsets))
-    near = np.where(sight.near >= 0, sight.near + sight.node_offsets[owner][:, None], -1)
-    given = (sight.nodes, near.astype(np.int64), sight.areas, owner, sight.blocks)
+    owner = np.repeat(np.arange(level.n_blocks), np.diff(rasters.node_offsets))
+    near = np.where(rasters.near >= 0, rasters.near + rasters.node_offsets[owner][:, None], -1)
+    given = (rasters.nodes, near.astype(np.int64), rasters.areas, owner, rasters.blocks)
     tensors = [torch.tensor(np.array(each)) for each in given]
     there = network({key: torch.tensor(value) for key, value in values.items()}, *tensors).numpy()
-    here = kernel_directions(sight, tuple(frozen_float(value) for value in values.values()))
+    here = kernel_directions(rasters, tuple(frozen_float(value) for value in values.values()))
     np.testing.assert_allclose(here, there, rtol=1e-5, atol=1e-5)
 
 
 def test_features_are_what_they_say(level):
-    sight = see(level)
-    assert len(FEATURES) == sight.nodes.shape[1] + sight.blocks.shape[1]
+    rasters = rasterise(level)
+    assert len(FEATURES) == rasters.nodes.shape[1] + rasters.blocks.shape[1]
     for b in range(level.n_blocks):
-        u, v = sight.cells[level.offsets[b] : level.offsets[b + 1]].T
-        w = sight.shares[level.offsets[b] : level.offsets[b + 1]]
+        u, v = rasters.cells[level.offsets[b] : level.offsets[b + 1]].T
+        w = rasters.shares[level.offsets[b] : level.offsets[b + 1]]
         orders = [(order - k, k) for order in (2, 3, 4) for k in range(order + 1)]
         moments = [(w * u**i * v**j).sum() for i, j in orders]
-        np.testing.assert_allclose(sight.blocks[b, :12], moments, atol=1e-12)
-        assert sight.blocks[b, 0] + sight.blocks[b, 2] == pytest.approx(2 / 3)
-        assert sight.blocks[b, 0] >= sight.blocks[b, 2]
-        assert sight.blocks[b, 3] >= -1e-12
-        assert sight.blocks[b, 6] >= -1e-12
-        rows = slice(sight.node_offsets[b], sight.node_offsets[b + 1])
-        assert sight.areas[rows].sum() == pytest.approx(1)
-        np.testing.assert_allclose(sight.areas[rows] @ sight.nodes[rows, :2], 0, atol=1e-12)
-        near = sight.near[rows]
-        np.testing.assert_allclose(sight.nodes[rows, 3], (near < 0).mean(axis=1))
+        np.testing.assert_allclose(rasters.blocks[b, :12], moments, atol=1e-12)
+        assert rasters.blocks[b, 0] + rasters.blocks[b, 2] == pytest.approx(2 / 3)
+        assert rasters.blocks[b, 0] >= rasters.blocks[b, 2]
+        assert rasters.blocks[b, 3] >= -1e-12
+        assert rasters.blocks[b, 6] >= -1e-12
+        rows = slice(rasters.node_offsets[b], rasters.node_offsets[b + 1])
+        assert rasters.areas[rows].sum() == pytest.approx(1)
+        np.testing.assert_allclose(rasters.areas[rows] @ rasters.nodes[rows, :2], 0, atol=1e-12)
+        near = rasters.near[rows]
+        np.testing.assert_allclose(rasters.nodes[rows, 3], (near < 0).mean(axis=1))
         for i, j in np.argwhere(near >= 0):
             assert i in near[near[i, j]]
 
@@ -155,7 +159,7 @@ def test_squares_become_squares(mesh):
 
 
 def test_both_sides_are_there_whatever_the_weights_say(level):
-    pieces = list(piece_levels(np.random.default_rng(8), 300))
+    pieces = list(piece_graphs(np.random.default_rng(8), 300))
     for bisector in (FastGNN(), FastGNN(arrays(3)), FastGNN({k: 0 * v for k, v in arrays(0).items()})):
         for graph in pieces:
             ones = np.add.reduceat(sides_of(graph, bisector), graph.offsets[:-1])
@@ -186,7 +190,7 @@ def test_the_network_points_to_the_cut():
 
 
 def test_pieces_are_connected_and_of_the_sizes_said():
-    for graph in piece_levels(np.random.default_rng(1), 200):
+    for graph in piece_graphs(np.random.default_rng(1), 200):
         assert len(np.unique(graph.components())) == graph.n_blocks
         assert np.diff(graph.offsets).min() >= 10
 

@@ -1,4 +1,4 @@
-"""Model files: what is written comes back, and what is not sound is refused with the reason."""
+"""Model files: what is written comes back, and what is not valid is refused with the reason."""
 
 from __future__ import annotations
 
@@ -152,15 +152,15 @@ def test_safetensors_of_others_are_refused(tmp_path):
 def test_cut_short_or_changed_anywhere_it_is_refused(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("broken") / "toy.safetensors"
     model_file.save(path, ARRAYS, HEADER)
-    sound = path.read_bytes()
+    valid = path.read_bytes()
     if data.draw(st.booleans(), label="cut"):
-        broken = sound[: data.draw(st.integers(0, len(sound) - 1), label="length")]
+        broken = valid[: data.draw(st.integers(0, len(valid) - 1), label="length")]
         path.write_bytes(broken)
         refused(path, "truncated|corrupt|header|pickle")
         return
-    place = data.draw(st.integers(len(sound) - 76, len(sound) - 1), label="place")  # among the arrays
+    place = data.draw(st.integers(len(valid) - 76, len(valid) - 1), label="place")  # among the arrays
     bit = 1 << data.draw(st.integers(0, 7), label="bit")
-    path.write_bytes(sound[:place] + bytes([sound[place] ^ bit]) + sound[place + 1 :])
+    path.write_bytes(valid[:place] + bytes([valid[place] ^ bit]) + valid[place + 1 :])
     refused(path, "corrupt")
 
 

@@ -1,4 +1,4 @@
-"""The paper's network against slow twins, its component by the laws, its training from a seed."""
+"""The paper's network against slow references, its component by the laws, its training from a seed."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def test_the_network_has_the_papers_size():
     assert sum(sizes.values()) == 27_578  # "approximately 28k"
 
 
-def test_the_forward_pass_against_a_slow_twin():
+def test_the_forward_pass_against_a_slow_reference():
     graph = level()
     network = PaperNetwork().double()
     x = inorm(graph)

@@ -9,8 +9,8 @@ from scipy.linalg import block_diag
 from scipy.sparse.linalg import cg
 
 from agglo_core.problems.conjugate_gradients import conjugate_gradients
-from agglo_polydg_mg.cycle import Level, stationary, v_cycle
-from agglo_polydg_mg.gauge import Gauge
+from agglo_polydg_mg.cycle import SmoothedLevel, stationary, v_cycle
+from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import (
     COARSE_SOLVERS,
     block_jacobi,
@@ -100,7 +100,7 @@ def test_the_cycle_on_three_levels_is_the_formula() -> None:
     Q = injection(np.array([0, 0, 1, 1]), WIDTH)
     matrices = [A, COARSE, Q.T @ COARSE @ Q]
     levels = [
-        Level(each, prolong, damped_jacobi(each, block_jacobi(each, WIDTH), None, 2))
+        SmoothedLevel(each, prolong, damped_jacobi(each, block_jacobi(each, WIDTH), None, 2))
         for each, prolong in zip(matrices[:2], (P, Q), strict=True)
     ]
     below = np.linalg.inv(matrices[2].toarray())
@@ -137,25 +137,25 @@ def test_what_does_not_converge_is_flagged() -> None:
     assert (lost.converged, lost.iterations) == (False, 1)
 
 
-def test_the_gauge_by_hand() -> None:
+def test_residual_measures_by_hand() -> None:
     """Two cells, κ = 1 and 100; Dirichlet data put 300 into the second, the source 4 into the first."""
     r, b, kappa, load = (np.array(each) for each in ([0.4, 2.0], [4.0, 300.0], [1.0, 100.0], [4.0, 0.0]))
-    assert Gauge(b)(r) == pytest.approx(np.hypot(0.4, 2.0) / np.hypot(4.0, 300.0))
-    assert Gauge(b, kappa, load)(r) == pytest.approx(np.hypot(0.4, 2.0) / np.hypot(4.0, 3.0))
+    assert ResidualMeasure(b)(r) == pytest.approx(np.hypot(0.4, 2.0) / np.hypot(4.0, 300.0))
+    assert ResidualMeasure(b, kappa, load)(r) == pytest.approx(np.hypot(0.4, 2.0) / np.hypot(4.0, 3.0))
     soft = np.array([0.4, 0.0])
-    assert Gauge(b, kappa)(soft) == pytest.approx(0.4 / np.hypot(4.0, 3.0))  # r / κ against b / κ
-    assert Gauge(0 * b, kappa)(0 * r) == 0.0
-    assert Gauge(0 * b)(r) == np.inf
+    assert ResidualMeasure(b, kappa)(soft) == pytest.approx(0.4 / np.hypot(4.0, 3.0))  # r / κ against b / κ
+    assert ResidualMeasure(0 * b, kappa)(0 * r) == 0.0
+    assert ResidualMeasure(0 * b)(r) == np.inf
 
 
-def test_a_gauge_that_asks_for_more_is_obeyed() -> None:
-    gauge = Gauge(b, np.geomspace(1, 1e4, 16), np.zeros(16))
+def test_a_stricter_residual_measure_is_obeyed() -> None:
+    measure = ResidualMeasure(b, np.geomspace(1, 1e4, 16), np.zeros(16))
     for history in (
-        stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-6, 500, gauge),
-        conjugate_gradients(A, b, 1e-6, measure=gauge),
+        stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-6, 500, measure),
+        conjugate_gradients(A, b, 1e-6, measure=measure),
     ):
         assert history.converged
-        assert gauge(b - A @ history.x) <= 1e-6
+        assert measure(b - A @ history.x) <= 1e-6
         assert history.residuals[-1] < 0.5e-6 * history.residuals[0]  # more than by default
 
 

@@ -249,7 +249,7 @@ def test_a_hierarchy_of_another_mesh_is_refused(solver: PaperMultigrid | PlainCG
 
 
 def test_an_agglomerate_that_overlaps_itself_is_named_by_its_level() -> None:
-    """Two squares that overlap: each is sound, their union is not; inherited matrices need no triangles."""
+    """Two squares that overlap: each is valid, their union is not; inherited matrices need no triangles."""
     points = [[0, 0], [2, 0], [2, 2], [0, 2], [1, -0.5], [3, -0.5], [3, 2.5], [1, 2.5]]
     mesh = Mesh.from_polygons(points, [[0, 1, 2, 3], [4, 5, 6, 7]])
     hierarchy = Hierarchy(mesh, mesh.graph, [np.zeros(2, int)], [{}], nested=True)

@@ -96,11 +96,11 @@ def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> Non
         ("[source.material]\n1 = 1.0", "source.material has no number for 2"),
         (
             "[kappa.material]\n1 = 1\n2 = 1\n3 = 5",
-            "kappa.material speaks of 3; the tag's values in the mesh are: 1, 2",
+            "kappa.material names 3; the tag's values in the mesh are: 1, 2",
         ),
         ("[source.material]\nleft = 1.0", "'left' is not the value of a tag"),
         ("dirichlet = 0", "dirichlet must be a table by boundary tag, given 0"),
-        ("[dirichlet]\n7 = 0", "dirichlet speaks of boundary tag 7; the mesh has: 1, 2, 3, 4 (it has the"),
+        ("[dirichlet]\n7 = 0", "dirichlet names boundary tag 7; the mesh has: 1, 2, 3, 4 (it has the"),
         ("[dirichlet]\nleft = 0", "dirichlet: 'left' is not the value of a tag"),
         ("[dirichlet]\n1 = {}", "dirichlet.1 must be a finite number, given {}"),
         ("[dirichlet]\n1 = 0\n01 = 1", "dirichlet gives tag 1 twice"),
@@ -112,7 +112,7 @@ def test_an_empty_file_is_the_default_problem(tmp_path: Path, mesh: Mesh) -> Non
             "boundary must be a face tag of the mesh, given 'sides'; it has the face tags: b",
         ),
         ("boundary = 1", "boundary must be a face tag of the mesh, given 1"),
-        ("[dirichlet]\n1 = 0\n[neumann]\n1 = 0", "boundary tag 1 stands in dirichlet and in neumann"),
+        ("[dirichlet]\n1 = 0\n[neumann]\n1 = 0", "boundary tag 1 is in both dirichlet and neumann"),
     ],
 )
 def test_bad_files_are_refused(tmp_path: Path, mesh: Mesh, text: str, message: str) -> None:

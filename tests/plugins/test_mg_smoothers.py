@@ -1,4 +1,4 @@
-"""Smoothers of the paper's cycle: by name, as objects, and what a stranger's gets to see."""
+"""Smoothers of the paper's cycle: by name, as objects, and what a third-party one is given."""
 
 from __future__ import annotations
 

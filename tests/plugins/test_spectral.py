@@ -133,7 +133,7 @@ def obvious_sweep(graph, mode, balance):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.1, 0.25, 0.4]))
-def test_sweep_against_an_obvious_twin(seed, balance):
+def test_sweep_against_an_obvious_reference(seed, balance):
     rng = np.random.default_rng(seed)
     graph = agglo.samples.random_triangles(int(rng.integers(3, 12)), seed=seed % 1000).graph
     mode = rng.standard_normal(graph.n)

@@ -1,11 +1,11 @@
-"""Installed once for all tests here: agglo-hilbert, agglo-borders, the fakes, and a crowd of thirty."""
+"""Installed once for all tests here: agglo-hilbert, agglo-borders, the fakes, and thirty plain ones."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from thirdparty.fakes import FAKES, crowd
+from thirdparty.fakes import FAKES, plain_fakes
 from thirdparty.installing import install
 
 collect_ignore_glob = [
@@ -44,5 +44,5 @@ def thirty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Site folder with thirty plugins that work."""
     site = tmp_path_factory.mktemp("thirty")
     wheels = tmp_path_factory.mktemp("wheels")
-    install(site, *(each.wheel(wheels) for each in crowd(30)))
+    install(site, *(each.wheel(wheels) for each in plain_fakes(30)))
     return site

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from thirdparty.installing import write_wheel
 
-__all__ = ["FAKES", "MISBEHAVING", "Fake", "Use", "crowd"]
+__all__ = ["FAKES", "MISBEHAVING", "Fake", "Use", "plain_fakes"]
 
 
 @dataclass(frozen=True)
@@ -241,8 +241,8 @@ _LEFT_ALONE = (
 FAKES = (*_UNLOADABLE, *_CLASHING, *MISBEHAVING, *_COMMANDS, *_LEFT_ALONE)
 
 
-def crowd(count: int) -> list[Fake]:
-    """So many plugins that work whose code would import what is heavy."""
+def plain_fakes(count: int) -> list[Fake]:
+    """``count`` plugins that work and whose code would import heavy packages."""
     heavy = "import matplotlib, networkx, numba, scipy, shapely\n"
-    names = [f"crowd{i}" for i in range(count)]
+    names = [f"extra{i}" for i in range(count)]
     return [Fake(name, _declares(_component(name)), "ok", code=heavy + _WORKS) for name in names]

@@ -13,7 +13,6 @@ import pytest
 from thirdparty.fakes import FAKES, MISBEHAVING, Fake, Use
 from thirdparty.installing import Answer, converse, environment
 
-pytestmark = pytest.mark.xdist_group("fakes")
 
 LISTING = "plugins --json"
 TAKEN = "runner/run"
@@ -160,4 +159,4 @@ finally:
     )
     assert done.stderr == "[]\n"
     if arguments[0] == "plugins":
-        assert all(f"agglo-crowd{i}" in done.stdout for i in range(30))
+        assert all(f"agglo-extra{i}" in done.stdout for i in range(30))

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from thirdparty.installing import Answer, converse, environment
 
-pytestmark = pytest.mark.xdist_group("hilbert")
 
 COMMANDS = {
     "listing": "plugins --json",

@@ -1,4 +1,4 @@
-"""The laws, file by file; which files judge a kind stands in its record in the registry."""
+"""The laws, file by file; the record of a kind in the registry names the files that judge it."""
 
 from __future__ import annotations
 
@@ -23,5 +23,5 @@ def laws_of(kind: str) -> Sequence[Law]:
 
 
 def all_laws() -> Sequence[Law]:
-    """Every law, in the order of first mention by the kinds."""
+    """Every law, in the order in which the kinds first name them."""
     return list(dict.fromkeys(law for kind in KINDS for law in laws_of(kind)))

@@ -1,4 +1,4 @@
-"""What a bisector's sides must be."""
+"""Laws of the sides that a bisector returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a constraint must answer, and what a run under it must give."""
+"""Laws of the masks of a constraint, and of runs under it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file format must read, write and refuse."""
+"""Laws of what a file format reads, writes and refuses."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def _writes(subject: Subject) -> bool:
 
 @law("format")
 def suffixes_declared(subject: Subject) -> None:
-    """It has at least one suffix, each in small letters with a dot before it."""
+    """It has at least one suffix, each in lower case with a leading dot."""
     suffixes = subject.build().suffixes
     wrong = [each for each in suffixes if not (isinstance(each, str) and re.fullmatch(r"\.[^A-Z\s/]+", each))]
     require(
         suffixes and not wrong,
-        f"suffixes are {suffixes!r}, expected a tuple such as ('.toy',): small letters, with the dot",
+        f"suffixes are {suffixes!r}, expected a tuple such as ('.toy',): lower case, with the dot",
     )
 
 
@@ -95,7 +95,7 @@ def hierarchy_kept(subject: Subject) -> None:
 
 @law("format")
 def broken_files_refused(subject: Subject) -> None:
-    """A file that is empty, cut short or no mesh at all is refused with an AggloError."""
+    """A file that is empty, truncated or not a mesh at all is refused with an AggloError."""
     tool = subject.build()
     for name, content in _GARBAGE.items():
         _require_refused(tool, tool.suffixes[0], name, content, None)
@@ -111,7 +111,7 @@ def broken_files_refused(subject: Subject) -> None:
 
 @law("format", when=_writes)
 def files_left_alone(subject: Subject) -> None:
-    """Reading leaves the file as it was; writing makes that file and others of its stem, and no more."""
+    """Reading leaves the file as it was; writing makes that file and others with its stem, and no more."""
     for case in questions(subject):
         with _folder(case) as folder:
             (folder / "other.txt").write_text("not yours")
@@ -150,7 +150,7 @@ def _folder(case: Case) -> Iterator[Path]:
 
 
 def _require_refused(tool: Any, suffix: str, name: str, content: bytes, mesh: Mesh | None) -> None:
-    """A file cut in blanks at its end may still hold the whole mesh."""
+    """A file that lost only trailing blanks may still hold the whole mesh."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"mesh{suffix}"
         path.write_bytes(content)

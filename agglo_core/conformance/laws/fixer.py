@@ -1,4 +1,4 @@
-"""What a connectivity fixer must achieve."""
+"""Laws of the labels that a connectivity fixer returns."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def connected_left_alone(subject: Subject) -> None:
 
 @law("fixer")
 def fixed_once(subject: Subject) -> None:
-    """What it has fixed it leaves alone the second time."""
+    """Fixing its own result a second time changes nothing."""
     for case in [*cases("fixer"), level_case("fixer")]:
         once = frozen_int(plain(subject, subject.build(), case))
         twice = plain(subject, subject.build(), replace(case, given=(case.given[0], once)))

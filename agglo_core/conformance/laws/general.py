@@ -1,4 +1,4 @@
-"""What holds for components of all kinds: how they are declared and built, what they leave alone."""
+"""Laws of all kinds of component: how they are declared and built, and that they leave their input alone."""
 
 from __future__ import annotations
 

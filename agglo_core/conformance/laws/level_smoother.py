@@ -1,4 +1,4 @@
-"""What a smoother must do to the error."""
+"""Laws of what a smoother does to the error."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def smoothed_array(subject: Subject) -> None:
 
 @law("smoother")
 def nothing_from_nothing(subject: Subject) -> None:
-    """Of b = 0 and x = 0 it makes 0."""
+    """From b = 0 and x = 0 it returns 0."""
     for case in questions(subject):
         zero = np.zeros(case.size or 0)
         made = _smooth(subject, case, zero, zero)
         require(
-            not np.any(made != 0), f"on {case.name}: it made {made[:3]} of nothing: only b − A x may enter"
+            not np.any(made != 0), f"on {case.name}: it made {made[:3]} from zeros: only b − A x may enter"
         )
 
 
@@ -83,7 +83,7 @@ def rough_error_damped(subject: Subject) -> None:
             require(
                 rough <= max(_SHARE * smooth, 1e-8),
                 f"on {case.name}: {rough:.3f} is left of a rough error, {smooth:.3f} of a smooth one: the "
-                "coarse levels see to the smooth half, the smoother is there for the rough one",
+                "coarse levels reduce the smooth half, the smoother has to reduce the rough one",
             )
 
 

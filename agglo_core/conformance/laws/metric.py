@@ -1,4 +1,4 @@
-"""What the values of a quality metric must be."""
+"""Laws of the values of a quality metric."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _by_hand() -> list[Case]:
 
 
 def _holed() -> list[Case]:
-    """Agglomerates with a hole, touching themselves in a point, closed to a ring, in loose pieces."""
+    """Agglomerates with a hole, touching in a point, forming a closed ring, and in loose pieces."""
     around = np.ones((5, 5), int)
     around[1:4, 1:4] = 0
     pinched = np.array([0, 1, 1, 0])
@@ -154,7 +154,7 @@ def rigid_motion(subject: Subject) -> None:
 
 @law("metric")
 def renaming(subject: Subject) -> None:
-    """Values follow the names of the agglomerates, and the numbering of cells is nothing to them."""
+    """Values follow the labels of the agglomerates and do not depend on the numbering of the cells."""
     for case in cases("metric"):
         mesh, labels = case.given
         before = plain(subject, subject.build(), case)

@@ -1,4 +1,4 @@
-"""What refiners and fixers must keep: one label per cell, and the parts of each block."""
+"""Laws of what refiners and fixers keep: one label per cell, and the parts of each block."""
 
 from __future__ import annotations
 

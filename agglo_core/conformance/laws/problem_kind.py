@@ -1,4 +1,4 @@
-"""What a kind of problem must offer: a name, a way from tables, an example, and peace with its input."""
+"""Laws of a kind of problem: its name, reading it from tables, its example, and untouched input."""
 
 from __future__ import annotations
 

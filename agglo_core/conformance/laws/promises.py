@@ -1,4 +1,4 @@
-"""What a component promises: laws that only a promise switches on."""
+"""Laws that only a promise switches on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, level_case, seeds_for, solids
+from agglo_core.conformance.cases import cases, cases_in_3d, level_case, seeds_for
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.refiner import loose_parts
 from agglo_core.conformance.questions import (
@@ -22,7 +22,7 @@ from agglo_core.conformance.questions import (
     plain,
     questions,
     same,
-    settled,
+    same_labelling,
     taken,
 )
 from agglo_core.conformance.subject import Subject
@@ -101,7 +101,7 @@ def invariant(subject: Subject) -> None:
             for case, one in zip(_on(subject.kind, mesh, other, order), before, strict=True):
                 two = plain(subject, subject.build(), case)
                 require(
-                    settled(one[order], two, swap=subject.kind == "bisector"),
+                    same_labelling(one[order], two, swap=subject.kind == "bisector"),
                     f"on {mesh.name} {change}: {np.count_nonzero(one[order] != two)} of {len(two)} cells "
                     "changed side: use distances and principal axes; break ties by geometry, not numbering",
                 )
@@ -127,7 +127,7 @@ def kway_labels(subject: Subject) -> None:
 
 @law("bisector", promise="kway")
 def kway_parts(subject: Subject) -> None:
-    """Of the parts asked for at least half come out (gaps are closed, missing parts split later)."""
+    """At least half of the parts asked for come out (gaps are closed, missing parts split later)."""
     for case in cases("bisector"):
         for parts in (k for k in _PARTS if 2 * k <= case.given[0].n):
             used = len(np.unique(_partition(subject, case, parts)))
@@ -139,8 +139,8 @@ def kway_parts(subject: Subject) -> None:
 
 @law(*_promising("3d"), promise="3d")
 def space(subject: Subject) -> None:
-    """In 3-D it answers as it does in the plane: full length, finite, both sides, all parts."""
-    asked = solids(subject.kind)
+    """In 3-D it answers as it does in 2-D: full length, finite, both sides, all parts."""
+    asked = cases_in_3d(subject.kind)
     if subject.kind in ("solver", "format"):
         asked = taken(subject, asked)
         require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
@@ -156,7 +156,7 @@ def space(subject: Subject) -> None:
 
 @law(*_promising("pickles"), promise="pickles")
 def pickles(subject: Subject) -> None:
-    """It survives pickling, as sending it to another process takes."""
+    """It can be pickled, as it must be to be sent to another process."""
     tool = subject.build()
     if subject.kind == "problem":
         for example in (answer(subject, tool, case) for case in questions(subject)):
@@ -164,10 +164,10 @@ def pickles(subject: Subject) -> None:
                 same(digest(_pickled(example)), digest(example)), "the pickled example is another problem"
             )
         return
-    twin = _pickled(tool)
+    copy = _pickled(tool)
     for case in questions(subject):
         require(
-            same(plain(subject, tool, case), plain(subject, twin, case)),
+            same(plain(subject, tool, case), plain(subject, copy, case)),
             f"on {case.name}: the pickled copy answers differently: what it needs must be in its attributes",
         )
 

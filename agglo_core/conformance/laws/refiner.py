@@ -1,4 +1,4 @@
-"""What a refiner must not make worse."""
+"""Laws of what a refiner must not make worse."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def components_not_raised(subject: Subject) -> None:
 
 @law("refiner")
 def objective_kept(subject: Subject) -> None:
-    """The objective it names never worsens: one of the suite's (interface, cut, …), or a metric's sum."""
+    """The objective it names never gets worse: one of the suite's (interface, cut, …), or a metric's sum."""
     tool = subject.build()
     name = tool.objective
     asked = [*cases("refiner"), *([level_case("refiner")] if name in OBJECTIVES else [])]
@@ -74,7 +74,7 @@ def _sum_of_metric(subject: Subject, tool: Any, case: Case) -> Callable[[Graph, 
 
 @law("refiner")
 def bounded_time(subject: Subject) -> None:
-    """It is done with 5,000 cells in 20 seconds."""
+    """It takes at most 20 seconds for 5,000 cells."""
     case = level_case("refiner")
     answer(subject, subject.build(), cases("refiner")[0])  # kernels compile here, off the clock
     start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""What a section of the report must be."""
+"""Laws of a section of the report."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from agglo_core.conformance.verdict import require
 
 @law("section")
 def titled(subject: Subject) -> None:
-    """Its title is a text that is not empty."""
+    """Its title is a string that is not empty."""
     title = getattr(subject.build(), "title", None)
     require(
         isinstance(title, str) and title.strip(),
-        f"attribute title is {title!r}, expected a text: it stands above the section",
+        f"attribute title is {title!r}, expected a string: it stands above the section",
     )
 
 
 @law("section")
 def html_text(subject: Subject) -> None:
-    """Its html is a text."""
+    """Its html is a string."""
     for case in questions(subject):
         given = answer(subject, subject.build(), case)
-        require(isinstance(given, str), f"{case.name}: html returned {in_words(given)}, expected a text")
+        require(isinstance(given, str), f"{case.name}: html returned {in_words(given)}, expected a string")
 
 
 @law("section")
 def no_scripts(subject: Subject) -> None:
-    """It brings no scripts, and nothing that is loaded from elsewhere or runs when clicked."""
+    """It contains no scripts, and nothing that is loaded from elsewhere or runs when clicked."""
     for case in questions(subject):
         found = re.search(
             r"<\s*(script|iframe|object|embed|link)|<[^>]*\s(on\w+\s*=|src\s*=\s*[\"']?https?:)",
@@ -52,5 +52,5 @@ def names_escaped(subject: Subject) -> None:
         text = answer(subject, subject.build(), case)
         require(
             UNSAFE not in text and "<b id=" not in text,
-            f"{case.name}: a name stands in the html as it is, tags included: html.escape(name)",
+            f"{case.name}: a name is in the html unescaped, tags included: use html.escape(name)",
         )

@@ -1,4 +1,4 @@
-"""What a sample must be: a mesh, and options that explain themselves."""
+"""Laws of a sample: it is a mesh, and its options are explained."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a solver must give back. Facts of its own system, so that they hold for any discretisation."""
+"""Laws of solutions: facts about the solver's own system, so that they hold for any discretisation."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def solution_record(subject: Subject) -> None:
         )
         require(
             isinstance(it.converged, bool | np.bool_) and isinstance(it.reason, str),
-            f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: a bool and a text",
+            f"on {case.name}: converged is {it.converged!r} and reason {it.reason!r}: give bool and str",
         )
         require(
             isinstance(it.iterations, numbers.Integral) and len(it.residuals) == it.iterations + 1,
@@ -52,7 +52,7 @@ def solution_record(subject: Subject) -> None:
 
 @law("solver")
 def solves(subject: Subject) -> None:
-    """On small problems it converges to what a direct solve of the same system gives."""
+    """On small problems it converges to the direct solution of the same system."""
     for case in questions(subject):
         it = _solve(subject, case)
         require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
@@ -91,13 +91,13 @@ def true_residual(subject: Subject) -> None:
         require(
             abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
             f"on {case.name}: reported {it.residuals[-1]:.3e}, b − A x has {true:.3e}: recompute it from x; "
-            "what the recursion carries, or the preconditioner sees, is another number",
+            "the recursively updated residual and the preconditioned one are different numbers",
         )
 
 
 @law("solver")
 def failure_flagged(subject: Subject) -> None:
-    """What has no solution is flagged (converged=False and a reason) or refused with an AggloError."""
+    """A problem without a solution is flagged (converged=False, a reason) or refused with an AggloError."""
     _, hierarchy = cases("solver")[0].given
     graph = hierarchy.graph
     hopeless = {

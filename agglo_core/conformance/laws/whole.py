@@ -1,4 +1,4 @@
-"""What holds for all kinds once single answers are right: random state, edges, levels, space, a run."""
+"""Laws of all kinds beyond single answers: random state, degenerate input, levels, 3-D, whole runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import level_case, part_of_level, solids, stripes, tiny
+from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, stripes, tiny
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.questions import (
     answer,
@@ -84,7 +84,7 @@ def says_nothing(subject: Subject) -> None:
 
 @law(*ASKED)
 def survives(subject: Subject) -> None:
-    """It answers at the edge: one cell, two, three, all in one place, interfaces without measure."""
+    """It answers for degenerate input: one to three cells, all in one place, interfaces without measure."""
     for case in taken(subject, tiny(subject.kind)):
         values = plain(subject, subject.build(), case)
         if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
@@ -98,7 +98,7 @@ def survives(subject: Subject) -> None:
 
 @law("bisector", "refiner", "fixer")
 def a_level_is_its_blocks(subject: Subject) -> None:
-    """A block comes out the same alone, beside blocks of any size, and in any order of blocks."""
+    """The result of a block is the same alone, beside blocks of any size, and in any order of blocks."""
     case = level_case(subject.kind)
     graph = case.given[0]
     remedy = (
@@ -112,7 +112,7 @@ def a_level_is_its_blocks(subject: Subject) -> None:
         size = len(alone)
         require(
             same(alone, together[block]),
-            f"a block of {size} cells comes out otherwise alone than in a level: {remedy}",
+            f"a block of {size} cells has another result alone than in a level: {remedy}",
         )
     others = 1 + np.random.default_rng(3).permutation(graph.n_blocks - 1)
     order = np.insert(others[:20], 7, 0)
@@ -120,14 +120,14 @@ def a_level_is_its_blocks(subject: Subject) -> None:
     for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
         require(
             same(part, together[block]),
-            f"a block of {len(part)} cells comes out otherwise in another order of blocks: {remedy}",
+            f"a block of {len(part)} cells has another result in another order of blocks: {remedy}",
         )
 
 
 @law(*_SEES_SPACE, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
-    """Without the promise 3d it serves 3-D meshes all the same or refuses them with an AggloError."""
-    asked = solids(subject.kind)
+    """Without the promise 3d it either handles 3-D meshes or refuses them with an AggloError."""
+    asked = cases_in_3d(subject.kind)
     for case in with_suffix(subject, asked) if subject.kind == "format" else asked:
         try:
             plain(subject, subject.build(), case)
@@ -140,7 +140,7 @@ def space_served_or_refused(subject: Subject) -> None:
 
 @law("bisector", "refiner", "fixer", "metric")
 def works_in_a_run(subject: Subject) -> None:
-    """A run with it gives the parts asked for, all connected, or it measures the parts of one."""
+    """A run with it gives the parts asked for, all connected; a metric measures the parts of a run."""
     from agglo_core.agglomeration.pipeline import agglomerate
 
     mesh = small_meshes.grid(9, 7, jitter=0.2)
@@ -162,7 +162,7 @@ def works_in_a_run(subject: Subject) -> None:
 def _repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
     """The answer, of a fresh object if none is given, while the global random state is fixed.
 
-    Whether that is read is another law's matter.
+    Whether it is used is for another law to judge.
     """
     with global_random(1):
         return plain(subject, subject.build() if tool is None else tool, case)

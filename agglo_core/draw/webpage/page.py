@@ -49,7 +49,7 @@ def write_page(
     note : str
         A sentence under the title.
     registry : Registry, optional
-        Where sections of plugins are looked up; the program's own by default.
+        Where sections are looked up; by default the installed plugins.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def write_page(
 
 
 def check_page(path: Path) -> None:
-    """Raise FileError unless a report can be written there, as far as can be seen."""
+    """Raise FileError unless a report can be written there, as far as can be told in advance."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise FileError(f"{path}: reports end in .html, not {path.suffix!r}")
     if not path.parent.is_dir():

@@ -42,7 +42,7 @@ def _theirs(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> Iterat
             section = registry.assemble(record, {})
             title, fragment = section.title, section.html(mesh, tuple(runs))
             if not isinstance(fragment, str):
-                raise TypeError(f"html returned {type(fragment).__name__}, expected a text")
+                raise TypeError(f"html returned {type(fragment).__name__}, expected a string")
             f"{title}{fragment}".encode()  # what cannot be written must not take the report with it
         except PLUGIN_FAILURES as error:
             why = f"{describe(record)} is left out of the report: {raised(error)}"

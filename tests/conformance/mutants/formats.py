@@ -175,7 +175,7 @@ CORRECT = [(Toy, {"pickles": True}), (Archive, {"3d": True, "pickles": True}), (
 MUTANTS = [
     Mutant("answers", RefusesEverything, "what it cannot hold"),
     Mutant("answers", RefusesItsOwn, "then refused to read it"),
-    Mutant("suffixes_declared", LoudSuffix, "small letters"),
+    Mutant("suffixes_declared", LoudSuffix, "lower case"),
     Mutant("read_back", SixDigits, "17 digits"),
     Mutant("read_back", DropsTags, "'region'"),
     Mutant("lossless_kept", SaysLossless, "face_tags"),

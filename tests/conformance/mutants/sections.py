@@ -78,7 +78,7 @@ MUTANTS = [
     Mutant("answers", WantsEveryRun, "'NoneType' object"),
     Mutant("input_untouched", ReversesRuns, "work on a copy"),
     Mutant("titled", Untitled, "stands above"),
-    Mutant("html_text", ListOfLines, "expected a text"),
+    Mutant("html_text", ListOfLines, "expected a string"),
     Mutant("no_scripts", BringsAScript, "<script"),
     Mutant("no_scripts", LoadsAPicture, "one file"),
     Mutant("names_escaped", RawNames, "html.escape"),

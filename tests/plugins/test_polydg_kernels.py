@@ -1,6 +1,6 @@
-"""The kernels of PolyDG against slow, obvious twins: numpy for the integrals, shapely for the triangles.
+"""The kernels of PolyDG against slow, obvious references: numpy for the integrals, shapely for the triangles.
 
-``tests/benchmarks/assembly.py`` times :func:`twin_matrix` beside the kernels.
+``tests/benchmarks/assembly.py`` times :func:`reference_matrix` beside the kernels.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def mesh(request: pytest.FixtureRequest) -> Mesh:
     return build()
 
 
-def twin_matrix(
+def reference_matrix(
     mesh: Mesh, degree: int, kappa: Array, sigma: Array, scaled: bool = False
 ) -> sparse.csr_array:
     """The matrix by points inside the cells and on the faces, with einsum."""
@@ -107,7 +107,7 @@ def from_blocks(
     return sparse.coo_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(n, n)).tocsr()
 
 
-def twin_heights(mesh: Mesh) -> Array:
+def reference_heights(mesh: Mesh) -> Array:
     """Heights by shapely: a triangle fits if its part inside the cell has its whole area."""
     heights = np.full((mesh.n_faces, 2), np.inf)
     polygons, offsets, corners = mesh.to_shapely(), *mesh.cell_vertices
@@ -139,36 +139,36 @@ def test_legendre_polynomials_are_those_of_numpy() -> None:
 
 def test_moments_by_the_boundary_are_those_by_points_inside(mesh: Mesh) -> None:
     boxes, degree = Basis(mesh, 1).boxes, 7
-    twin = np.zeros((mesh.n_cells, len(orders(degree))))
+    reference = np.zeros((mesh.n_cells, len(orders(degree))))
     for batch in inside(mesh, degree):
         scaled = (batch.points - boxes[batch.cells, :2]) / boxes[batch.cells, 2:]
         lx, ly = legendre(scaled[:, 0], degree), legendre(scaled[:, 1], degree)
         i, j = orders(degree).T
-        np.add.at(twin, batch.cells, (lx[i] * ly[j] * batch.weights).T)
+        np.add.at(reference, batch.cells, (lx[i] * ly[j] * batch.weights).T)
     size = mesh.cell_measures.max()
-    np.testing.assert_allclose(moments(mesh, boxes, degree), twin, atol=1e-12 * size)
+    np.testing.assert_allclose(moments(mesh, boxes, degree), reference, atol=1e-12 * size)
     sampled = weighted_moments(mesh, lambda x: np.ones(len(x)), boxes, degree, "one")
-    np.testing.assert_allclose(sampled, twin, atol=1e-12 * size)
+    np.testing.assert_allclose(sampled, reference, atol=1e-12 * size)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 4])
-def test_matrix_is_that_of_the_twin(mesh: Mesh, degree: int) -> None:
+def test_matrix_is_that_of_the_reference(mesh: Mesh, degree: int) -> None:
     kappa = np.geomspace(1, 1e3, mesh.n_cells)
     sigma = face_penalty(mesh, degree)
     for scaled in (False, True):
         A = discretise(mesh, degree, Diffusion(kappa=kappa), scaled_basis=scaled).A.toarray()
-        twin = twin_matrix(mesh, degree, kappa, sigma, scaled).toarray()
-        np.testing.assert_allclose(A, twin, atol=1e-12 * abs(twin).max())
+        reference = reference_matrix(mesh, degree, kappa, sigma, scaled).toarray()
+        np.testing.assert_allclose(A, reference, atol=1e-12 * abs(reference).max())
 
 
-def test_natural_faces_are_left_out_as_in_the_twin(mesh: Mesh) -> None:
+def test_natural_faces_are_left_out_as_in_the_reference(mesh: Mesh) -> None:
     left = (mesh.face_cells[:, 1] < 0) & (mesh.points[mesh.face_pairs][:, :, 0].max(axis=1) < 1e-9)
     tagged = Mesh(**{**vars_of(mesh), "face_tags": {"boundary": left.astype(int)}})
     A = discretise(tagged, 2, Diffusion(dirichlet={1: 0.0})).A.toarray()
     natural = (mesh.face_cells[:, 1] < 0) & ~left
     sigma = np.where(natural, 0.0, face_penalty(mesh, 2))
-    twin = twin_matrix(mesh, 2, np.ones(mesh.n_cells), sigma).toarray()
-    np.testing.assert_allclose(A, twin, atol=1e-12 * abs(twin).max())
+    reference = reference_matrix(mesh, 2, np.ones(mesh.n_cells), sigma).toarray()
+    np.testing.assert_allclose(A, reference, atol=1e-12 * abs(reference).max())
 
 
 def vars_of(mesh: Mesh) -> dict[str, NDArray[np.generic]]:
@@ -178,7 +178,7 @@ def vars_of(mesh: Mesh) -> dict[str, NDArray[np.generic]]:
 
 def test_largest_triangles_are_those_shapely_finds(mesh: Mesh) -> None:
     heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
-    np.testing.assert_allclose(heights, twin_heights(mesh), rtol=1e-7)
+    np.testing.assert_allclose(heights, reference_heights(mesh), rtol=1e-7)
 
 
 def test_penalty_of_squares_is_twenty_over_h() -> None:
@@ -196,4 +196,4 @@ def test_a_reflex_vertex_hides_what_lies_behind_it() -> None:
     mesh = Mesh.from_polygons([[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]], [range(6)])
     heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
     np.testing.assert_allclose(heights[0, 0], 1.0)  # from (0,0)–(3,0) to (3,1) or (1,1)
-    np.testing.assert_allclose(heights, twin_heights(mesh))
+    np.testing.assert_allclose(heights, reference_heights(mesh))

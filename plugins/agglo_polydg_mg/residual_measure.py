@@ -1,4 +1,4 @@
-"""When an iteration may stop: the size of a residual, which no contrast of the coefficient may hide."""
+"""When an iteration may stop: the size of a residual, robust to high contrast of the coefficient."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy as np
 
 from agglo_core.authoring import Float, relative_size
 
-__all__ = ["Gauge"]
+__all__ = ["ResidualMeasure"]
 
 
 @dataclass(frozen=True, eq=False)
-class Gauge:
+class ResidualMeasure:
     """Size of a residual ``r (n,)`` relative to the right-hand side ``b (n,)``.
 
     Where the coefficient κ is constant it is ‖r‖ / ‖b‖. Otherwise it is the larger of two such ratios, since
-    rows of A are proportional to κ, and so is what Dirichlet data put into b:
+    rows of A are proportional to κ, and so are the terms of Dirichlet data in b:
 
     - r and b are divided by the coefficient of the cell, so that cells of small κ count;
     - r is taken as it is, and Dirichlet data are counted as if κ were everywhere its smallest value. An
       island of large κ between cells of small κ is held by forces of their size: beside those of
-      Dirichlet data elsewhere at large κ, a wrong value of the whole island would not be seen.
+      Dirichlet data elsewhere at large κ, a wrong value of the whole island would go unnoticed.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Gauge:
     kappa : (n,) float, optional
         Coefficient of the cell of each unknown; None where it is constant.
     load : (n,) float, optional
-        b without what Dirichlet data put there; None if that is nothing.
+        b without the terms of Dirichlet data; None if there are none.
     """
 
     b: Float
@@ -39,7 +39,7 @@ class Gauge:
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
-        """What ‖r‖ and ‖r / κ‖ are held against."""
+        """What ‖r‖ and ‖r / κ‖ are compared with."""
         if self.kappa is None:
             return float(np.linalg.norm(self.b)), 0.0
         load = self.b if self.load is None else self.load
