@@ -10,7 +10,6 @@ from agglo_core.conformance.judging import Result
 from agglo_core.conformance.reference_pages import compliance_page, laws_page, own_components, own_results
 from agglo_core.registry import default
 
-
 PAGES = Path(__file__).parents[2] / "docs/reference"
 OWN = [(component.kind, component.name) for component in own_components()]
 

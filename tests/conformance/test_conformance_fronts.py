@@ -23,7 +23,6 @@ from agglo_core.conformance.questions import questions
 from agglo_core.conformance.reference import TwoPointFlux
 from agglo_core.conformance.subject import subject_of
 
-
 PLUGIN = """
 import numpy as np
 from agglo_core import Component, hookimpl

@@ -17,7 +17,6 @@ from agglo_core.registry import Registry, default
 from agglo_paper.published import printed
 from agglo_paper.strategies import columns
 
-
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 PAGES = ("uf", "cr", "brain", "mg-levels", "mg-m1", "mg-smoothing", "mg-degree", "statistics", "runtime")
 

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from thirdparty.installing import Answer, converse, environment
 
-
 HERE = Path(__file__).parent / "agglo-borders"
 FILES = sorted((HERE / "agglo_borders").glob("*.py"))
 DECLARED = {

@@ -13,7 +13,6 @@ import pytest
 from thirdparty.fakes import FAKES, MISBEHAVING, Fake, Use
 from thirdparty.installing import Answer, converse, environment
 
-
 LISTING = "plugins --json"
 TAKEN = "runner/run"
 WORKING = {

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from thirdparty.installing import Answer, converse, environment
 
-
 COMMANDS = {
     "listing": "plugins --json",
     "help": "--help",
