@@ -76,9 +76,12 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
     sides = []
     for b in range(level.n_blocks):
         piece = level[b]
-        given = np.asarray(bisector.bisect(piece, np.random.default_rng(int(seeds[b]))))
+        returned = bisector.bisect(piece, np.random.default_rng(int(seeds[b])))
+        given = np.asarray(returned)
         if given.shape != (piece.n,):
-            raise PluginError(f"bisect returned shape {given.shape} for a graph of {piece.n} nodes")
+            raise PluginError(
+                f"bisect returned shape {given.shape}, expected ({piece.n},): a side for each cell"
+            )
         sides.append(given)
     return np.concatenate(sides)
 
@@ -110,7 +113,8 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
 
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
-    labels = np.asarray(given)
+    with attributed(f"{member.title}: {method}"):
+        labels = np.asarray(given)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
         raise PluginError(
             f"{member.title}: {method} returned shape {labels.shape} of {labels.dtype}, "

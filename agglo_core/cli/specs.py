@@ -42,6 +42,7 @@ def load_mesh(text: str) -> Mesh:
     OptionError
         If it has the form of a sample, but is none.
     """
+    text = str(text)  # a path is as good
     if not text:
         raise FileError("the name of the mesh is empty; expected a file or a sample such as squares:n=64")
     if Path(text).exists():

@@ -8,13 +8,22 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Hierarchy, Int, MultigridLevel, Problem, Smoother, Solution, frozen_int
+from agglo_core.authoring import (
+    Hierarchy,
+    Int,
+    MultigridLevel,
+    Problem,
+    Registry,
+    Smoother,
+    Solution,
+    frozen_int,
+)
 from agglo_polydg_mg.cycle import Level, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import Chain, make_chain
 from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
-from agglo_polydg_mg.smoothers import smoother_of
+from agglo_polydg_mg.smoothers import set_up, smoother_of, smoother_title
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["PaperMultigrid"]
@@ -53,6 +62,8 @@ class PaperMultigrid:
         correction is inherited whatever ``operators`` says, as in the paper's experiments.
     coarse_solver : "lu", "dense" or callable
         Sparse or dense direct solver, or what makes one from a matrix.
+    registry : Registry, optional
+        Where the name of a smoother is looked up; by default that of the program.
 
     Notes
     -----
@@ -75,6 +86,8 @@ class PaperMultigrid:
         smoother: str | Smoother | SmootherMaker = "schwarz",
         schwarz_coarse: bool = True,
         coarse_solver: str | SolveMaker = "lu",
+        *,
+        registry: Registry | None = None,
     ) -> None:
         require_count("smoothing_steps", smoothing_steps, 1)
         require_count("max_iterations", max_iterations, 1)
@@ -87,7 +100,10 @@ class PaperMultigrid:
         self.smoothing_steps, self.levels = smoothing_steps, levels
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.inherited = operators == "inherited"
-        self.smoother = smoother_of(smoother)
+        self.smoother, self._smoother_title = (
+            smoother_of(smoother, registry),
+            smoother_title(smoother, registry),
+        )
         self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
         self.schwarz_coarse = schwarz_coarse
 
@@ -140,4 +156,4 @@ class PaperMultigrid:
         coarse = correction(P, self.coarse_solver(chain.inherited[level + 1])) if wanted else None
         offsets = frozen_int(np.arange(0, A.shape[0] + 1, chain.width))
         told = MultigridLevel(A, chain.inherited[level], offsets, labels, P, coarse, self.smoothing_steps)
-        return Level(A, P, self.smoother.setup(told))
+        return Level(A, P, set_up(self.smoother, self._smoother_title, told))
