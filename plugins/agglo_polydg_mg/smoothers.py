@@ -94,7 +94,9 @@ def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
     except PluginError as error:
         others = {each.name for each in registry.list() if each.kind == "smoother" and each.state == "ok"}
         known = ", ".join([*_OWN, *sorted(others - set(_OWN))])
-        raise OptionError(f"smoother must be one of {known}; given {given!r}") from error
+        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.list() if r.kind == "plugin")
+        tail = f"; plugins that cannot be used: {failed}" if failed else ""
+        raise OptionError(f"smoother must be one of {known}; given {given!r}{tail}") from error
     built: Smoother = registry.assemble(record, {})
     return built
 
