@@ -1,4 +1,4 @@
-"""Whoever is given a registry looks names up there and nowhere else: the program's own one is out of bounds."""
+"""Whoever is given a registry looks names up there: the program's own one is out of bounds here."""
 
 from __future__ import annotations
 
