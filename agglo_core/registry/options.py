@@ -98,6 +98,15 @@ def wants_registry(target: Callable[..., Any]) -> bool:
 
     It is no option: users never see it.
     """
+    return _class_wants_registry(target) if isinstance(target, type) else _wants_registry(target)
+
+
+@lru_cache(maxsize=256)
+def _class_wants_registry(target: type) -> bool:
+    return _wants_registry(target)
+
+
+def _wants_registry(target: Callable[..., Any]) -> bool:
     try:
         asked = inspect.signature(target).parameters.get("registry")
     except (TypeError, ValueError):

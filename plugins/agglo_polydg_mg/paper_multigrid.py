@@ -100,10 +100,8 @@ class PaperMultigrid:
         self.smoothing_steps, self.levels = smoothing_steps, levels
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.inherited = operators == "inherited"
-        self.smoother, self._smoother_title = (
-            smoother_of(smoother, registry),
-            smoother_title(smoother, registry),
-        )
+        self.smoother = smoother_of(smoother, registry)
+        self._smoother_title = smoother_title(smoother, registry)
         self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
         self.schwarz_coarse = schwarz_coarse
 

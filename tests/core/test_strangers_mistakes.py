@@ -14,7 +14,9 @@ from cell_values import CellValues
 from command_line import Agglo
 
 import agglo_core as agglo
+import agglo_core.components
 from agglo_core import AggloError, Component, PluginError, Registry, Solution, hookimpl, samples
+from agglo_core.authoring import load_mesh
 from agglo_core.conformance import check
 from agglo_core.problems import named_problem, read_problem, require_accepted
 from agglo_core.registry import default
@@ -29,9 +31,6 @@ class Tuple:
     objective = "interface"
 
     def refine(self, graph: Any, labels: Any, seeds: Any, target: Any) -> Any:
-        return labels, 3
-
-    def fix(self, graph: Any, labels: Any) -> Any:
         return labels, 3
 
     def partition(self, graph: Any, target: Any, seed: int) -> Any:
@@ -105,13 +104,6 @@ class Short:
         return lambda b, x: x[:2]
 
 
-class Setup:
-    """A smoother that wants nothing."""
-
-    def setup(self) -> None:
-        pass
-
-
 class Nothing:
     """A solver without an answer."""
 
@@ -164,11 +156,10 @@ class Drawn:
 KINDS = {
     "bisector": (Forgets,),
     "refiner": (Tuple,),
-    "fixer": (Tuple,),
     "format": (Suffix,),
     "metric": (Changes,),
     "problem": (Kindless, Bound, Tableless),
-    "smoother": (NoFunction, Short, Setup),
+    "smoother": (NoFunction, Short),
     "solver": (Nothing, Lonely, TextAccepted, OnlyHeat, Drawn),
 }
 WRONG = [
@@ -182,8 +173,6 @@ PLUGIN = SimpleNamespace(agglo_components=hookimpl(lambda: WRONG))
 
 @pytest.fixture
 def registry() -> Registry:
-    import agglo_core.components
-
     known = Registry()
     known.register(agglo_core.components, "defaults", distribution="agglo")
     known.register(PLUGIN, "newcomer", distribution="new", version="0.3")
@@ -266,11 +255,6 @@ def test_of_a_problem_by_name(registry: Registry) -> None:
             ("smoother", "short"),
             "returned shape (2,) of float64, expected (48,)",
         ),
-        (
-            "polydg_mg_paper:smoother=setup",
-            ("smoother", "setup"),
-            "Setup.setup() takes 1 positional argument",
-        ),
         ("drawn -o u.vtu", ("solver", "drawn"), "raised KeyError: 'no such cell'"),
     ],
 )
@@ -300,8 +284,6 @@ def test_a_kind_that_does_not_exist_is_said_by_the_suite(registry: Registry) -> 
 
 
 def test_commands_may_hand_over_a_path(tmp_path: Path) -> None:
-    from agglo_core.authoring import load_mesh
-
     agglo.write(tmp_path / "m.npz", MESH)
     assert load_mesh(tmp_path / "m.npz").n_cells == 16
 
