@@ -85,8 +85,6 @@ class Bound:
 
 
 class Tableless:
-    """A problem that cannot be read."""
-
     kind = "tableless"
 
 
@@ -98,8 +96,6 @@ class NoFunction:
 
 
 class Short:
-    """A smoother of two unknowns."""
-
     def setup(self, level: Any) -> Any:
         return lambda b, x: x[:2]
 
