@@ -91,7 +91,7 @@ if TYPE_CHECKING:
     from agglo_core.problems.conjugate_gradients import MET, History, conjugate_gradients, relative_size
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
-    from agglo_core.registry.attribution import Member
+    from agglo_core.registry.attribution import Member, attributed
 
 _TABLE = """
 registry: Command Component Record Registry default describe hookimpl
@@ -114,7 +114,7 @@ components.straight_cuts: SweepBisection
 agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
 agglomeration.run: Run
-registry.attribution: Member
+registry.attribution: Member attributed
 problems.conjugate_gradients: MET History conjugate_gradients relative_size
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
@@ -189,6 +189,7 @@ __all__ = [
     "__version__",
     "agglomerate",
     "agglomeration_options",
+    "attributed",
     "axes_block",
     "bisectors_option",
     "block_extents",

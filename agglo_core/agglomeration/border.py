@@ -55,11 +55,12 @@ def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     """Sides ``(n,)`` in {0, 1} as returned by the bisector; probabilities are rounded (1 iff p >= 0.5)."""
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
-            given = np.asarray(member.tool.bisect_level(level, seeds))
+            returned = member.tool.bisect_level(level, seeds)
+            given = np.asarray(returned)
         else:
-            given = bisect_by_block(member.tool, level, seeds)
+            given = returned = bisect_by_block(member.tool, level, seeds)
     if given.shape != (level.n,):
-        raise PluginError(f"{member.title} returned shape {given.shape}, expected ({level.n},)")
+        raise PluginError(f"{member.title} returned {_in_words(returned, given)}, expected ({level.n},)")
     if given.dtype.kind == "f":
         if not ((given >= 0) & (given <= 1)).all():
             raise PluginError(f"{member.title} returned probabilities that are NaN or outside [0, 1]")
@@ -76,9 +77,11 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
     sides = []
     for b in range(level.n_blocks):
         piece = level[b]
-        given = np.asarray(bisector.bisect(piece, np.random.default_rng(int(seeds[b]))))
+        returned = bisector.bisect(piece, np.random.default_rng(int(seeds[b])))
+        given = np.asarray(returned)
         if given.shape != (piece.n,):
-            raise PluginError(f"bisect returned shape {given.shape} for a graph of {piece.n} nodes")
+            what = _in_words(returned, given)
+            raise PluginError(f"bisect returned {what}, expected ({piece.n},): a side for each cell")
         sides.append(given)
     return np.concatenate(sides)
 
@@ -110,13 +113,17 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
 
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
-    labels = np.asarray(given)
+    with attributed(f"{member.title}: {method}"):
+        labels = np.asarray(given)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
         raise PluginError(
-            f"{member.title}: {method} returned shape {labels.shape} of {labels.dtype}, "
-            f"expected ({n},) integers"
+            f"{member.title}: {method} returned {_in_words(given, labels)}, expected ({n},) integers"
         )
     return frozen_int(labels)
+
+
+def _in_words(returned: Any, array: NDArray[Any]) -> str:
+    return "None" if returned is None else f"shape {array.shape} of {array.dtype}"
 
 
 def _present(graph: Graph, labels: Int, stride: int) -> Mask:

@@ -64,7 +64,11 @@ def _named(registry: Registry, text: str) -> list[Record]:
     if found:
         return exact or found
     known = ", ".join(sorted({str(record.name) for record in registry.records()}))
-    raise PluginError(f"no component, command or plugin is named {text!r}; there are {known}")
+    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.records() if r.kind == "plugin")
+    raise PluginError(
+        f"no component, command or plugin is named {text!r}; there are {known}"
+        + (f"; plugins that cannot be used: {failed}" if failed else "")
+    )
 
 
 def _print_columns(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

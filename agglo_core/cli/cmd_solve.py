@@ -11,8 +11,9 @@ import click
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh, parse_spec
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
-from agglo_core.errors import OptionError, PluginError
-from agglo_core.registry import default
+from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.registry import default, describe
+from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -66,16 +67,19 @@ def solve(
     explain_compilation()
     mesh = load_mesh(source)
     refuse_3d_meshes(mesh, source, {"--plot": plot})
+    title = describe(default().record("solver", parse_spec(solver)[0]))
     asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
+    from agglo_core.problems.solving import solved_by
+
     plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is checked
-    solution = tool.solve(
-        asked, _levelless(mesh) if plain and not agglomeration else _levels(mesh, agglomeration)
-    )
+    hierarchy = _levelless(mesh) if plain and not agglomeration else _levels(mesh, agglomeration)
+    solution = solved_by(Member(tool, title), asked, hierarchy)
     counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
     from agglo_core.problems.solution_report import report, text
 
-    data = report(mesh, asked, solution, how, counted)
-    written = _write(mesh, solution, how, output, plot)
+    with attributed(title, spare=(AggloError,)):  # asks the discretisation
+        data = report(mesh, asked, solution, how, counted)
+    written = _write(mesh, solution, how, title, output, plot)
     if as_json:
         if cg and plain and solution.converged:
             data["cg_iterations"] = solution.iterations
@@ -128,7 +132,8 @@ def _posed(
     require_accepted(tool, problem, solver)
     how = discretisation_of(tool, problem)
     if how is not None:
-        how.check(problem, mesh)
+        with attributed(f"the discretisation of {solver}", spare=(AggloError,)):
+            how.check(problem, mesh)
     elif wanted:
         raise OptionError(
             f"{solver} does not say what the unknowns of a problem of kind {problem.kind} mean: "
@@ -150,12 +155,18 @@ def _levels(mesh: Mesh, agglomeration: Mapping[str, Any]) -> Hierarchy:
 
 
 def _write(
-    mesh: Mesh, solution: Solution, how: Discretisation | None, output: Path | None, plot: Path | None
+    mesh: Mesh,
+    solution: Solution,
+    how: Discretisation | None,
+    title: str,
+    output: Path | None,
+    plot: Path | None,
 ) -> list[str]:
     """Write the files asked for, the picture first: if it fails no other file is left behind."""
     if how is None or (output is None and plot is None):
         return []
-    samples = how.sample(mesh, solution.x)
+    with attributed(title, spare=(AggloError,)):
+        samples = how.sample(mesh, solution.x)
     if plot is not None:
         from agglo_core.draw.solution_picture import draw_solution
 

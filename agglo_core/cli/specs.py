@@ -33,7 +33,7 @@ __all__ = [
 _SAMPLE = re.compile(r"([\w.-]+/)?[A-Za-z_]\w*(:(\w+=.*|[^/\\]*))?")
 
 
-def load_mesh(text: str) -> Mesh:
+def load_mesh(text: str | Path) -> Mesh:
     """Read the mesh file ``text``, or make the sample it describes.
 
     Raises
@@ -43,6 +43,7 @@ def load_mesh(text: str) -> Mesh:
     OptionError
         If it has the form of a sample, but is none.
     """
+    text = str(text)
     if not text:
         raise FileError("the name of the mesh is empty; expected a file or a sample such as squares:n=64")
     if Path(text).exists():

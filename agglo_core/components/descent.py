@@ -13,6 +13,7 @@ from agglo_core.graph import Graph
 from agglo_core.graph.moves import boundary_moves, part_sums
 from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import IncrementalMetric, Target
+from agglo_core.registry import Registry
 
 __all__ = ["DescentRefiner"]
 
@@ -50,6 +51,8 @@ class DescentRefiner:
         a method ``changes``, by name or as an object: the sum of its values over the parts.
     sweeps : int
         Largest number of sweeps.
+    registry : Registry, optional
+        Where the name of a metric is looked up; by default that of the program.
 
     Attributes
     ----------
@@ -72,11 +75,17 @@ class DescentRefiner:
     [4]
     """
 
-    def __init__(self, objective: str | IncrementalMetric = "interface", sweeps: int = 60) -> None:
+    def __init__(
+        self,
+        objective: str | IncrementalMetric = "interface",
+        sweeps: int = 60,
+        *,
+        registry: Registry | None = None,
+    ) -> None:
         whole = isinstance(sweeps, int | np.integer) and not isinstance(sweeps, bool)
         if not whole or sweeps < 1:
             raise OptionError(f"descent: sweeps must be a whole number, 1 or more, not {sweeps!r}")
-        self._chosen = chosen_objective(objective)
+        self._chosen = chosen_objective(objective, registry)
         self.objective, self.metric = self._chosen.name, self._chosen.metric
         self.sweeps = int(sweeps)
 

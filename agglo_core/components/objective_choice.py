@@ -15,6 +15,7 @@ from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import IncrementalMetric
 from agglo_core.registry import Registry, default, describe
+from agglo_core.registry.attribution import attributed
 
 __all__ = ["ChosenObjective", "chosen_objective"]
 
@@ -48,7 +49,8 @@ class ChosenObjective:
 
     def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
         """Changes ``(q,)`` of what is to be lowered; a PluginError if a metric gives anything else."""
-        values = np.asarray(self.rated(graph, labels, cells, parts), dtype=float)
+        with attributed(self.title):
+            values = np.asarray(self.rated(graph, labels, cells, parts), dtype=float)
         if values.shape != cells.shape or not np.isfinite(values).all():
             raise PluginError(
                 f"{self.title}: changes returned shape {values.shape}"

@@ -14,8 +14,9 @@ from agglo_core.conformance.case import Case
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.problems import MultigridLevel
+from agglo_core.problems import MultigridLevel, Problem, require_accepted
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
 
@@ -29,6 +30,7 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
         "format": _read_back,
         "smoother": _smoothed,
         "constraint": _masks,
+        "solver": _solved,
     }
     if kind in special:
         return special[kind](tool, *case.given)
@@ -70,6 +72,12 @@ def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
 
 def _smoothed(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
     return tool.setup(level)(b, x)
+
+
+def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
+    """As in ``agglo solve``, a solver that says what it accepts is asked for nothing else."""
+    require_accepted(tool, problem)
+    return tool.solve(problem, hierarchy)
 
 
 def _masks(tool: Any, graph: Graph, labels: Any) -> dict[str, Any]:

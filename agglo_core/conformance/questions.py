@@ -102,7 +102,10 @@ def _further_problems(subject: Subject) -> list[Case]:
     """Examples of the kinds of problem a solver accepts besides those of the suite."""
     if subject.kind != "solver":
         return []
-    kinds = [kind for kind in getattr(subject.build(), "accepts", ()) if kind not in _OWN_PROBLEMS]
+    accepts = getattr(subject.build(), "accepts", ())
+    if isinstance(accepts, str):
+        raise Broken(f"accepts is {accepts!r}, expected a tuple such as ('{accepts}',)")
+    kinds = [kind for kind in accepts if kind not in _OWN_PROBLEMS]
     if not kinds:
         return []
     hierarchy = cases("solver")[0].given[1]

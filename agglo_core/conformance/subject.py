@@ -13,6 +13,7 @@ from agglo_core.registry.construct import construct, resolve
 from agglo_core.registry.declarations import faults
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 from agglo_core.registry.kinds import kind_of_methods
+from agglo_core.registry.options import wants_registry
 from agglo_core.registry.records import unusable
 
 __all__ = ["Subject", "find", "subject_of"]
@@ -62,12 +63,15 @@ class Subject:
         if self._is_class_of_problems:
             return self.target
         if self.record is not None:
-            return construct(self.record, {**self.options, **more})
-        return self.given(**self.options, **more) if self.takes_options else self.given
+            return construct(self.record, {**self.options, **more}, self.registry)
+        if not self.takes_options:
+            return self.given
+        handed = {"registry": self.registry} if wants_registry(self.given) else {}
+        return self.given(**self.options, **more, **handed)
 
     def problem(self, kind: str) -> Any:
         """The kind of problem of that name: a class, or what a factory made."""
-        return Subject("problem", kind, self._registry.record("problem", kind)).make()
+        return Subject("problem", kind, self._registry.record("problem", kind), registry=self.registry).make()
 
     def metric(self, name: str) -> Any:
         """The metric of that name; None if there is none."""
@@ -165,6 +169,9 @@ def find(text: str, kind: str | None = None, registry: Registry | None = None) -
         return known.record(kinds[0], text)
     if kinds:
         raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
+    broken = [record for record in known.list() if record.name == plain and record.state == "broken"]
+    if broken:  # of a kind that does not exist
+        raise PluginError(f"{describe(broken[0])} cannot be used: {unusable(broken[0])}")
     names = ", ".join(sorted({record.name for record in known.list() if record.kind in KINDS}))
     failed = "; ".join(f"{describe(r)}: {r.reason}" for r in known.list() if r.kind == "plugin")
     raise PluginError(

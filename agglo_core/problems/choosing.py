@@ -13,6 +13,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Discretisation
 from agglo_core.problems.problem import Problem
 from agglo_core.registry import Registry, default, describe
+from agglo_core.registry.attribution import attributed
 from agglo_core.registry.construct import resolve
 
 __all__ = ["discretisation_of", "named_problem", "read_problem", "require_accepted"]
@@ -46,13 +47,13 @@ def named_problem(
     PluginError
         If the component cannot be used.
     """
-    registry = registry or default()
+    registry = default() if registry is None else registry
     if Path(name).suffix.lower() == ".toml" or not _is_declared(name, registry):
         if options:
             raise OptionError(f"no problem is named {name!r} ({_known(registry)}), and files take no options")
         problem = read_problem(Path(name), mesh, registry)
     else:
-        problem = registry.build(_KIND, name, **options)
+        problem = _checked(registry.build(_KIND, name, **options), describe(registry.record(_KIND, name)))
     posed_on = getattr(problem, "posed_on", None)
     return problem if posed_on is None else posed_on(mesh)
 
@@ -65,15 +66,17 @@ def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Pr
     FileError
         If the file cannot be read, its kind is not known, or the kind refuses what it says; names the key.
     """
-    registry = registry or default()
+    registry = default() if registry is None else registry
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise FileError(f"{path}: {_unreadable(error, registry)}") from None
     kind = table.pop("kind", "diffusion")
     try:
-        from_table = _reader_of(kind, registry)
-        return from_table(table, mesh, path.parent)  # type: ignore[no-any-return]
+        from_table, title = _reader_of(kind, registry)
+        with attributed(title, spare=(AggloError,)):
+            problem = from_table(table, mesh, path.parent)
+        return _checked(problem, f"{title}: from_table")
     except AggloError as error:
         raise FileError(f"{path}: {error}") from error
 
@@ -81,11 +84,13 @@ def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Pr
 def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
     """Raise OptionError if a solver says which kinds of problem it takes and this is none of them.
 
-    ``name`` is what the solver is called in the message; by default its class.
+    ``name`` is what the solver is called in the message; by default its class. A PluginError if its
+    ``accepts`` is a text instead of a tuple of them.
     """
-    accepts = getattr(solver, "accepts", None)
+    accepts, called = getattr(solver, "accepts", None), name or type(solver).__name__
+    if isinstance(accepts, str):
+        raise PluginError(f"{called}: accepts is {accepts!r}, expected a tuple such as ('{accepts}',)")
     if accepts is not None and problem.kind not in accepts:
-        called = name or type(solver).__name__
         raise OptionError(
             f"{called} takes problems of kind {', '.join(accepts)}; given one of kind {problem.kind}"
         )
@@ -116,17 +121,26 @@ def _is_declared(name: str, registry: Registry) -> bool:
     return True
 
 
-def _reader_of(kind: Any, registry: Registry) -> Any:
-    """``from_table`` of the class that is declared by the name of a kind."""
+def _checked(problem: Any, maker: str) -> Problem:
+    if not isinstance(getattr(problem, "kind", None), str):
+        raise PluginError(f"{maker} made {problem!r:.60}, expected a problem, whose kind is its name")
+    return problem  # type: ignore[no-any-return]
+
+
+def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
+    """``from_table`` of the class that is declared by the name of a kind, and how errors call that."""
     if not isinstance(kind, str):
         raise OptionError(f"kind must be the name of a kind of problem, given {kind!r:.60}")
     record = registry.record(_KIND, kind)
-    from_table = getattr(resolve(record), "from_table", None)
+    target = resolve(record)
+    from_table = getattr(target, "from_table", None)
+    if from_table is None and isinstance(target, type):
+        raise PluginError(f"{describe(record)} has no method from_table(table, mesh, folder)")
     if from_table is None:
         raise OptionError(
             f"kind: {describe(record)} is made by name, not from a file: choose it by its name alone"
         )
-    return from_table
+    return from_table, describe(record)
 
 
 def _unreadable(error: Exception, registry: Registry) -> str:

@@ -115,7 +115,7 @@ class Registry:
     def assemble(self, record: Record, options: Mapping[str, Any]) -> Any:
         """Build the component of a record of this registry; raises as :meth:`build` does."""
         self._manager.trace.root.get("build")(describe(record), dict(options))
-        return construct(record, options)
+        return construct(record, options, self)
 
     def record(self, kind: str, name: str) -> Record:
         """The record a name stands for, whatever its state; ``kind`` may also be ``"command"``.

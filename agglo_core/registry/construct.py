@@ -11,7 +11,7 @@ from typing import Any
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
 from agglo_core.registry.kinds import KINDS
-from agglo_core.registry.options import Text, convert, options_of, parse_value
+from agglo_core.registry.options import Text, convert, options_of, parse_value, wants_registry
 from agglo_core.registry.records import Record, describe, unusable
 
 __all__ = ["checked_options", "construct", "resolve"]
@@ -39,8 +39,8 @@ def resolve(record: Record) -> Any:
         ) from error
 
 
-def construct(record: Record, options: Mapping[str, Any]) -> Any:
-    """Build the component of a record with the given options.
+def construct(record: Record, options: Mapping[str, Any], registry: object = None) -> Any:
+    """Build the component of a record with the given options; it gets ``registry`` if it asks for it.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def construct(record: Record, options: Mapping[str, Any]) -> Any:
         raise PluginError(f"{describe(record)}: its target is {target!r:.60}, expected a class or a factory")
     chosen = checked_options(record, target, options)
     try:
-        built = target(**chosen)
+        built = target(**chosen, **({"registry": registry} if wants_registry(target) else {}))
     except AggloError:
         raise
     except PLUGIN_FAILURES as error:
@@ -95,7 +95,9 @@ def _check_built(record: Record, built: Any) -> None:
         wanted = " or ".join(f"{method}(…)" for method in kind.methods)
         raise PluginError(f"{describe(record)} built {built!r:.60}, which has no method {wanted}")
     for name, type_ in kind.attributes.items():
-        if not isinstance(getattr(built, name, None), type_):
+        found = getattr(built, name, None)
+        if not isinstance(found, type_):
+            wrong = f"no attribute {name!r}" if found is None else f"{name} = {found!r:.60}"
             raise PluginError(
-                f"{describe(record)} built {built!r:.60}, which has no attribute {name!r} ({type_.__name__})"
+                f"{describe(record)} built {built!r:.60}, which has {wrong}; expected a {type_.__name__}"
             )

@@ -20,7 +20,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from agglo_core.errors import OptionError
 
-__all__ = ["Option", "Text", "convert", "options_of", "parse_value"]
+__all__ = ["Option", "Text", "convert", "options_of", "parse_value", "wants_registry"]
 
 _WORDS = {"true": True, "false": False, "none": None}
 _WORDS_OF: dict[Any, str] = {
@@ -84,12 +84,34 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
         return None
     if any(p.kind is p.VAR_KEYWORD for p in parameters):
         return None
+    handed = {"registry"} if wants_registry(target) else set()
     about = _described(target)
     return tuple(
         Option(p.name, _annotation(target, p), p.default, about.get(p.name, ""))
         for p in parameters
-        if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)
+        if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in handed
     )
+
+
+def wants_registry(target: Callable[..., Any]) -> bool:
+    """Whether a class or factory asks, by ``*, registry=None``, for the registry that builds it.
+
+    It is no option: users never see it.
+    """
+    return _class_wants_registry(target) if isinstance(target, type) else _wants_registry(target)
+
+
+@lru_cache(maxsize=256)
+def _class_wants_registry(target: type) -> bool:
+    return _wants_registry(target)
+
+
+def _wants_registry(target: Callable[..., Any]) -> bool:
+    try:
+        asked = inspect.signature(target).parameters.get("registry")
+    except (TypeError, ValueError):
+        return False
+    return asked is not None and asked.kind is asked.KEYWORD_ONLY and asked.default is None
 
 
 @lru_cache(maxsize=256)

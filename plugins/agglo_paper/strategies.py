@@ -103,7 +103,7 @@ def columns(
     A bisector that also partitions gets a second column, ``NAME k-way``. One that cannot be used stays,
     with its ``problem``; a newly installed one appears by itself.
     """
-    registry = registry or default()
+    registry = default() if registry is None else registry
     if chosen is None:
         ours = [_offered(record, registry) for record in registry.list() if record.kind == "bisector"]
     else:

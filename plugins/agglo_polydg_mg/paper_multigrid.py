@@ -8,13 +8,22 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Hierarchy, Int, MultigridLevel, Problem, Smoother, Solution, frozen_int
+from agglo_core.authoring import (
+    Hierarchy,
+    Int,
+    MultigridLevel,
+    Problem,
+    Registry,
+    Smoother,
+    Solution,
+    frozen_int,
+)
 from agglo_polydg_mg.cycle import SmoothedLevel, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import LevelOperators, level_operators
 from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
-from agglo_polydg_mg.smoothers import smoother_of
+from agglo_polydg_mg.smoothers import set_up, smoother_of, smoother_title
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["PaperMultigrid"]
@@ -53,6 +62,8 @@ class PaperMultigrid:
         correction is inherited whatever ``operators`` says, as in the paper's experiments.
     coarse_solver : "lu", "dense" or callable
         Sparse or dense direct solver, or a function that makes one from a matrix.
+    registry : Registry, optional
+        Where the name of a smoother is looked up; by default that of the program.
 
     Notes
     -----
@@ -75,6 +86,8 @@ class PaperMultigrid:
         smoother: str | Smoother | SmootherMaker = "schwarz",
         schwarz_coarse: bool = True,
         coarse_solver: str | SolveMaker = "lu",
+        *,
+        registry: Registry | None = None,
     ) -> None:
         require_count("smoothing_steps", smoothing_steps, 1)
         require_count("max_iterations", max_iterations, 1)
@@ -87,7 +100,8 @@ class PaperMultigrid:
         self.smoothing_steps, self.levels = smoothing_steps, levels
         self.tolerance, self.max_iterations = tolerance, max_iterations
         self.inherited = operators == "inherited"
-        self.smoother = smoother_of(smoother)
+        self.smoother = smoother_of(smoother, registry)
+        self._smoother_title = smoother_title(smoother, registry)
         self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
         self.schwarz_coarse = schwarz_coarse
 
@@ -141,4 +155,4 @@ class PaperMultigrid:
         offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.width))
         B = operators.inherited[level]
         own = MultigridLevel(A, B, offsets, labels, P, coarse, self.smoothing_steps)
-        return SmoothedLevel(A, P, self.smoother.setup(own))
+        return SmoothedLevel(A, P, set_up(self.smoother, self._smoother_title, own))

@@ -6,10 +6,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
-from agglo_core.authoring import MultigridLevel, OptionError, PluginError, Registry, Smoother, default
+import numpy as np
+
+from agglo_core.authoring import (
+    AggloError,
+    Float,
+    MultigridLevel,
+    OptionError,
+    PluginError,
+    Registry,
+    Smoother,
+    attributed,
+    default,
+    describe,
+)
 from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, damped_jacobi, local_solve, schwarz
 
-__all__ = ["BlockJacobi", "Schwarz", "smoother_of"]
+__all__ = ["BlockJacobi", "Schwarz", "set_up", "smoother_of", "smoother_title"]
 
 
 class Schwarz:
@@ -75,12 +88,49 @@ def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
         return _Made(given)
     if isinstance(given, str) and given in _OWN:
         return _OWN[given]()
-    registry = registry or default()
+    registry = default() if registry is None else registry
     try:
         record = registry.record("smoother", str(given))
     except PluginError as error:
         others = {each.name for each in registry.list() if each.kind == "smoother" and each.state == "ok"}
         known = ", ".join([*_OWN, *sorted(others - set(_OWN))])
-        raise OptionError(f"smoother must be one of {known}; given {given!r}") from error
+        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.list() if r.kind == "plugin")
+        tail = f"; plugins that cannot be used: {failed}" if failed else ""
+        raise OptionError(f"smoother must be one of {known}; given {given!r}{tail}") from error
     built: Smoother = registry.assemble(record, {})
     return built
+
+
+def smoother_title(given: Any, registry: Registry | None = None) -> str:
+    """How errors call what :func:`smoother_of` makes of the same arguments."""
+    if isinstance(given, str) and given not in _OWN:
+        return describe((default() if registry is None else registry).record("smoother", given))
+    return f"smoother {given if isinstance(given, str) else getattr(given, '__name__', type(given).__name__)}"
+
+
+def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> Smooth:
+    """``smooth(b, x)`` of a level; what it returns is checked, and errors name the smoother.
+
+    Raises
+    ------
+    PluginError
+        For whatever it raises but AggloErrors and the LinAlgError of a singular block, and if it returns no
+        function; so does the function, and if it returns no vector like ``b``.
+    """
+    spare = (AggloError, np.linalg.LinAlgError)
+    with attributed(title, spare=spare):
+        smooth = smoother.setup(level)
+    if not callable(smooth):
+        raise PluginError(f"{title}: setup returned {smooth!r:.60}, expected a function smooth(b, x)")
+
+    def checked(b: Float, x: Float) -> Float:
+        with attributed(title, spare=spare):
+            better = np.asarray(smooth(b, x))
+        if better.shape != b.shape or better.dtype.kind != "f":
+            raise PluginError(
+                f"{title}: smooth(b, x) returned shape {better.shape} of {better.dtype}, "
+                f"expected {b.shape} of float64"
+            )
+        return better
+
+    return checked

@@ -41,7 +41,8 @@ MAY_IMPORT = {
     "measure": EVERYBODY | {"agglomeration", "graph", "hierarchy", "mesh", "protocols", "registry"},
     "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
-    | {"agglomeration", "graph", "hierarchy", "io", "measure", "mesh", "problems", "protocols", "registry"},
+    | {"agglomeration", "components", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
+    | {"protocols", "registry"},
     "cli": EVERYBODY
     | {"agglomeration", "conformance", "draw", "graph", "hierarchy", "io", "kernels", "measure", "mesh"}
     | {"problems", "protocols", "registry", "samples"},

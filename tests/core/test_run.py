@@ -89,7 +89,7 @@ BAD_SIDES = {
     "too short": (lambda g: np.zeros(g.n - 1), "shape"),
     "two columns": (lambda g: np.zeros((g.n, 2)), "shape"),
     "a number": (lambda g: 1, "shape"),
-    "nothing": (lambda g: None, "shape"),
+    "nothing": (lambda g: None, "returned None, expected"),
     "text": (lambda g: np.array(["a"] * g.n), "expected integers, booleans or floats"),
     "objects": (lambda g: only_last(g, dtype=object), "expected integers, booleans or floats"),
     "complex": (lambda g: only_last(g, dtype=complex), "expected integers, booleans or floats"),
@@ -142,7 +142,7 @@ def test_blocks_may_answer_in_different_types():
 BAD_LABELS = {
     "too short": (lambda g, x: x[:-1], "shape"),
     "floats": (lambda g, x: x * 1.0, "float64"),
-    "nothing": (lambda g, x: None, "shape"),
+    "nothing": (lambda g, x: None, "returned None, expected"),
     "emptied": (lambda g, x: x * 0, "emptied part 1 of block 0"),
     "new label": (lambda g, x: np.arange(g.n) % 3, "created"),
     "negative": (lambda g, x: x - 1, "created"),

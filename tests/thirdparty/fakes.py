@@ -170,12 +170,14 @@ MISBEHAVING = (
         "could not be built with no options: KeyError: 'HOME_OF_STILLBORN'",
         init="    def __init__(self):\n        raise KeyError('HOME_OF_STILLBORN')\n",
     ),
-    _bisects("long", "return np.zeros(graph.n + 1, int)", "returned shape (9,) for a graph of 8 nodes"),
+    _bisects(
+        "long", "return np.zeros(graph.n + 1, int)", "bisect returned shape (9,) of int64, expected (8,)"
+    ),
     _bisects("nan", "return np.full(graph.n, np.nan)", "probabilities that are NaN or outside [0, 1]"),
     _bisects("above", "return np.arange(graph.n) / 2.0", "probabilities that are NaN or outside [0, 1]"),
     _bisects("onetwo", "return 1 + np.arange(graph.n) % 2", "returned sides 1..2, expected 0 and 1"),
     _bisects("words", "return np.full(graph.n, 'left')", "expected integers, booleans or floats"),
-    _bisects("silent", "pass", "returned shape ()"),
+    _bisects("silent", "pass", "bisect returned None, expected ("),
     _bisects("onesided", "return np.ones(graph.n, int)", "put all 8 cells of a piece on one side"),
     _bisects(
         "scribbler", "graph.measures[:] = 1.0; return graph.n", "ValueError: assignment destination is read"

@@ -11,6 +11,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.law import law
 from agglo_core.conformance.mesh_cases import bands, tagged
+from agglo_core.conformance.own_components import own_components
 from agglo_core.conformance.questions import answer, in_words, questions
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
@@ -78,7 +79,8 @@ def constraint_kept(subject: Subject) -> None:
     graph = tagged(small_meshes.grid(9, 7, jitter=0.2)).graph
     tool = subject.build()
     try:
-        labels = agglomerate(graph, bisector="inertial", n_parts=12, constraints=[tool]).levels[0]
+        chosen = {"bisector": "inertial", "constraints": [tool], "registry": own_components()}
+        labels = agglomerate(graph, n_parts=12, **chosen).levels[0]  # type: ignore[arg-type]
     except AggloError as error:
         raise Broken(f"a run under it failed: {error}") from error
     seen = answer(subject, tool, Case("the parts of a run", (graph, labels)))

@@ -13,6 +13,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, stripes, tiny
 from agglo_core.conformance.law import ASKED, law
+from agglo_core.conformance.own_components import own_components
 from agglo_core.conformance.questions import (
     answer,
     chunks,
@@ -147,13 +148,14 @@ def works_in_a_run(subject: Subject) -> None:
     tool = subject.build()
     try:
         if subject.kind == "metric":
-            quality(mesh, stripes(mesh.graph, 3), metrics=[tool])
+            quality(mesh, stripes(mesh.graph, 3), metrics=[tool], registry=own_components())
             return
         chosen = {"refiner": {"refiners": [tool]}}.get(subject.kind, {subject.kind: tool})
         bisects = subject.kind != "bisector" or subject.has("bisect") or subject.has("bisect_level")
         others = {} if subject.kind == "bisector" else {"bisector": "inertial"}
         method = "recursive" if bisects else "kway"
-        hierarchy = agglomerate(mesh, n_parts=(12, 5), method=method, **chosen, **others)  # type: ignore[arg-type]
+        common = {"n_parts": (12, 5), "method": method, "registry": own_components()}
+        hierarchy = agglomerate(mesh, **chosen, **others, **common)  # type: ignore[arg-type]
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error
     require(hierarchy.parts == [12, 5], f"a run with it gave {hierarchy.parts} parts instead of 12 and 5")

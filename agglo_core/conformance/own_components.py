@@ -1,0 +1,18 @@
+"""What stands beside a component in the runs of the suite: agglo's own, whatever else is registered."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from agglo_core import components
+from agglo_core.registry import Registry
+
+__all__ = ["own_components"]
+
+
+@cache
+def own_components() -> Registry:
+    """A registry of the core's own components and nothing else."""
+    registry = Registry()
+    registry.register(components, "defaults", distribution="agglo")
+    return registry

@@ -1,0 +1,222 @@
+"""Whoever is given a registry looks names up there: the program's own one is out of bounds here."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from own_names import MINE, Asks
+
+import agglo_core as agglo
+import agglo_core.components
+import agglo_core.registry.catalogue as catalogue
+import agglo_polydg_mg
+from agglo_core import AggloError, Registry, hookimpl, samples
+from agglo_core.components.descent import DescentRefiner
+from agglo_core.components.objective_choice import chosen_objective
+from agglo_core.conformance import check, conformance
+from agglo_core.conformance.subject import find, subject_of
+from agglo_core.draw import plot
+from agglo_core.draw.webpage import page
+from agglo_core.io import check_writable
+from agglo_core.measure import comparison, measure_levels, selection, summary
+from agglo_core.problems import Diffusion, choosing
+from agglo_core.registry.construct import construct
+from agglo_polydg_mg.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.smoothers import smoother_of
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def registry() -> Registry:
+    whole = Registry()
+    whole.register(agglo_core.components, "defaults", distribution="agglo")
+    whole.register(agglo_polydg_mg, "polydg_mg", distribution="agglo")
+    whole.register(SimpleNamespace(agglo_components=hookimpl(lambda: MINE)), "mine")
+    assert {record.state for record in whole.list()} == {"ok"}
+    return whole
+
+
+@pytest.fixture(autouse=True)
+def _no_default(monkeypatch: pytest.MonkeyPatch) -> None:
+    """``default()`` raises, under whatever name a module holds it."""
+
+    def refused() -> Registry:
+        raise AssertionError("the registry of the program was asked")
+
+    original = catalogue.default
+    for name, module in list(sys.modules.items()):
+        if name.split(".")[0].startswith("agglo_") and vars(module).get("default") is original:
+            monkeypatch.setattr(module, "default", refused)
+
+
+MESH = samples.squares(8)
+TARGET = {"n_parts": 4}
+
+
+def run(registry: Registry, **chosen: object) -> agglo.Hierarchy:
+    given = {"bisector": "straight", "fixer": "joins", **TARGET, **chosen}
+    return agglo.agglomerate(MESH, **given, registry=registry)  # type: ignore[arg-type]
+
+
+def report(registry: Registry, folder: Path) -> None:
+    result = comparison.timed_run(MESH, "mine", lambda: run(registry), ["crowd"], registry)
+    page.write_page(folder / "r.html", MESH, [result], registry=registry)
+    assert "A note of mine" in (folder / "r.html").read_text()
+
+
+def picture(registry: Registry, folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    plot.draw(MESH, {"mine": run(registry)}, folder / "p.png", metrics=["crowd"], registry=registry)
+    assert (folder / "p.png").exists()
+
+
+def files(registry: Registry, folder: Path) -> None:
+    path = folder / "m.tiny"
+    check_writable(path, registry=registry)
+    agglo.write(path, MESH, registry=registry)
+    assert agglo.read(path, registry=registry).n_cells == 64
+    assert agglo.read_hierarchy(path, registry=registry)[1] is None
+
+
+def problems(registry: Registry, folder: Path) -> None:
+    (folder / "p.toml").write_text('kind = "heating"\nsource = 2.0\n')
+    assert isinstance(choosing.read_problem(folder / "p.toml", MESH, registry), Diffusion)
+    assert isinstance(choosing.named_problem("eight", MESH, registry=registry), Diffusion)
+    with pytest.raises(AggloError, match="eight"):
+        choosing.named_problem("nine", MESH, registry=registry)
+
+
+def subjects(registry: Registry, folder: Path) -> None:
+    assert find("crowd", registry=registry).name == "crowd"
+    assert subject_of("crowd", registry=registry).kind == "metric"
+    assert subject_of(Asks, registry=registry).build().registry is registry
+    assert subject_of("asks", registry=registry).build().registry is registry
+
+
+def laws(registry: Registry, folder: Path) -> None:
+    for name in ("downhill", "crowd", "free", "straight"):
+        options = {"objective": "crowd"} if name == "downhill" else {}
+        failed = [
+            f"{r.law}: {r.message}" for r in check(name, options=options, registry=registry) if not r.passed
+        ]
+        assert failed == []
+    assert callable(conformance("crowd", registry=registry))
+
+
+def samples_by_name(registry: Registry, folder: Path) -> None:
+    assert "patch" in samples.names(registry)
+    assert samples.from_spec("patch:n=3", registry).n_cells == 9
+
+
+def measures(registry: Registry, folder: Path) -> None:
+    hierarchy = run(registry)
+    assert agglo.quality(MESH, hierarchy.levels[0], ["crowd"], registry)["crowd"].tolist() == [256.0] * 4
+    assert measure_levels(MESH, hierarchy, registry, ["crowd", "cut"])[0].metrics == ("crowd", "cut")
+    assert measure_levels(MESH, hierarchy, registry)[0].metrics == ("UF", "CR", "CRc")
+    assert summary(MESH, hierarchy, registry, ["crowd"])[0]["crowd"] == 256.0
+    assert list(selection.built_metrics(["crowd"], registry)) == ["crowd"]
+    assert list(selection.select(["crowd", "interface"], registry).metrics) == ["crowd"]
+
+
+def agglomerations(registry: Registry, folder: Path) -> None:
+    downhill = ("downhill", {"objective": "crowd"})
+    assert run(registry, refiners=["asks", downhill], post_refiners=[downhill]).parts == [4]
+    assert run(registry, bisector="one_sided").statistics["fallbacks"] > 0
+    assert run(registry, bisector="strips", method="kway").parts == [4]
+    assert run(registry, constraints=["free"]).parts == [4]
+    assert run(registry, bisector="mine/straight").parts == [4]
+    assert agglo.Pipeline(bisector="straight", n_parts=4).run(MESH, registry).parts == [4]
+
+
+def handed_on(registry: Registry, folder: Path) -> None:
+    assert chosen_objective("crowd", registry).title.startswith("metric 'crowd'")
+    assert DescentRefiner("crowd", registry=registry).objective == "crowd"
+    assert registry.build("refiner", "asks").registry is registry
+    assert construct(registry.record("refiner", "asks"), {"rounds": 2}, registry).registry is registry
+
+
+def smoothers(registry: Registry, folder: Path) -> None:
+    assert type(smoother_of("jacobi", registry)).__name__ == "BlockJacobi"
+    built = registry.build("solver", "polydg_mg_paper", smoother="jacobi")
+    assert built.solve(Diffusion(), run(registry)).converged
+    assert type(PaperMultigrid(smoother="jacobi", registry=registry).smoother).__name__ == "BlockJacobi"
+
+
+GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
+    agglomerations: {"agglomerate", "run"},
+    measures: {"quality", "measure_levels", "summary", "built_metrics", "select"},
+    files: {"read", "read_hierarchy", "write", "check_writable"},
+    samples_by_name: {"names", "from_spec"},
+    picture: {"draw"},
+    report: {"timed_run", "write_page", "sections_of_plugins"},
+    problems: {"named_problem", "read_problem"},
+    laws: {"check", "conformance"},
+    subjects: {"find", "subject_of"},
+    handed_on: {"chosen_objective", "construct", "DescentRefiner"},
+    smoothers: {"smoother_of", "smoother_title", "PaperMultigrid"},
+}
+"""What is asked here, and the public functions with a parameter ``registry`` that this asks."""
+ELSEWHERE = {"new_run", "chosen", "columns"}
+"""Those that are only ever called by the above, or by a command, which has the program's registry."""
+
+
+@pytest.mark.parametrize("asked", GROUPS, ids=lambda group: group.__name__)
+def test_names_are_looked_up_in_the_registry_given(
+    asked: Callable[[Registry, Path], None], registry: Registry, tmp_path: Path
+) -> None:
+    asked(registry, tmp_path)
+
+
+def test_without_it_the_program_is_asked() -> None:
+    with pytest.raises(AssertionError, match="the registry of the program"):
+        agglo.agglomerate(MESH, n_parts=4)
+
+
+def test_the_registry_is_no_option(registry: Registry) -> None:
+    with pytest.raises(AggloError, match=r"has no option 'registry'; accepted: rounds"):
+        registry.build("refiner", "asks", registry=3)
+    with pytest.raises(AggloError, match=r"has no option 'registry'.*accepted: objective, sweeps"):
+        registry.build("refiner", "downhill", registry=registry)
+
+
+def _files() -> list[Path]:
+    return [*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")]
+
+
+def test_every_public_function_with_a_registry_is_asked_here() -> None:
+    known = set().union(*GROUPS.values()) | ELSEWHERE
+    found = set()
+    for file in _files():
+        if "cli" in file.parts:
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            bodies = node.body if isinstance(node, ast.ClassDef | ast.Module) else []
+            for each in bodies:
+                if isinstance(each, ast.FunctionDef) and "registry" in _parameters(each):
+                    name = node.name if each.name == "__init__" else each.name  # type: ignore[union-attr]
+                    found.add(name)
+    assert {name for name in found if not name.startswith("_")} == known
+
+
+def test_the_default_is_asked_only_where_no_registry_was_given() -> None:
+    """``default() if registry is None else registry``, and nowhere else in the core."""
+    bare = []
+    for file in (ROOT / "agglo_core").rglob("*.py"):
+        tree = ast.parse(file.read_text())
+        chosen = {id(node.body) for node in ast.walk(tree) if isinstance(node, ast.IfExp)}
+        calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and id(node) not in chosen]
+        if any(isinstance(call.func, ast.Name) and call.func.id == "default" for call in calls):
+            bare.append(file.relative_to(ROOT / "agglo_core").as_posix())
+    commands = [name for name in bare if name.startswith("cli/")]
+    assert set(bare) - set(commands) == {"conformance/reference_pages.py"}  # which is about agglo's own
+    assert commands
+
+
+def _parameters(function: ast.FunctionDef) -> set[str]:
+    return {each.arg for each in (*function.args.args, *function.args.kwonlyargs)}

@@ -1,0 +1,108 @@
+"""Components of one's own, one of nearly every kind, under names that no other registry knows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from agglo_core import Component, Mesh, Registry, samples
+
+__all__ = ["MINE", "Asks"]
+
+HERE = __name__
+
+
+class Tiny:
+    """Meshes as rows of numbers: how many squares are on a side."""
+
+    suffixes = (".tiny",)
+    lossless = False
+
+    def read(self, path: Path) -> Mesh:
+        return samples.squares(int(path.read_text()))
+
+    def read_hierarchy(self, path: Path) -> tuple[Mesh, None]:
+        return self.read(path), None
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: object = None) -> None:
+        path.write_text(str(round(mesh.n_cells**0.5)))
+
+
+class Crowd:
+    """Cells of a part, squared."""
+
+    better, bounds, homogeneity = "low", (1.0, float("inf")), 0
+
+    def measure(self, mesh: Mesh, labels: np.ndarray) -> np.ndarray:
+        return np.bincount(labels) ** 2.0
+
+    def changes(self, graph: object, labels: np.ndarray, cells: np.ndarray, parts: np.ndarray) -> np.ndarray:
+        sizes = np.bincount(labels)
+        return np.where(labels[cells] == parts, 0.0, 2.0 * (sizes[parts] - sizes[labels[cells]] + 1))
+
+
+class OneSided:
+    """All on one side, so that the fallback is asked."""
+
+    def bisect(self, graph: object, rng: object) -> np.ndarray:
+        return np.zeros(graph.n, int)  # type: ignore[attr-defined]
+
+
+class Strips:
+    """Three strips: a partition, which something must finish by bisection."""
+
+    def partition(self, graph: object, target: object, seed: int) -> np.ndarray:
+        return np.arange(graph.n) * 3 // graph.n  # type: ignore[attr-defined]
+
+
+class Free:
+    """Forbids nothing."""
+
+    def forbidden(self, graph: object) -> np.ndarray:
+        return np.zeros(len(graph.indices), bool)  # type: ignore[attr-defined]
+
+
+class Note:
+    """A section of one sentence."""
+
+    title = "A note of mine"
+
+    def html(self, mesh: Mesh, runs: object) -> str:
+        return "<p>noted</p>"
+
+
+class Asks:
+    """A refiner that does nothing and keeps the registry it was handed."""
+
+    objective = "crowd"
+
+    def __init__(self, rounds: int = 1, *, registry: Registry | None = None) -> None:
+        self.registry = registry
+
+    def refine(self, graph: object, labels: np.ndarray, seeds: object, target: object) -> np.ndarray:
+        return labels
+
+
+def patch(n: int = 6) -> Mesh:
+    """n by n squares."""
+    return samples.squares(n)
+
+
+MINE = [
+    Component("bisector", "one_sided", f"{HERE}:OneSided", fallback="straight"),
+    Component("bisector", "strips", f"{HERE}:Strips"),
+    Component("bisector", "straight", "agglo_core.components.geometric:InertialBisection"),
+    Component("refiner", "asks", f"{HERE}:Asks"),
+    Component("refiner", "downhill", "agglo_core.components.descent:DescentRefiner"),
+    Component("fixer", "joins", "agglo_core.components.fixers:ConnectivityFixer"),
+    Component("metric", "crowd", f"{HERE}:Crowd"),
+    Component("format", "tiny", f"{HERE}:Tiny"),
+    Component("sample", "patch", f"{HERE}:patch"),
+    Component("problem", "heating", "agglo_core.problems.diffusion:Diffusion"),
+    Component("problem", "eight", "agglo_core.problems.named:constant"),
+    Component("smoother", "jacobi", "agglo_polydg_mg.smoothers:BlockJacobi"),
+    Component("constraint", "free", f"{HERE}:Free"),
+    Component("section", "note", f"{HERE}:Note"),
+]
+"""Their declarations."""
