@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Admitting",
+    "Aiming",
     "Bisector",
     "ConnectivityFixer",
     "Constraint",
@@ -94,6 +95,14 @@ class TargetAware(Protocol):
 
         Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
         """
+
+
+@runtime_checkable
+class Aiming(Protocol):
+    """The form of :class:`TargetAware` in version 0.1, which is deprecated and still works."""
+
+    def aim(self, target: Target) -> LevelBisector | Bisector:
+        """Do what ``for_target`` does."""
 
 
 @runtime_checkable

@@ -24,7 +24,9 @@ from typing import Any, Literal, overload
 import click
 
 from agglo_core.cli.specs import (
+    Value,
     all_bisectors,
+    as_typed,
     bisector_specs,
     choice,
     load_mesh,
@@ -34,19 +36,23 @@ from agglo_core.cli.specs import (
     refuse_twins,
     split_specs,
 )
+from agglo_core.registry.options import parse_value
 
 __all__ = [
     "COMPONENT",
     "FILE",
     "METHODS",
+    "Value",
     "agglomeration_options",
     "all_bisectors",
+    "as_typed",
     "bisectors_option",
     "choice",
     "load_mesh",
     "metrics_option",
     "numbers",
     "parse_spec",
+    "parse_value",
     "read_bisectors",
     "read_methods",
     "refuse_duplicates",
@@ -95,7 +101,7 @@ def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> li
         return None
     from agglo_core.measure.selection import select
 
-    parsed = [parse_spec(spec) for spec in split_specs(text)]
+    parsed = [as_typed(spec) for spec in split_specs(text)]
     chosen = [(name, options) if options else name for name, options in parsed]
     select(chosen)  # what cannot be measured is refused before a mesh is read
     return chosen

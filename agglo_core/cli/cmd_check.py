@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from agglo_core.cli.arguments import parse_spec
+from agglo_core.cli.arguments import as_typed
 from agglo_core.cli.console import print_json, print_table
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS
@@ -33,7 +33,7 @@ def check(component: str, as_json: bool, timeout: float) -> int:
     """
     before, _, after = component.partition(":")
     kind, spec = (before, after) if before in KINDS else (None, component)
-    name, options = parse_spec(spec)
+    name, options = as_typed(spec)
     if not timeout > 0:
         raise OptionError(f"--timeout must be positive, given {timeout:g}")
     from agglo_core import conformance

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh, parse_spec
+from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
 from agglo_core.errors import AggloError, OptionError, PluginError
@@ -94,7 +94,7 @@ def _given(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _solver(spec: str, given: Mapping[str, Any]) -> Any:
-    name, options = parse_spec(spec)
+    name, options = as_typed(spec)
     twice = sorted(set(options) & set(given))
     if twice:
         raise OptionError(f"{twice[0]} is given twice: in --solver {spec} and by an option of its own")
@@ -127,7 +127,7 @@ def _posed(
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 
     is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
-    name, options = (text, {}) if is_file else parse_spec(text)
+    name, options = (text, {}) if is_file else as_typed(text)
     problem = named_problem(name, mesh, options)
     require_accepted(tool, problem, solver)
     how = discretisation_of(tool, problem)

@@ -13,13 +13,15 @@ import click
 from agglo_core.errors import FileError, OptionError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve
-from agglo_core.registry.options import Text
+from agglo_core.registry.options import Text, parse_value
 
 if TYPE_CHECKING:
     from agglo_core.mesh import Mesh
 
 __all__ = [
+    "Value",
     "all_bisectors",
+    "as_typed",
     "bisector_specs",
     "choice",
     "load_mesh",
@@ -29,6 +31,9 @@ __all__ = [
     "refuse_twins",
     "split_specs",
 ]
+
+Value = int | float | bool | str | None
+"""What :func:`parse_spec` gives for an option."""
 
 _SAMPLE = re.compile(r"([\w.-]+/)?[A-Za-z_]\w*(:(\w+=.*|[^/\\]*))?")
 
@@ -64,8 +69,22 @@ def load_mesh(text: str | Path) -> Mesh:
         ) from error
 
 
-def parse_spec(text: str) -> tuple[str, dict[str, Text]]:
-    """Split ``"metis:ufactor=30,contig=true"`` into its name and options, each as it was typed.
+def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
+    """Split ``"metis:ufactor=30,contig=true"`` into its name and options, each the value it reads as.
+
+    For what is no component; the options of a component are converted by their own types: :func:`choice`.
+
+    Raises
+    ------
+    OptionError
+        If the name is missing, or an option is not of the form ``option=value`` or is given twice.
+    """
+    name, options = as_typed(text)
+    return name, {option: parse_value(value) for option, value in options.items()}
+
+
+def as_typed(text: str) -> tuple[str, dict[str, Text]]:
+    """Name and options of a component, each as it was typed: the registry knows what it is to become.
 
     Raises
     ------
@@ -130,7 +149,7 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
     OptionError
         For an option that it does not have, or a value that does not fit.
     """
-    name, options = parse_spec(spec)
+    name, options = as_typed(spec)
     record = default().record(kind, name)
     return name, checked_options(record, resolve(record), options)
 

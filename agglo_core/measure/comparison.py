@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.registry import Registry
 
-__all__ = ["Level", "RunResult", "measure_levels", "timed_run", "wanted"]
+__all__ = ["Level", "Run", "RunResult", "measure_levels", "timed_run", "wanted"]
 
 _WORDS = {
     "h_factor": "h ≤ {:g} h0",
@@ -48,6 +48,10 @@ class RunResult:
     levels: Sequence[Level] = ()
     seconds: float = 0.0
     error: str = ""
+
+
+Run = RunResult
+"""Its name in version 0.1."""
 
 
 def timed_run(

@@ -45,7 +45,7 @@ def report(
         unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
         finest.
     """
-    dofs = [A.shape[0] for A, _ in solution.operators]
+    dofs = [A.shape[0] for A in _matrices(solution)]
     measure = how.residual_measure(problem, mesh, solution.b) if how else relative_to(solution.b)
     norms = how.errors(problem, mesh, solution.x) if how else {}
     load = how.load(problem, mesh, solution.b) if how else solution.b
@@ -68,8 +68,13 @@ def report(
 
 def operator_complexity(solution: Solution) -> float:
     """Matrix entries of all levels over those of the finest."""
-    entries = [A.nnz for A, _ in solution.operators]
+    entries = [A.nnz for A in _matrices(solution)]
     return float(sum(entries) / entries[0])
+
+
+def _matrices(solution: Solution) -> list[Any]:
+    """That of each level, finest first; of a solver that names no levels, that of the system."""
+    return [A for A, _ in solution.operators] or [solution.A]
 
 
 def _plain_cg(solution: Solution, tolerance: float | None, measure: Callable[[Float], float]) -> int | None:

@@ -1,9 +1,10 @@
 """Options of components: names, types, and whether a value fits.
 
 An option is a keyword of the constructor; its type is the annotation there, one of bool, int, float, str,
-``Literal[…]``, an Enum, Path, a tuple of these, or a union, also with None. The same rules hold on the
-command line (where every value is a text), in TOML and in Python. What has another annotation, or none,
-accepts anything; a text then becomes what it looks like: a number, true, false, none, or itself.
+``Literal[…]``, an Enum, Path, a tuple of these, or a union, also with None. The default always fits:
+``int = None`` takes None too. The same rules hold on the command line (where every value is a text), in
+TOML and in Python. What has another annotation, or none, accepts anything; a text then becomes what it
+looks like: a number, true, false, none, or itself.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Any, Literal, Optional, Union, get_args, get_origin
 
 from agglo_core.errors import OptionError
 
@@ -87,7 +88,7 @@ def _options_of(target: Callable[..., Any]) -> tuple[Option, ...] | None:
     handed = {"registry"} if wants_registry(target) else set()
     about = _described(target)
     return tuple(
-        Option(p.name, _annotation(target, p), p.default, about.get(p.name, ""))
+        Option(p.name, _with_default(_annotation(target, p), p.default), p.default, about.get(p.name, ""))
         for p in parameters
         if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name not in handed
     )
@@ -147,6 +148,12 @@ def convert(option: Option, value: Any, owner: str) -> Any:
         if found:
             return result
     given = parse_value(value) if isinstance(value, Text) else value
+    if (
+        isinstance(given, str | int | float)
+        and type(given) is type(option.default)
+        and given == option.default
+    ):
+        return given
     raise OptionError(f"{option.name} of {owner} must be {option.type_name}, given {given!r:.60}")
 
 
@@ -264,6 +271,13 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
         return eval(given, dict(names))
     except Exception:  # a name that is imported for type checkers alone
         return _EMPTY
+
+
+def _with_default(annotation: Any, default: Any) -> Any:
+    """The annotation, with None if that is the default: many write ``int = None``."""
+    if default is not None or _members(annotation) is None:
+        return annotation
+    return Optional[annotation]  # noqa: UP045 - None | None is an error
 
 
 def _described(target: Callable[..., Any]) -> dict[str, str]:

@@ -115,7 +115,7 @@ def test_specs_are_read() -> None:
     assert parse_spec("kmeans") == ("kmeans", {})
     assert parse_spec("theirs/metis:ufactor=30,contig=True,tol=1e-3,seed=none,mode=fast") == (
         "theirs/metis",
-        {"ufactor": "30", "contig": "True", "tol": "1e-3", "seed": "none", "mode": "fast"},
+        {"ufactor": 30, "contig": True, "tol": 1e-3, "seed": None, "mode": "fast"},
     )
     assert parse_spec("a:path=x=y")[1] == {"path": "x=y"}
     for wrong in ("", ":n=1", "a:n", "a:n=", "a:=1", "a:n=1,,m=2", "a:n=1,n=2"):

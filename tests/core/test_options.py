@@ -99,6 +99,21 @@ def test_what_python_gives_is_left_as_it_is(name: str, value: object) -> None:
     assert convert(OPTIONS[name], value, "it") is value
 
 
+def test_the_default_fits_whatever_the_annotation_says() -> None:
+    def older(count: int = None, name: str = None, size: float = "auto") -> None:  # type: ignore[assignment]  # noqa: RUF013
+        """Options as many write them."""
+
+    count, name, size = options_of(older) or ()
+    assert [convert(option, None, "it") for option in (count, name)] == [None, None]
+    assert [convert(option, Text("none"), "it") for option in (count, name)] == [None, None]
+    assert convert(count, Text("3"), "it") == 3
+    assert convert(size, "auto", "it") == convert(size, Text("auto"), "it") == "auto"
+    assert count.type_name == "a whole number or none"
+    for option, wrong in ((count, "x"), (count, 2.5), (size, None), (size, "automatic")):
+        with pytest.raises(OptionError):
+            convert(option, wrong, "it")
+
+
 def test_lists_and_texts_of_toml_fit() -> None:
     assert convert(OPTIONS["pair"], [3, 4], "it") == (3, 4)
     assert convert(OPTIONS["file"], "a.vtu", "it") == Path("a.vtu")

@@ -16,10 +16,12 @@ from cell_values import CellValues, Fluxes, Ring
 from command_line import Agglo
 from scipy import sparse
 from scipy.io import mmwrite
+from scipy.sparse.linalg import spsolve
 
 from agglo_core import (
     Component,
     FileError,
+    Hierarchy,
     OptionError,
     PluginError,
     Registry,
@@ -32,11 +34,13 @@ from agglo_core.problems import (
     Diffusion,
     Discretisation,
     Linear,
+    Solution,
     discretisation_of,
     named_problem,
     read_problem,
     require_accepted,
 )
+from agglo_core.problems.solution_report import report
 from agglo_core.registry import default
 
 COMPONENTS = [
@@ -282,6 +286,7 @@ sys.path.append({str(Path(__file__).parents[1])!r})
 from types import SimpleNamespace
 from agglo_core import Component, hookimpl
 from agglo_core.cli import main
+from agglo_core.problems.solution_report import report
 from agglo_core.registry import default
 theirs = [Component("solver", "fluxes", "cell_values:Fluxes")]
 if "fluxes" in sys.argv:
@@ -305,3 +310,23 @@ main()
     assert "no solver is named 'polydg_mg_paper'; available: none" in done.stderr
     assert "blocked by AGGLO_BLOCK; choose another one by --solver" in done.stderr
     assert "converged after" in run("squares:n=4", "--solver", "fluxes", "--parts", "4").stdout
+
+
+class Direct:
+    """A solver of one method, which has no levels to tell of."""
+
+    def solve(self, problem: Linear, hierarchy: Hierarchy) -> Solution:
+        """By elimination."""
+        x = spsolve(problem.A.tocsc(), problem.b)
+        return Solution(x, problem.A, problem.b, [], np.zeros(1), True, "solved", 0, {})
+
+
+def test_a_solver_without_levels_is_reported_as_one_level() -> None:
+    mesh = samples.squares(4)
+    weights = mesh.graph.to_scipy()
+    A = sparse.csr_array(sparse.diags_array(weights.sum(axis=1) + 1) - weights)
+    problem = Linear(A, np.ones(16), np.arange(17))
+    data = report(mesh, problem, Direct().solve(problem, agglomerate(mesh, n_parts=4)))
+    assert (data["dofs"], data["operator_complexity"]) == (16, 1.0)
+    assert data["levels"] == [{"cells": 16, "dofs": 16}]
+    assert data["relative_residual"] < 1e-12
