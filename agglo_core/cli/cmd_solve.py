@@ -67,7 +67,7 @@ def solve(
     explain_compilation()
     mesh = load_mesh(source)
     refuse_3d_meshes(mesh, source, {"--plot": plot})
-    title = describe(default().record("solver", parse_spec(solver)[0]))
+    title = describe(default().record("solver", as_typed(solver)[0]))
     asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
     from agglo_core.problems.solving import solved_by
 

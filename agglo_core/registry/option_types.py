@@ -1,0 +1,167 @@
+"""Types of options: which values fit one, what a typed text becomes, what a type is called in words."""
+
+from __future__ import annotations
+
+import inspect
+import types
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final, Literal, Union, get_args, get_origin
+
+__all__ = ["UNTYPED", "Text", "fit", "in_words", "parse_value"]
+
+UNTYPED: Final = inspect.Parameter.empty
+"""The annotation of an option that has none."""
+
+_WORDS = {"true": True, "false": False, "none": None}
+_WORDS_OF: dict[Any, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    Path: "a path",
+    type(None): "none",
+    None: "none",
+}
+
+
+class Text(str):
+    """A value as it was typed, which is yet to become what its option takes."""
+
+    __slots__ = ()
+
+
+def parse_value(text: str) -> int | float | bool | str | None:
+    """An integer, a number, true, false or none if ``text`` looks like one; otherwise the text itself."""
+    if text.lower() in _WORDS:
+        return _WORDS[text.lower()]
+    for number in (int, float):
+        try:
+            return number(text)
+        except ValueError:
+            continue
+    return str(text)
+
+
+def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
+    """Whether a value fits an annotation, and what it becomes; anything fits one that options do not know."""
+    known = _members(annotation)
+    if known is None:
+        return True, parse_value(value) if isinstance(value, Text) else value
+    tried = (_fit(member, value) for member in known)
+    return next((found for found in tried if found[0]), (False, None))
+
+
+def _members(annotation: Any) -> tuple[Any, ...] | None:
+    """The types of a union, text last; None if one of them is not of those that options know."""
+    members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+    if not all(_is_known(member) for member in members):
+        return None
+    return tuple(sorted(members, key=lambda member: member in (str, Path)))
+
+
+def _is_known(member: Any) -> bool:
+    if get_origin(member) is Literal or member in (bool, int, float, str, Path, type(None), None):
+        return True
+    if get_origin(member) is tuple:
+        return all(each is Ellipsis or _members(each) is not None for each in get_args(member))
+    return isinstance(member, type) and issubclass(member, Enum)
+
+
+def _fit(member: Any, value: Any) -> tuple[bool, Any]:
+    """Whether a value fits one type, and what it becomes."""
+    if get_origin(member) is Literal:
+        return _fit_literal(get_args(member), value)
+    if get_origin(member) is tuple:
+        return _fit_tuple(get_args(member), value)
+    if isinstance(member, type) and issubclass(member, Enum):
+        return _fit_enum(member, value)
+    if isinstance(value, Text):
+        return _read(member, value)
+    if member in (None, type(None)):
+        return value is None, None
+    if member is Path:
+        return isinstance(value, str | Path), Path(value) if isinstance(value, str | Path) else None
+    return _is_instance(member, value), value
+
+
+def _read(member: Any, text: Text) -> tuple[bool, Any]:
+    """A text as a value of a plain type."""
+    if member is str:
+        return True, str(text)
+    if member is Path:
+        return True, Path(text)
+    if member in (bool, None, type(None)):
+        wanted: tuple[Any, ...] = (True, False) if member is bool else (None,)
+        word = _WORDS.get(text.lower(), UNTYPED)
+        return word in wanted and word is not UNTYPED, word
+    try:
+        return True, member(text)
+    except ValueError:
+        return False, None
+
+
+def _is_instance(member: type, value: Any) -> bool:
+    """Whether a value is of a plain type; numbers of numpy are numbers, a bool is none."""
+    if member is bool:
+        return isinstance(value, bool) or type(value).__name__ in ("bool", "bool_")
+    if member is str:
+        return isinstance(value, str)
+    if isinstance(value, bool) or not hasattr(value, "__float__") or getattr(value, "ndim", 0) != 0:
+        return False
+    return member is float or hasattr(value, "__index__")
+
+
+def _fit_literal(accepted: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
+    for each in accepted:
+        if isinstance(value, Text):
+            found, read = _fit(type(each), value)
+            if found and read == each:
+                return True, each
+        elif type(value) is type(each) and value == each:
+            return True, each
+    return False, None
+
+
+def _fit_enum(member: type[Enum], value: Any) -> tuple[bool, Any]:
+    if isinstance(value, member):
+        return True, value
+    for each in member:
+        if value == each.name or value == each.value or str(value) == str(each.value):
+            return True, each
+    return False, None
+
+
+def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
+    """A list or tuple item by item; a text is split at ``+``, as commas separate options."""
+    if isinstance(value, Text):
+        items: list[Any] = [Text(item.strip()) for item in value.split("+")]
+    elif isinstance(value, list | tuple):
+        items = list(value)
+    else:
+        return False, None
+    kinds = [members[0]] * len(items) if len(members) == 2 and members[1] is Ellipsis else list(members)
+    if len(kinds) != len(items):
+        return False, None
+    results = []
+    for kind, item in zip(kinds, items, strict=True):
+        tried = [_fit(each, item) for each in _members(kind) or ()]
+        good = [result for found, result in tried if found]
+        if not good:
+            return False, None
+        results.append(good[0])
+    return True, tuple(results)
+
+
+def in_words(annotation: Any) -> str:
+    if annotation is UNTYPED:
+        return "any"
+    if get_origin(annotation) in (Union, types.UnionType):
+        return " or ".join(in_words(member) for member in get_args(annotation))
+    if get_origin(annotation) is Literal:
+        return " or ".join(repr(each) for each in get_args(annotation))
+    if get_origin(annotation) is tuple:
+        return f"tuple of {', '.join('…' if m is Ellipsis else in_words(m) for m in get_args(annotation))}"
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return " or ".join(repr(each.name) for each in annotation)
+    return _WORDS_OF.get(annotation, str(getattr(annotation, "__name__", annotation)))
