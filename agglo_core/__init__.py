@@ -97,7 +97,9 @@ _MODULES = {
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        return _version()
+        from agglo_core.registry.discovery import version_of
+
+        return version_of("agglo")
     if name in _MODULES:
         return import_module(f"agglo_core.{_MODULES[name]}")
     for module, names in _HOME.items():
@@ -108,15 +110,6 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("agglo")
-    except PackageNotFoundError:  # run from a source tree that is not installed
-        return "0+unknown"
 
 
 watch_for_moved()

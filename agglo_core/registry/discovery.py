@@ -12,7 +12,7 @@ import pluggy
 
 from agglo_core.registry.declarations import Command, Component, Hooks
 
-__all__ = ["GROUP", "PLUGIN_FAILURES", "Found", "attach", "detach", "installed", "raised"]
+__all__ = ["GROUP", "PLUGIN_FAILURES", "Found", "attach", "detach", "installed", "raised", "version_of"]
 
 GROUP = "agglo"
 PLUGIN_FAILURES = (Exception, SystemExit)
@@ -55,6 +55,14 @@ def installed() -> Iterator[Found]:
             continue
         for point in points:
             yield Found(point.name, point, name, version)
+
+
+def version_of(distribution: str) -> str:
+    """Version of an installed distribution; ``0+unknown`` where the code runs from a source tree."""
+    try:
+        return metadata.version(distribution)
+    except metadata.PackageNotFoundError:
+        return "0+unknown"
 
 
 def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[list[Component | Command], str]:

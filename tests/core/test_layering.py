@@ -101,7 +101,7 @@ def test_arrows_between_folders_run_one_way(file: Path) -> None:
     for module in modules_imported(file):
         top, there = module.split(".")[0], room(module)
         assert top == "agglo_core", f"{dotted(file)} imports the plugin {module}"
-        if there in ("", own):
+        if there == own or (there == "" and own == "cli"):  # the command line knows the version
             continue
         allowed = ", ".join(sorted(MAY_IMPORT[own]))
         assert there in MAY_IMPORT[own], f"{dotted(file)} imports {module}; {own} may import: {allowed}"

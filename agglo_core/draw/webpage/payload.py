@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import agglo_core
 from agglo_core.draw.plot import PALETTE, colouring
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.measure.comparison import Level, RunResult, wanted
 from agglo_core.mesh import Mesh
+from agglo_core.registry.discovery import version_of
 
 __all__ = ["payload"]
 
@@ -33,7 +33,7 @@ def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, 
         raise OptionError("nothing to report: there is no run, or none came to an end")
     used, vertices = np.unique(mesh.face_vertices, return_inverse=True)
     return {
-        "version": agglo_core.__version__,
+        "version": version_of("agglo"),
         "name": mesh.name or "mesh",
         "note": note,
         "cells": mesh.n_cells,
