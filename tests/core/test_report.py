@@ -80,12 +80,12 @@ def test_faulty_requests_are_explained() -> None:
         quality(mesh, labels, ("CR", "CR"))
     with pytest.raises(OptionError, match="not the text"):
         quality(mesh, labels, "CR")
-    with pytest.raises(OptionError, match="no metric"):
+    with pytest.raises(OptionError, match="is not a metric"):
         quality(mesh, labels, (object(),))  # type: ignore[arg-type]
     for wrong in (("UF", "CR"), ("UF",), ("UF", {}, {}), (3, {})):
         with pytest.raises(OptionError, match=r"a metric is a name, \(name, options\) or an object"):
             quality(mesh, labels, [wrong])  # type: ignore[list-item]
-    with pytest.raises(OptionError, match="no metric"):
+    with pytest.raises(OptionError, match="is not a metric"):
         quality(mesh, labels, (Scalar,))  # type: ignore[arg-type]
     with pytest.raises(OptionError, match="list or tuple"):
         quality(mesh, labels, None)  # type: ignore[arg-type]
