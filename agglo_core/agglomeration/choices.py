@@ -10,6 +10,7 @@ from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
+from agglo_core.registry.options import name_and_options
 
 __all__ = ["Choice", "chosen", "new_run", "short_name"]
 
@@ -61,7 +62,7 @@ def _stand_in(bisector: Member, why: str, choice: Choice, registry: Registry) ->
 def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choice | None]:
     """The component a choice stands for, and the fallback it declared."""
     if isinstance(choice, str | tuple):
-        name, options = (choice, {}) if isinstance(choice, str) else _named(kind, choice)
+        name, options = (choice, {}) if isinstance(choice, str) else name_and_options(kind, choice)
         record = registry.record(kind, name)
         tool = registry.assemble(record, options)
         return Member(tool, describe(record)), record.component.fallback if record.component else None
@@ -71,12 +72,6 @@ def chosen(kind: str, choice: Choice, registry: Registry) -> tuple[Member, Choic
             f"{choice!r} is not a {kind}: expected a name or an object with {' or '.join(methods)}"
         )
     return Member(choice, f"{kind} {type(choice).__name__}"), getattr(choice, "fallback", None)
-
-
-def _named(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
-        return choice[0], choice[1]
-    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {choice!r}")
 
 
 def short_name(choice: Choice) -> str:

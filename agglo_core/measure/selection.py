@@ -12,6 +12,7 @@ from agglo_core.graph.objectives import OBJECTIVES, Objective
 from agglo_core.protocols import QualityMetric
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member
+from agglo_core.registry.options import name_and_options
 
 __all__ = ["RATIOS", "Metric", "Selection", "built_metrics", "select"]
 
@@ -65,7 +66,7 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
     source = default() if registry is None else registry
     built: dict[str, Member] = {}
     for metric in _listed(chosen):
-        name, options = _named(metric) if isinstance(metric, tuple) else (metric, {})
+        name, options = name_and_options("metric", metric) if isinstance(metric, tuple) else (metric, {})
         if isinstance(name, str):
             title = describe(source.record("metric", name))
             component = source.build("metric", name, **options)
@@ -97,9 +98,3 @@ def _listed(chosen: Iterable[Metric]) -> list[Metric]:
     if not isinstance(chosen, Iterable):
         raise OptionError(f"metrics must be a list or tuple of names, not {chosen!r:.60}")
     return list(chosen)
-
-
-def _named(metric: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
-    if len(metric) == 2 and isinstance(metric[0], str) and isinstance(metric[1], Mapping):
-        return metric[0], metric[1]
-    raise OptionError(f"a metric is a name, (name, options) or an object, not {metric!r:.60}")

@@ -95,7 +95,10 @@ def _check_built(record: Record, built: Any) -> None:
         wanted = " or ".join(f"{method}(…)" for method in kind.methods)
         raise PluginError(f"{describe(record)} built {built!r:.60}, which has no method {wanted}")
     for name, type_ in kind.attributes.items():
-        found = getattr(built, name, None)
+        try:
+            found = getattr(built, name, None)
+        except PLUGIN_FAILURES as error:  # a property of theirs
+            raise PluginError(f"{describe(record)}: its attribute {name!r} raised {raised(error)}") from error
         if not isinstance(found, type_):
             wrong = f"no attribute {name!r}" if found is None else f"{name} = {found!r:.60}"
             raise PluginError(

@@ -12,7 +12,7 @@ from __future__ import annotations
 import inspect
 import re
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Optional
@@ -20,7 +20,7 @@ from typing import Any, Optional
 from agglo_core.errors import OptionError
 from agglo_core.registry.option_types import UNTYPED, Text, fit, in_words, parse_value
 
-__all__ = ["Option", "Text", "convert", "options_of", "parse_value", "wants_registry"]
+__all__ = ["Option", "Text", "convert", "name_and_options", "options_of", "parse_value", "wants_registry"]
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,13 @@ def _options_of_class(target: type) -> tuple[Option, ...] | None:
     return _options_of(target)  # takes longer than to build most components, so once for each class
 
 
+def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[str, Any]]:
+    """A choice of the form ``(name, options)``, or OptionError."""
+    if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
+        return choice[0], choice[1]
+    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {choice!r:.60}")
+
+
 def convert(option: Option, value: Any, owner: str) -> Any:
     """The value as the option takes it.
 
@@ -133,7 +140,7 @@ def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any
         names = vars(inspect.getmodule(target) or types.ModuleType("none"))
     try:
         return eval(given, dict(names))
-    except Exception:  # a name that is imported for type checkers alone
+    except (NameError, AttributeError, TypeError, SyntaxError):  # as a name imported for type checkers alone
         return UNTYPED
 
 

@@ -208,3 +208,31 @@ def test_toml_and_the_command_line_agree(tmp_path: Path) -> None:
 
 def test_an_option_knows_its_type_in_words() -> None:
     assert Option("n", int | None, 1).type_name == "a whole number or none"
+
+
+class Moody:
+    """A format whose suffixes cannot be read."""
+
+    lossless = False
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Never there."""
+        raise ValueError("not today")
+
+    def read(self, path: Path) -> None:
+        """Nothing."""
+
+
+def test_an_attribute_that_raises_is_attributed(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Plugin:
+        @hookimpl
+        def agglo_components(self) -> list[Component]:
+            return [Component("format", "moody", "moody_module:Moody")]
+
+    module = __import__("types").SimpleNamespace(Moody=Moody)
+    monkeypatch.setitem(__import__("sys").modules, "moody_module", module)
+    registry = Registry()
+    registry.register(Plugin(), "mine")
+    with pytest.raises(PluginError, match=r"format 'moody' .* 'suffixes' raised ValueError: not today"):
+        registry.build("format", "moody")
