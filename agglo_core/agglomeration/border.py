@@ -14,6 +14,7 @@ from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Bisector, LevelBisector, Target
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.registry.containment import shown
 
 __all__ = [
     "bisect_by_block",
@@ -39,7 +40,7 @@ def bisector_for(member: Member, target: Target) -> Member:
         return member
     if isinstance(adapted, type) or not isinstance(adapted, LevelBisector | Bisector):
         raise PluginError(
-            f"{member.title}: {methods[0]} returned {adapted!r:.60}, "
+            f"{member.title}: {methods[0]} returned {shown(adapted)}, "
             "expected an object with bisect_level or bisect"
         )
     return Member(adapted, member.title)

@@ -120,7 +120,7 @@ def _run(args: Sequence[str] | None) -> int:
     except (AggloError, click.Abort, SystemError) as error:
         stop = stopped_by(error)
         if stop is not None or isinstance(error, click.Abort):
-            return _stopped(143 if isinstance(stop, Terminated) else 130)
+            return _stopped(143 if isinstance(stop, Terminated) else 130, stop)
         if isinstance(error, SystemError):
             raise
         return _fail(str(error))
@@ -155,7 +155,8 @@ def _fail(message: str) -> int:
     return 2
 
 
-def _stopped(code: int) -> int:
+def _stopped(code: int, stop: BaseException | None) -> int:
+    where = ", ".join(getattr(stop, "__notes__", ()))
     with suppress(OSError):
-        click.echo("interrupted" if code == 130 else "terminated", err=True)
+        click.echo(f"{'interrupted' if code == 130 else 'terminated'} {where}".rstrip(), err=True)
     return code

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import as_typed
-from agglo_core.cli.console import print_json, print_table
+from agglo_core.cli.console import echo, print_json, print_table
+from agglo_core.cli.stdout import OwnCommand
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS
 
@@ -20,7 +21,7 @@ __all__ = ["check"]
 _FOLD = "what it says, or what is wrong"
 
 
-@click.command(short_help="Check a component against the laws of its kind.")
+@click.command(cls=OwnCommand, short_help="Check a component against the laws of its kind.")
 @click.argument("component")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of results.")
 @click.option(
@@ -60,4 +61,4 @@ def _show(component: str, results: list[Result]) -> None:
     ]
     print_table("", ["law", "state", "seconds", _FOLD], rows, fold=_FOLD)
     failed = sum(not result.passed for result in results)
-    click.echo(f"{component}: {len(results) - failed} of {len(results)} laws hold")
+    echo(f"{component}: {len(results) - failed} of {len(results)} laws hold")

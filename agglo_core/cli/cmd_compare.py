@@ -23,6 +23,7 @@ from agglo_core.cli.arguments import (
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import check_report, refuse_3d_meshes
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show
+from agglo_core.cli.stdout import OwnCommand
 from agglo_core.registry import default
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class _Plan:
     lacks: str
 
 
-@click.command(short_help="Compare bisectors and methods on a mesh.")
+@click.command(cls=OwnCommand, short_help="Compare bisectors and methods on a mesh.")
 @click.argument("source", metavar="MESH|SAMPLE")
 @agglomeration_options(bisector="several", method="several")
 @click.option("--bisectors", "more_bisectors", multiple=True, callback=read_bisectors, hidden=True)

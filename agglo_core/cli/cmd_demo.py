@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import FILE, bisectors_option, choice
-from agglo_core.cli.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.console import echo, explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
+from agglo_core.cli.stdout import OwnCommand
 from agglo_core.errors import FileError, PluginError
 from agglo_core.registry import default
 
@@ -33,7 +34,7 @@ def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> flo
     return value
 
 
-@click.command(short_help="See a brain agglomerated by every bisector.")
+@click.command(cls=OwnCommand, short_help="See a brain agglomerated by every bisector.")
 @click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
 @bisectors_option("How a piece is split (default: all).")
 @click.option(
@@ -79,7 +80,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         print_json(data(mesh, "brain", done) | {"files": [str(file) for file in written]})
     elif not quiet:
         show(title, runs, only_finest=True)
-        click.echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
+        echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
 
 
 def _bisectors(quiet: bool) -> list[str]:

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from agglo_core.cli.console import quieten
+from agglo_core.cli.console import echo, quieten
+from agglo_core.cli.stdout import OwnCommand
 
 __all__ = ["mesh"]
 
 
-@click.command(short_help="Write a sample mesh to a file.")
+@click.command(cls=OwnCommand, short_help="Write a sample mesh to a file.")
 @click.argument("sample")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
@@ -25,4 +26,4 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     made = samples.from_spec(sample)
     io.write(output, made)
     if not quiet:
-        click.echo(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")
+        echo(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")

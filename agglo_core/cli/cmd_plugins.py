@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import textwrap
 from collections.abc import Iterator, Sequence
-from shutil import get_terminal_size
 from typing import Any
 
 import click
 
-from agglo_core.cli.console import print_json
+from agglo_core.cli.console import echo, print_json
+from agglo_core.cli.stdout import OwnCommand, width
 from agglo_core.errors import PluginError
 from agglo_core.registry import KINDS, Record, Registry, default, describe
 from agglo_core.registry.construct import resolve
@@ -19,13 +18,13 @@ from agglo_core.registry.options import Option, options_of
 __all__ = ["plugins"]
 
 _COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
-_PIPE = 200  # columns where the output is not a terminal
+_SLOW = 2.0  # seconds; every command waits for the imports of all plugins
 _LEAST = 30  # columns for the last column, however narrow the terminal
 
 
-@click.command(short_help="List plugins, their components, states and options.")
+@click.command(cls=OwnCommand, short_help="List plugins, their components, states and options.")
 @click.argument("name", required=False)
-@click.option("-v", "--verbose", is_flag=True, help="Also show what each is, promises and requires.")
+@click.option("-v", "--verbose", is_flag=True, help="Also show promises, requirements, slow imports.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of records.")
 def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     """List the components and commands of all plugins, with their states.
@@ -45,7 +44,7 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
         _print_columns(_COLUMNS, [_row(record, verbose) for record in records])
     else:
         for record in records:
-            click.echo("\n".join(_card(record)))
+            echo("\n".join(_card(record)))
 
 
 def _named(registry: Registry, text: str) -> list[Record]:
@@ -74,15 +73,14 @@ def _named(registry: Registry, text: str) -> list[Record]:
 def _print_columns(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """A table whose last column is folded at the width of the terminal; plain, for it may be long."""
     widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns) - 1)]
-    width = get_terminal_size().columns if sys.stdout.isatty() else _PIPE
-    room = max(width - sum(widths) - 2 * len(widths), _LEAST)
+    room = max(width() - sum(widths) - 2 * len(widths), _LEAST)
     margin = " " * (sum(widths) + 2 * len(widths))
     lines = []
     for row in (columns, ["-" * wide for wide in (*widths, len(columns[-1]))], *rows):
         head = "".join(f"{cell:<{wide + 2}}" for cell, wide in zip(row, widths, strict=False))
         about = [line for part in row[-1].split("\n") for line in textwrap.wrap(part, room) or [""]]
         lines += [(head + about[0]).rstrip(), *(margin + line for line in about[1:])]
-    click.echo("\n".join(lines))
+    echo("\n".join(lines))
 
 
 def _row(record: Record, verbose: bool) -> list[str]:
@@ -90,6 +88,8 @@ def _row(record: Record, verbose: bool) -> list[str]:
     about = [record.reason] if record.state != "ok" else []
     if verbose:
         about += _particulars(record)
+        if record.import_seconds > _SLOW:
+            about.append(f"slow: importing plugin {record.plugin!r} took {record.import_seconds:.1f} s")
     elif record.state == "ok":
         about = [_data(record)["summary"]]
     text = "\n".join(line for line in about if line)
@@ -168,6 +168,7 @@ def _data(record: Record) -> dict[str, Any]:
         "state": record.state,
         "reason": record.reason,
         "missing": list(record.missing),
+        "import_seconds": round(record.import_seconds, 3),
         "target": str(declared.target) if declared else "",
         "summary": str(declared.summary) if declared else "",
         "requires": list(component.requires) if component and whole else [],

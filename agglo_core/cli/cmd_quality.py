@@ -10,6 +10,7 @@ import click
 from agglo_core.cli.arguments import metrics_option
 from agglo_core.cli.console import number, print_json, print_table, quieten
 from agglo_core.cli.runs import level_data, single_level
+from agglo_core.cli.stdout import OwnCommand
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["quality"]
 
 
-@click.command(short_help="Measure the agglomerates in a file.")
+@click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
 @click.argument("file", type=click.Path(path_type=Path))
 @metrics_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")

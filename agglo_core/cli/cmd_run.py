@@ -12,6 +12,7 @@ from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_m
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import check_outputs, refuse_3d_meshes, write_outputs
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show
+from agglo_core.cli.stdout import OwnCommand
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 
-@click.command(short_help="Agglomerate a mesh: measure, draw, write.")
+@click.command(cls=OwnCommand, short_help="Agglomerate a mesh: measure, draw, write.")
 @click.argument("source", metavar="MESH|SAMPLE")
 @agglomeration_options(bisector="several")
 @metrics_option

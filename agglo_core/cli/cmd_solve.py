@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
-from agglo_core.cli.console import explain_compilation, print_json
+from agglo_core.cli.console import echo, explain_compilation, print_json
 from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
+from agglo_core.cli.stdout import OwnCommand
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry import default, describe
 from agglo_core.registry.attribution import Member, attributed
@@ -26,7 +27,7 @@ _DEFAULT_SOLVER = "polydg_mg_paper"
 _NOT_CONVERGED = 3
 
 
-@click.command(short_help="Solve a problem with the help of a hierarchy.")
+@click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")
 @click.argument("source", metavar="MESH|SAMPLE")
 @click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
 @agglomeration_options(bisector="one")
@@ -85,7 +86,7 @@ def solve(
             data["cg_iterations"] = solution.iterations
         print_json(data)
     else:
-        click.echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
+        echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
     return 0 if solution.converged else _NOT_CONVERGED
 
 

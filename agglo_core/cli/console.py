@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.cli.stdout import stdout, width
 from agglo_core.registry import default, hookimpl
 
 if TYPE_CHECKING:
     from rich.status import Status
 
 __all__ = [
+    "echo",
     "explain_compilation",
     "notices",
     "number",
@@ -90,6 +92,11 @@ def progress(label: str, quiet: bool) -> Iterator[None]:
             registry.unregister(name)
 
 
+def echo(text: str) -> None:
+    """Print a line on stdout, which nothing but our own output reaches."""
+    click.echo(text, file=stdout())
+
+
 def plain(value: Any) -> Any:
     """``value`` as JSON knows it: arrays as lists, NaN and infinities as null."""
     if isinstance(value, Mapping):
@@ -103,7 +110,7 @@ def plain(value: Any) -> Any:
 
 def print_json(value: Any) -> None:
     """Print a value as JSON on stdout."""
-    click.echo(json.dumps(plain(value), indent=2, allow_nan=False))
+    echo(json.dumps(plain(value), indent=2, allow_nan=False))
 
 
 def number(value: Any) -> str:
@@ -119,9 +126,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     from rich.table import Table
     from rich.text import Text
 
-    console = Console(highlight=False)
-    if not console.is_terminal:  # a pipe has no width: leave the wrapping to whoever reads
-        console = Console(highlight=False, width=200)
+    console = Console(file=stdout(), highlight=False, width=width())
     table = Table(title=Text(title), title_justify="left")
     for column in columns:
         table.add_column(column, no_wrap=column != fold, overflow="fold")

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from agglo_core.cli.console import number, print_table, progress
+from agglo_core.cli.console import echo, number, print_table, progress
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.errors import AggloError, OptionError
 
@@ -154,7 +152,7 @@ def show(
     columns = ["bisector", *heads, *(["note"] if failed else [])]
     print_table(title, columns, rows, fold="note")
     for path in written:
-        click.echo(f"wrote {path}")
+        echo(f"wrote {path}")
 
 
 def _last(level: Level) -> dict[str, str]:

@@ -11,7 +11,7 @@ from agglo_core.conformance.laws import laws_of
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 __all__ = ["Result", "judge", "laws_for"]
 

@@ -23,7 +23,7 @@ from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.problems import Solution
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 __all__ = [
     "answer",

@@ -10,8 +10,8 @@ from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS, Component, Record, Registry, default, describe
 from agglo_core.registry.construct import construct, resolve
+from agglo_core.registry.containment import PLUGIN_FAILURES
 from agglo_core.registry.declarations import faults
-from agglo_core.registry.discovery import PLUGIN_FAILURES
 from agglo_core.registry.kinds import kind_of_methods
 from agglo_core.registry.options import wants_registry
 from agglo_core.registry.records import unusable

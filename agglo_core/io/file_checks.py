@@ -11,6 +11,7 @@ from agglo_core.errors import AggloError, FileError, MeshError, OptionError, Plu
 from agglo_core.io.atomic import staging
 from agglo_core.io.formats import KnownFormat
 from agglo_core.registry.attribution import attributed
+from agglo_core.registry.containment import shown
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -102,13 +103,13 @@ def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
     with attributed(known.title, spare=_ON_PURPOSE):
         given = known.tool.read_hierarchy(path)
     if not isinstance(given, tuple) or len(given) != 2:
-        raise PluginError(f"{known.title}: read_hierarchy() returned {given!r:.60}, expected a pair")
+        raise PluginError(f"{known.title}: read_hierarchy() returned {shown(given)}, expected a pair")
     mesh, hierarchy = _checked_mesh(known, "read_hierarchy", given[0]), given[1]
     if hierarchy is None:
         return mesh, None
     if not isinstance(hierarchy, Hierarchy):
         raise PluginError(
-            f"{known.title}: read_hierarchy() returned the hierarchy {hierarchy!r:.60}, "
+            f"{known.title}: read_hierarchy() returned the hierarchy {shown(hierarchy)}, "
             "expected a Hierarchy or None"
         )
     with attributed(known.title):
@@ -120,5 +121,5 @@ def _checked_mesh(known: KnownFormat, method: str, given: Any) -> Mesh:
     from agglo_core.mesh import Mesh
 
     if not isinstance(given, Mesh):
-        raise PluginError(f"{known.title}: {method}() returned {given!r:.60}, expected a Mesh")
+        raise PluginError(f"{known.title}: {method}() returned {shown(given)}, expected a Mesh")
     return given

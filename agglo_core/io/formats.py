@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from agglo_core.errors import AggloError, FileError, PluginError
 from agglo_core.registry import Record, Registry, describe
+from agglo_core.registry.containment import shown
 from agglo_core.registry.records import unusable
 
 __all__ = ["Formats", "KnownFormat"]
@@ -138,7 +139,7 @@ class Formats:
             wrong = [suffix for suffix in tool.suffixes if not _is_suffix(suffix)]
             if wrong:
                 form = "lower case after a dot, such as '.vtu'"
-                yield None, f"{describe(record)}: its suffix {wrong[0]!r:.60} is not of the form: {form}"
+                yield None, f"{describe(record)}: its suffix {shown(wrong[0])} is not of the form: {form}"
             else:
                 yield KnownFormat(record, tool), ""
 

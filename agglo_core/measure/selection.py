@@ -12,6 +12,7 @@ from agglo_core.graph.objectives import OBJECTIVES, Objective
 from agglo_core.protocols import QualityMetric
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member
+from agglo_core.registry.containment import shown
 from agglo_core.registry.options import name_and_options
 
 __all__ = ["RATIOS", "Metric", "Selection", "built_metrics", "select"]
@@ -77,7 +78,8 @@ def built_metrics(chosen: Iterable[Metric], registry: Registry | None = None) ->
             raise OptionError(f"metric {name!r} is given twice")
         if isinstance(component, type) or not callable(getattr(component, "measure", None)):
             raise OptionError(
-                f"{component!r:.60} is not a metric: expected an object with the method measure(mesh, labels)"
+                f"{shown(component)} is not a metric: "
+                "expected an object with the method measure(mesh, labels)"
             )
         built[name] = Member(component, title)
     return built
@@ -96,5 +98,5 @@ def _listed(chosen: Iterable[Metric]) -> list[Metric]:
     if isinstance(chosen, str):
         raise OptionError(f"metrics must be a list or tuple of names, not the text {chosen!r}")
     if not isinstance(chosen, Iterable):
-        raise OptionError(f"metrics must be a list or tuple of names, not {chosen!r:.60}")
+        raise OptionError(f"metrics must be a list or tuple of names, not {shown(chosen)}")
     return list(chosen)

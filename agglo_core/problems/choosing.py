@@ -15,6 +15,7 @@ from agglo_core.problems.problem import Problem
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.construct import resolve
+from agglo_core.registry.containment import shown
 
 __all__ = ["discretisation_of", "named_problem", "read_problem", "require_accepted"]
 
@@ -123,7 +124,7 @@ def _is_declared(name: str, registry: Registry) -> bool:
 
 def _checked(problem: Any, maker: str) -> Problem:
     if not isinstance(getattr(problem, "kind", None), str):
-        raise PluginError(f"{maker} made {problem!r:.60}, expected a problem, whose kind is its name")
+        raise PluginError(f"{maker} made {shown(problem)}, expected a problem, whose kind is its name")
     return problem  # type: ignore[no-any-return]
 
 

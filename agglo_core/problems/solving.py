@@ -7,6 +7,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems.problem import Problem
 from agglo_core.problems.solution import Solution
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.registry.containment import shown
 
 __all__ = ["solved_by"]
 
@@ -24,5 +25,5 @@ def solved_by(solver: Member, problem: Problem, hierarchy: Hierarchy) -> Solutio
     with attributed(solver.title, spare=(AggloError,)):
         solution = solver.tool.solve(problem, hierarchy)
     if not isinstance(solution, Solution):
-        raise PluginError(f"{solver.title}: solve returned {solution!r:.60}, expected a Solution")
+        raise PluginError(f"{solver.title}: solve returned {shown(solution)}, expected a Solution")
     return solution

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from agglo_core.errors import PluginError
-from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, at_home, raised
 
 __all__ = ["Member", "attributed"]
 
@@ -25,6 +25,8 @@ class Member:
 def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterator[None]:
     """Turn whatever a component raises into a PluginError that begins with ``owner``; ``spare`` passes.
 
+    A component that leaves the current folder is brought back, with a warning.
+
     Parameters
     ----------
     owner : str
@@ -33,7 +35,8 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
         What the component may raise on purpose. A PluginError is given its owner even then.
     """
     try:
-        yield
+        with at_home(owner):
+            yield
     except PluginError as error:
         raise PluginError(f"{owner}: {error}") from error
     except spare:

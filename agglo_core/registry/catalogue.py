@@ -6,10 +6,10 @@ import difflib
 import logging
 import os
 import sys
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -18,8 +18,9 @@ import pluggy
 
 from agglo_core.errors import PluginError
 from agglo_core.registry.construct import construct
-from agglo_core.registry.declarations import Command, Component, Hooks, faults
-from agglo_core.registry.discovery import PLUGIN_FAILURES, Found, attach, detach, installed, raised
+from agglo_core.registry.containment import LoadingError, loading
+from agglo_core.registry.declarations import Command, Component, Hooks, faults, made_plain
+from agglo_core.registry.discovery import Found, attach, detach, installed
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.records import Installed, Record, describe, with_conflicts, with_requirements
 
@@ -148,10 +149,11 @@ class Registry:
         self._manager.trace.root.get("level")(dict(info))
         for watcher in self.hook.agglo_level_done.get_hookimpls():
             try:
-                watcher.function(*(info for _ in watcher.argnames))
-            except PLUGIN_FAILURES as error:
+                with loading(f"plugin {watcher.plugin_name!r}"):
+                    watcher.function(*(info for _ in watcher.argnames))
+            except LoadingError as error:
                 message = "plugin %r stopped watching: agglo_level_done() raised %s"
-                logging.getLogger("agglo").warning(message, watcher.plugin_name, raised(error))
+                logging.getLogger("agglo").warning(message, watcher.plugin_name, error)
                 detach(self._manager, watcher.plugin)
 
     def discover(self, environ: Mapping[str, str] = os.environ) -> None:
@@ -184,22 +186,24 @@ class Registry:
         if point is None:
             self._add(origin, None, [], "the entry_points.txt of its distribution is malformed")
             return
+        key, start = f"{found.name} ({found.distribution})", time.perf_counter()
         try:
-            with redirect_stdout(sys.stderr):  # what a plugin prints must not spoil our output
+            with loading(f"plugin {key}"):
                 plugin = point.load()
-        except PLUGIN_FAILURES as error:
+        except LoadingError as error:
             trace.get("failed")(traceback.format_exc())
-            self._add(origin, None, [], f"importing {point.value!r} raised {raised(error)}")
+            self._add(origin, None, [], f"importing {point.value!r} raised {error}")
             return
-        with redirect_stdout(sys.stderr):
-            declared, problem = attach(self._manager, plugin, f"{found.name} ({found.distribution})")
+        declared, problem = attach(self._manager, plugin, key)
+        origin = replace(origin, import_seconds=time.perf_counter() - start)
         self._add(origin, plugin, declared, problem)
 
     def _add(self, origin: Record, plugin: object, declared: Declared, problem: str) -> None:
-        records = [_of(origin, each) for each in declared]
+        wrong = [list(faults(each)) for each in declared]
+        sound = [made_plain(each) if own else each for each, own in zip(declared, wrong, strict=True)]
+        records = [_of(origin, each) for each in sound]
         times = Counter(f"{r.kind} {r.name}" for r in records)
-        for place, (record, each) in enumerate(zip(records, declared, strict=True)):
-            own = list(faults(each))
+        for place, (record, own) in enumerate(zip(records, wrong, strict=True)):
             if times[f"{record.kind} {record.name}"] > 1:
                 own.append(f"{record.kind} {record.name!r} is declared more than once by this plugin")
             if reason := problem or "; ".join(own):

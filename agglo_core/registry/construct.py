@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
-from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, LoadingError, at_home, loading, raised, shown
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.options import Text, convert, options_of, parse_value, wants_registry
 from agglo_core.registry.records import Record, describe, unusable
@@ -32,11 +32,12 @@ def resolve(record: Record) -> Any:
         raise PluginError(f"{describe(record)} declares nothing that could be built")
     module, _, attribute = declared.target.partition(":")
     try:
-        return reduce(getattr, attribute.split("."), import_module(module))
-    except PLUGIN_FAILURES as error:
+        with loading(describe(record)):
+            return reduce(getattr, attribute.split("."), import_module(module))
+    except LoadingError as error:
         raise PluginError(
-            f"{describe(record)}: importing its target {declared.target!r} raised {raised(error)}"
-        ) from error
+            f"{describe(record)}: importing its target {declared.target!r} raised {error}"
+        ) from error.__cause__
 
 
 def construct(record: Record, options: Mapping[str, Any], registry: object = None) -> Any:
@@ -51,14 +52,15 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
     """
     target = resolve(record)
     if not callable(target):
-        raise PluginError(f"{describe(record)}: its target is {target!r:.60}, expected a class or a factory")
+        raise PluginError(f"{describe(record)}: its target is {shown(target)}, expected a class or a factory")
     chosen = checked_options(record, target, options)
     try:
-        built = target(**chosen, **({"registry": registry} if wants_registry(target) else {}))
+        with at_home(describe(record)):
+            built = target(**chosen, **({"registry": registry} if wants_registry(target) else {}))
     except AggloError:
         raise
     except PLUGIN_FAILURES as error:
-        given = ", ".join(f"{name}={value!r}" for name, value in chosen.items()) or "no options"
+        given = ", ".join(f"{name}={shown(value)}" for name, value in chosen.items()) or "no options"
         raise PluginError(f"{describe(record)} could not be built with {given}: {raised(error)}") from error
     _check_built(record, built)
     return built
@@ -93,14 +95,14 @@ def _check_built(record: Record, built: Any) -> None:
     kind = KINDS[record.kind]
     if kind.methods and not any(callable(getattr(built, method, None)) for method in kind.methods):
         wanted = " or ".join(f"{method}(…)" for method in kind.methods)
-        raise PluginError(f"{describe(record)} built {built!r:.60}, which has no method {wanted}")
+        raise PluginError(f"{describe(record)} built {shown(built)}, which has no method {wanted}")
     for name, type_ in kind.attributes.items():
         try:
             found = getattr(built, name, None)
         except PLUGIN_FAILURES as error:  # a property of theirs
             raise PluginError(f"{describe(record)}: its attribute {name!r} raised {raised(error)}") from error
         if not isinstance(found, type_):
-            wrong = f"no attribute {name!r}" if found is None else f"{name} = {found!r:.60}"
+            wrong = f"no attribute {name!r}" if found is None else f"{name} = {shown(found)}"
             raise PluginError(
-                f"{describe(record)} built {built!r:.60}, which has {wrong}; expected a {type_.__name__}"
+                f"{describe(record)} built {shown(built)}, which has {wrong}; expected a {type_.__name__}"
             )

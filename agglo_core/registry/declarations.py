@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 import pluggy
 
+from agglo_core.registry.containment import shown
 from agglo_core.registry.kinds import KINDS, PROMISES
 
 __all__ = [
@@ -18,6 +20,7 @@ __all__ = [
     "Hooks",
     "faults",
     "hookimpl",
+    "made_plain",
 ]
 
 CORE_COMMANDS: Final = ("demo", "run", "compare", "quality", "mesh", "solve", "plugins", "check")
@@ -37,7 +40,7 @@ class Component:
     kind : str
         One of :data:`~agglo_core.registry.kinds.KINDS`.
     name : str
-        An identifier; users choose the component by it.
+        An identifier of ASCII letters, digits and ``_``; users choose the component by it.
     target : str
         ``"module:attribute"`` of the class (or factory); its keywords are the component's options.
     requires : tuple of str
@@ -86,40 +89,64 @@ class Hooks:
         """Follow a run: called after each depth of a recursion with ``depth``, ``pieces``, ``cells``."""
 
 
-_TARGET = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*(\.[^\W\d]\w*)*")
+_DOTTED = r"[^\W\d]\w*(\.[^\W\d]\w*)*"
+_TARGET = re.compile(f"{_DOTTED}:{_DOTTED}")
+_MODULE = re.compile(_DOTTED)
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")  # look-alikes of a reserved name would be other names
 _COMMAND = re.compile(r"[a-z][a-z0-9_-]*")
 
 
 def faults(declared: Component | Command) -> Iterator[str]:
     """Yield what is wrong with a declaration, each saying what is accepted."""
     if not isinstance(declared.target, str) or not _TARGET.fullmatch(declared.target):
-        yield f"target {declared.target!r} is not of the form 'module:attribute'"
+        yield f"target {shown(declared.target)} is not of the form 'module:attribute'"
     if not isinstance(declared.summary, str):
-        yield f"summary {declared.summary!r} is not a string"
+        yield f"summary {shown(declared.summary)} is not a string"
+    elif any(unicodedata.category(c) in ("Cc", "Cf") and c not in "\n\t" for c in declared.summary):
+        yield f"summary {shown(declared.summary)} contains control characters"
     if isinstance(declared, Component):
         yield from _component_faults(declared)
     elif not isinstance(declared.name, str) or not _COMMAND.fullmatch(declared.name):
-        yield f"command name {declared.name!r} is not made of lower-case letters, digits, '-' and '_'"
+        yield f"command name {shown(declared.name)} is not made of lower-case letters, digits, '-' and '_'"
 
 
 def _component_faults(component: Component) -> Iterator[str]:
     if component.kind not in KINDS:
-        yield f"kind {component.kind!r} is not known; accepted: {', '.join(KINDS)}"
+        yield f"kind {shown(component.kind)} is not known; accepted: {', '.join(KINDS)}"
     name = component.name
-    if not isinstance(name, str) or not name.isidentifier() or name.lower() == "none":
-        yield f"name {name!r} is not an identifier (letters, digits, '_'; 'none' means no component)"
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or name.lower() == "none":
+        yield f"name {shown(name)} is not an identifier (a-z, A-Z, 0-9, '_'; 'none' means no component)"
     requires = component.requires
     if not isinstance(requires, tuple | list) or not all(isinstance(r, str) and r for r in requires):
-        yield f"requires {requires!r} is not a tuple of module names"
+        yield f"requires {shown(requires)} is not a tuple of module names"
+    else:
+        yield from (
+            f"requires {shown(r)}, which is not a module as in 'import NAME'; versions belong into the "
+            "dependencies of the distribution"
+            for r in requires
+            if not _MODULE.fullmatch(r)
+        )
     if component.fallback is not None and component.kind != "bisector":
         yield "fallback is for bisectors only"
     if not isinstance(component.fallback, str | None):
-        yield f"fallback {component.fallback!r} is not the name of a bisector"
+        yield f"fallback {shown(component.fallback)} is not the name of a bisector"
     if not isinstance(component.promises, Mapping):
-        yield f"promises {component.promises!r} is not a mapping of promise to bool or number"
+        yield f"promises {shown(component.promises)} is not a mapping of promise to bool or number"
         return
     for promise, value in component.promises.items():
         if promise not in PROMISES:
-            yield f"promise {promise!r} is not known; accepted: {', '.join(PROMISES)}"
+            yield f"promise {shown(promise)} is not known; accepted: {', '.join(PROMISES)}"
         elif not isinstance(value, bool | int | float):
-            yield f"promise {promise!r} is {value!r}, expected a bool or a number"
+            yield f"promise {promise!r} is {shown(value)}, expected a bool or a number"
+
+
+def made_plain(declared: Component | Command) -> Component | Command:
+    """What can be listed of a faulty declaration: its texts, whatever they are, as plain strings."""
+    name, target, summary = map(_text, (declared.name, declared.target, declared.summary))
+    if isinstance(declared, Command):
+        return Command(name, target, summary)
+    return Component(_text(declared.kind), name, target, summary=summary)
+
+
+def _text(value: object) -> str:
+    return str.__str__(value) if isinstance(value, str) else shown(value)

@@ -10,14 +10,12 @@ from importlib import metadata
 
 import pluggy
 
+from agglo_core.registry.containment import LoadingError, loading, printable, shown
 from agglo_core.registry.declarations import Command, Component, Hooks
 
-__all__ = ["GROUP", "PLUGIN_FAILURES", "Found", "attach", "detach", "installed", "raised", "version_of"]
+__all__ = ["GROUP", "Found", "attach", "detach", "installed", "version_of"]
 
 GROUP = "agglo"
-PLUGIN_FAILURES = (Exception, SystemExit)
-"""What a plugin's code may raise without taking the program down."""
-
 _HOOKS = tuple(name for name in vars(Hooks) if name.startswith("agglo_"))
 
 
@@ -42,7 +40,7 @@ def installed() -> Iterator[Found]:
             text = distribution.read_text("entry_points.txt") or ""
         except ValueError:  # not UTF-8: nothing of ours
             continue
-        name = str(distribution.metadata["Name"]) if f"[{GROUP}]" in text else ""
+        name = printable(str(distribution.metadata["Name"])) if f"[{GROUP}]" in text else ""
         key = name.lower().replace("_", "-").replace(".", "-")
         if not name or key in seen:
             continue
@@ -54,7 +52,7 @@ def installed() -> Iterator[Found]:
             yield Found(name, None, name, version)
             continue
         for point in points:
-            yield Found(point.name, point, name, version)
+            yield Found(printable(point.name), point, name, version)
 
 
 def version_of(distribution: str) -> str:
@@ -73,13 +71,16 @@ def attach(manager: pluggy.PluginManager, plugin: object, key: str) -> tuple[lis
     if manager.is_registered(plugin):
         return [], f"it is the same object as plugin {manager.get_name(plugin)!r}"
     try:
-        if problem := _misnamed(manager, plugin):
-            return [], problem
-        manager.register(plugin, key)
-    except PLUGIN_FAILURES as error:
+        with loading(f"plugin {key}"):
+            problem = _misnamed(manager, plugin)
+            if not problem:
+                manager.register(plugin, key)
+    except LoadingError as error:
         detach(manager, plugin)
-        return [], f"its hooks cannot be registered: {raised(error)}"
-    declared, problem = _declared(manager, plugin)
+        return [], f"its hooks cannot be registered: {error}"
+    if problem:
+        return [], problem
+    declared, problem = _declared(manager, plugin, key)
     if problem:
         detach(manager, plugin)
     return declared, problem
@@ -89,11 +90,6 @@ def detach(manager: pluggy.PluginManager, plugin: object) -> None:
     """Take a plugin's hooks out of the manager, if they are in."""
     if manager.is_registered(plugin):
         manager.unregister(plugin)
-
-
-def raised(error: BaseException) -> str:
-    """``ValueError: message`` of an exception."""
-    return f"{type(error).__name__}: {error}".rstrip(": ")
 
 
 def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
@@ -114,20 +110,23 @@ def _misnamed(manager: pluggy.PluginManager, plugin: object) -> str:
     return "" if found else f"it implements no hook; accepted: {', '.join(_HOOKS)}"
 
 
-def _declared(manager: pluggy.PluginManager, plugin: object) -> tuple[list[Component | Command], str]:
+def _declared(
+    manager: pluggy.PluginManager, plugin: object, key: str
+) -> tuple[list[Component | Command], str]:
     found: list[Component | Command] = []
     for hook, kind in (("agglo_components", Component), ("agglo_commands", Command)):
         for implementation in getattr(manager.hook, hook).get_hookimpls():
             if implementation.plugin is not plugin:
                 continue
             try:
-                answer = implementation.function()
-            except PLUGIN_FAILURES as error:
-                return found, f"{hook}() raised {raised(error)}"
+                with loading(f"plugin {key}"):
+                    answer = implementation.function()
+            except LoadingError as error:
+                return found, f"{hook}() raised {error}"
             if not isinstance(answer, list | tuple):
-                return found, f"{hook}() returned {answer!r:.60}, expected a list of {kind.__name__}"
+                return found, f"{hook}() returned {shown(answer)}, expected a list of {kind.__name__}"
             for position, item in enumerate(answer):
                 if not isinstance(item, kind):
-                    return found, f"{hook}()[{position}] is {item!r:.60}, expected a {kind.__name__}"
+                    return found, f"{hook}()[{position}] is {shown(item)}, expected a {kind.__name__}"
                 found.append(item)
     return found, ""

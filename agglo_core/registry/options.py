@@ -18,6 +18,7 @@ from functools import lru_cache
 from typing import Any, Optional
 
 from agglo_core.errors import OptionError
+from agglo_core.registry.containment import shown
 from agglo_core.registry.option_types import UNTYPED, Text, fit, in_words, parse_value
 
 __all__ = ["Option", "Text", "convert", "name_and_options", "options_of", "parse_value", "wants_registry"]
@@ -105,7 +106,7 @@ def name_and_options(kind: str, choice: tuple[Any, ...]) -> tuple[str, Mapping[s
     """A choice of the form ``(name, options)``, or OptionError."""
     if len(choice) == 2 and isinstance(choice[0], str) and isinstance(choice[1], Mapping):
         return choice[0], choice[1]
-    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {choice!r:.60}")
+    raise OptionError(f"a {kind} is a name, (name, options) or an object, not {shown(choice)}")
 
 
 def convert(option: Option, value: Any, owner: str) -> Any:
@@ -126,7 +127,7 @@ def convert(option: Option, value: Any, owner: str) -> Any:
         and given == option.default
     ):
         return given
-    raise OptionError(f"{option.name} of {owner} must be {option.type_name}, given {given!r:.60}")
+    raise OptionError(f"{option.name} of {owner} must be {option.type_name}, given {shown(given)}")
 
 
 def _annotation(target: Callable[..., Any], parameter: inspect.Parameter) -> Any:

@@ -6,7 +6,7 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from importlib.util import find_spec
 from typing import Literal
@@ -33,6 +33,8 @@ class Record:
         ``ok``, ``needs`` (packages, listed in ``missing``), ``broken``, ``conflict`` or ``blocked``.
     reason : str
         Why it is not ok.
+    import_seconds : float
+        What importing the plugin's declaration took.
     """
 
     component: Component | None
@@ -43,6 +45,7 @@ class Record:
     reason: str = ""
     missing: tuple[str, ...] = ()
     command: Command | None = None
+    import_seconds: float = field(default=0.0, compare=False)
 
     @property
     def kind(self) -> str:

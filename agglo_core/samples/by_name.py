@@ -8,6 +8,7 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Record, Registry, default, describe
 from agglo_core.registry.construct import checked_options, resolve
+from agglo_core.registry.containment import shown
 from agglo_core.registry.options import Option, Text, options_of
 
 __all__ = ["from_spec", "names"]
@@ -64,7 +65,7 @@ def from_spec(spec: str, registry: Registry | None = None) -> Mesh:
         raise OptionError(f"{error}; {_usage(record, accepted)}") from error
     made = known.assemble(record, options)
     if not isinstance(made, Mesh):
-        raise PluginError(f"{describe(record)} made {made!r:.60}, expected a Mesh")
+        raise PluginError(f"{describe(record)} made {shown(made)}, expected a Mesh")
     return made
 
 

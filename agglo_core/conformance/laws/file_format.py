@@ -23,7 +23,7 @@ from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _EXACT = ("points", "face_offsets", "face_vertices", "face_cells")
 _GARBAGE = {

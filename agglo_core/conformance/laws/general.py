@@ -9,7 +9,7 @@ from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import OptionError
 from agglo_core.registry import KINDS
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _NO_OPTION = "no_such_option"
 _REFUSING = {

@@ -13,7 +13,7 @@ from agglo_core.conformance.questions import answer, in_words, questions
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _UNKNOWN_KEY = "no_such_key"
 

@@ -30,7 +30,7 @@ from agglo_core.conformance.verdict import Broken, require
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _PARTS = (2, 3, 7)
 

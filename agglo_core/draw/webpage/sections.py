@@ -11,7 +11,7 @@ from typing import Final
 from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Registry, describe
-from agglo_core.registry.discovery import PLUGIN_FAILURES, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, raised
 
 __all__ = ["OWN", "own_sections", "sections_of_plugins"]
 

@@ -1,0 +1,94 @@
+"""What a plugin's code may do without taking the program down, spoiling its output or moving it elsewhere."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
+
+__all__ = ["PLUGIN_FAILURES", "LoadingError", "at_home", "loading", "printable", "raised", "shown"]
+
+PLUGIN_FAILURES = (Exception, SystemExit)
+"""What a component may raise without taking the program down.
+
+While a plugin is loaded it may raise anything but a KeyboardInterrupt: see :func:`loading`. During a run
+other BaseExceptions stop the program (cancelled tasks, alarms) and are nobody's failure.
+"""
+
+
+class LoadingError(Exception):
+    """A plugin raised while it was loaded; the cause is what it raised."""
+
+
+@contextmanager
+def loading(what: str) -> Iterator[None]:
+    """Run a plugin's code at import or in a hook: it does not print to stdout, its failures are told.
+
+    What it prints goes to stderr, or to wherever somebody has redirected stdout.
+
+    Raises
+    ------
+    LoadingError
+        If it raises whatever it may be; the message is that of :func:`raised`.
+    KeyboardInterrupt
+        As it comes, with a note of ``what`` was going on: nobody can tell who raised it.
+    """
+    elsewhere = sys.stderr if sys.stdout is sys.__stdout__ else sys.stdout
+    try:
+        with redirect_stdout(elsewhere), at_home(what):
+            yield
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note(f"while loading {what}")
+        raise
+    except BaseException as error:
+        raise LoadingError(raised(error)) from error
+
+
+@contextmanager
+def at_home(what: str) -> Iterator[None]:
+    """Go back to the current folder if the code within has left it, with a warning that names ``what``."""
+    home = _folder()
+    try:
+        yield
+    finally:
+        if home and _folder() != home:
+            os.chdir(home)
+            logging.getLogger("agglo").warning("%s changed the current folder; changed back", what)
+
+
+def _folder() -> str:
+    try:
+        return os.getcwd()
+    except OSError:  # it has been deleted
+        return ""
+
+
+def raised(error: BaseException) -> str:
+    """``ValueError: message`` of an exception, even of one that cannot be printed."""
+    try:
+        message = str(error)
+    except PLUGIN_FAILURES:
+        message = "(its message cannot be printed)"
+    return printable(f"{type(error).__name__}: {message}".rstrip(": "))
+
+
+def shown(value: object, limit: int = 60) -> str:
+    """``repr(value)`` cut at ``limit`` characters; the type of a value that cannot be printed."""
+    try:
+        return printable(f"{value!r:.{limit}}")
+    except PLUGIN_FAILURES:
+        return f"a {type(value).__name__} that cannot be printed"
+
+
+def printable(text: str) -> str:
+    """The text with control characters escaped, those of terminals among them; line ends and tabs stay."""
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(_escaped(c) if unicodedata.category(c) in ("Cc", "Cf") else c for c in text)
+
+
+def _escaped(character: str) -> str:
+    return character if character in "\n\t" else character.encode("unicode_escape").decode()
