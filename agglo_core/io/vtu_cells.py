@@ -18,7 +18,7 @@ __all__ = ["POLYHEDRON", "Cells", "cells_of"]
 
 _TRIANGLE, _POLYGON, _QUAD = 5, 7, 9
 POLYHEDRON = 42
-_CONVEX = 1e-9  # least corner of a convex quadrilateral, over twice its area: rounding lies far below
+_CONVEX = 1e-9  # least triangle at a corner of a convex quadrilateral, over its area
 
 
 class _Element(NamedTuple):
