@@ -56,7 +56,7 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
     Raises
     ------
     OptionError
-        Unless there is one mapping for each level, and in it one number for each agglomerate.
+        Unless there is one mapping for each level, and in it by name one number for each agglomerate.
     """
     levels = hierarchy.levels if hierarchy is not None else []
     if len(values) != len(levels):
@@ -64,6 +64,8 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
     for place, (given, labels) in enumerate(zip(values, levels, strict=True)):
         count = int(labels.max()) + 1
         for name, each in given.items():
+            if not isinstance(name, str) or not name or not name.isprintable():
+                raise OptionError(f"level_values[{place}]: {name!r} is no name: it must be text to be shown")
             array = np.asarray(each)
             if array.dtype.kind not in "biuf" or array.shape != (count,):
                 found = f"{array.dtype} of shape {array.shape}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +126,7 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
     The corners are found from the loop of one face and the edges that leave it, then every face is
     compared with those of the element.
     """
-    sizes = np.asarray(_ELEMENTS[kind].sizes)
+    sizes = frozen_int(_ELEMENTS[kind].sizes)
     _, loops = gather(solids.cell_offsets, frozen_int(cells))
     owner, size = np.repeat(np.arange(len(cells)), len(sizes)), np.diff(solids.loop_offsets)[loops]
     order = np.lexsort((size != sizes[0], owner))
@@ -136,7 +136,8 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
     reference = _reference(kind)
     corners = np.empty((len(cells), CORNERS[kind]), np.int64)
     corners[:, _walk(reference, sizes)[0]] = _walk(around, sizes)
-    same = (_triples(around, corners, sizes) == _triples(reference, None, sizes)).all(axis=1)
+    expected = _triples(reference, frozen_int([range(CORNERS[kind])]), sizes)
+    same = (_triples(around, corners, sizes) == expected).all(axis=1)
     found, corners = frozen_int(cells[same]), frozen_int(corners[same])
     return found, _as_they_were(mesh, kind, found, corners)
 
@@ -158,7 +159,7 @@ def _neighbours(sizes: Int) -> tuple[Int, Int]:
     return frozen_int(before), frozen_int(after)
 
 
-def _walk(around: Int, sizes: Any) -> Int:
+def _walk(around: Int, sizes: Int) -> Int:
     """Vertices of the first face of each cell, then the other end of the edge that leaves it at each."""
     before, after = _neighbours(sizes)
     base, rows, tops = around[:, : sizes[0]], np.arange(len(around)), []
@@ -168,17 +169,15 @@ def _walk(around: Int, sizes: Any) -> Int:
     return frozen_int(np.concatenate((base, np.stack(tops, axis=1)), axis=1))
 
 
-def _triples(around: Int, corners: Int | None, sizes: Any) -> Int:
+def _triples(around: Int, corners: Int, sizes: Int) -> Int:
     """A number for each corner of the faces of each cell and the corners before and after it, sorted."""
     local = _local(around, corners)
     before, after = _neighbours(sizes)
     return frozen_int(np.sort((local[:, before] * 8 + local) * 8 + local[:, after], axis=1))
 
 
-def _local(vertices: Int, corners: Int | None) -> Int:
+def _local(vertices: Int, corners: Int) -> Int:
     """Place of each vertex ``(n, c)`` among the corners of its cell ``(n, k)``."""
-    if corners is None:
-        return vertices
     local = np.zeros(vertices.shape, np.int64)
     for place, corner in enumerate(corners.T):
         local[vertices == corner[:, None]] = place

@@ -87,7 +87,6 @@ def write_vtu(
             coarse = mesh.coarsen(labels)
             kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
             derived = under_free_names(about_agglomerates(levels, i, coarse, values[i]), taken)
-            check_names(derived)
             name = f"{path.stem}_level{i}{path.suffix}"
             (folder / name).write_bytes(_document(coarse, kept, derived))
     if levels:
@@ -170,9 +169,9 @@ def _face_stream(cells: Cells, number: Int) -> dict[str, NDArray[Any]]:
 
 def _array(name: str, values: NDArray[Any], components: int = 1, mark: str = "") -> str:
     kind = _NAMES[values.dtype.str[1:]]
-    size = (f' NumberOfComponents="{components}"' if components > 1 else "") + (mark and f" {mark}")
+    more = (f' NumberOfComponents="{components}"' if components > 1 else "") + (mark and f" {mark}")
     content = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
-    head = f'<DataArray type="{kind}" Name={quoteattr(name)}{size} format="binary">'
+    head = f'<DataArray type="{kind}" Name={quoteattr(name)}{more} format="binary">'
     return f"{head}{_encode(content)}</DataArray>"
 
 
