@@ -117,7 +117,7 @@ def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[RunResult], note: 
         if run.hierarchy is not None:
             name = as_file_name(run.name)
             fine = folder / f"{name}.vtu"
-            write(fine, mesh, run.hierarchy)
+            write(fine, mesh, run.hierarchy, level_values=[level.values for level in run.levels])
             levels = range(len(run.levels))
             written += [fine, *(folder / f"{name}_level{place}.vtu" for place in levels)]
     return written

@@ -125,7 +125,8 @@ def write_outputs(
     if files:
         from agglo_core.io import write
 
-        for file, hierarchy in zip(files, done.values(), strict=True):
-            write(file, mesh, hierarchy)
+        finished = [run for run in runs if run.hierarchy is not None]
+        for file, run in zip(files, finished, strict=True):
+            write(file, mesh, run.hierarchy, level_values=[level.values for level in run.levels])
             written.append(file)
     return written

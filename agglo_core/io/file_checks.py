@@ -15,6 +15,7 @@ from agglo_core.registry.containment import shown
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
 __all__ = ["naming", "read_by", "read_hierarchy_by", "write_by"]
@@ -51,8 +52,14 @@ def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy |
     return split_levels(mesh)
 
 
-def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write by one format, so that files appear whole or not at all.
+def write_by(
+    known: KnownFormat,
+    path: Path,
+    mesh: Mesh,
+    hierarchy: Hierarchy | None,
+    level_values: LevelValues | None = None,
+) -> None:
+    """Write by one format, so that files appear whole or not at all; the values only if it keeps such.
 
     Raises
     ------
@@ -61,14 +68,15 @@ def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | 
     PluginError
         If it raises anything else, or writes nothing.
     """
+    more = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
     if known.has("atomic"):
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(path, mesh, hierarchy)
+            known.tool.write(path, mesh, hierarchy, *more)
         return
     with staging(path) as folder:
         target = folder / path.name
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(target, mesh, hierarchy)
+            known.tool.write(target, mesh, hierarchy, *more)
         if not target.is_file():
             raise PluginError(f"{known.title}: write() left no file of the name it was given")
 

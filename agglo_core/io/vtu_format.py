@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
 __all__ = ["Vtu"]
@@ -24,6 +25,7 @@ class Vtu:
     suffixes: tuple[str, ...] = (".vtu",)
     lossless: bool = False
     atomic: bool = True
+    keeps_level_values: bool = True
 
     def __init__(self, merge_points: bool = True) -> None:
         self.merge_points = merge_points
@@ -34,8 +36,14 @@ class Vtu:
 
         return read_vtu(path, merge_points=self.merge_points)
 
-    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
-        """Write the mesh, and each coarse mesh beside it; raises FileError or MeshError."""
+    def write(
+        self,
+        path: Path,
+        mesh: Mesh,
+        hierarchy: Hierarchy | None = None,
+        level_values: LevelValues | None = None,
+    ) -> None:
+        """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
         from agglo_core.io.vtu_write import write_vtu
 
-        write_vtu(path, mesh, hierarchy)
+        write_vtu(path, mesh, hierarchy, level_values)
