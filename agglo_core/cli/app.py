@@ -22,6 +22,7 @@ from agglo_core.cli.cmd_quality import quality
 from agglo_core.cli.cmd_run import run
 from agglo_core.cli.cmd_solve import solve
 from agglo_core.cli.console import notices
+from agglo_core.cli.readable import printable, readable_output
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.registry import CORE_COMMANDS, Record, default, describe
@@ -108,7 +109,7 @@ for _command in (demo, run, compare, quality, mesh, solve, plugins, check):
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; errors raised on purpose become one line, bugs a traceback."""
-    with notices(), terminations():
+    with readable_output(), notices(), terminations():
         code = _run(args)
     sys.exit(code)
 
@@ -151,7 +152,7 @@ def _give_up_output() -> None:
 
 def _fail(message: str) -> int:
     with suppress(OSError):  # stderr may be as full as stdout: the exit code still says it
-        click.echo(f"error: {' '.join(message.split())}", err=True)
+        click.echo(f"error: {printable(' '.join(message.split()))}", err=True)
     return 2
 
 

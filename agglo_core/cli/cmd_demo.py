@@ -15,6 +15,7 @@ from agglo_core.cli.arguments import FILE, bisectors_option, choice
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
+from agglo_core.cli.tables import print_lines
 from agglo_core.errors import FileError, PluginError
 from agglo_core.registry import default
 
@@ -79,7 +80,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         print_json(data(mesh, "brain", done) | {"files": [str(file) for file in written]})
     elif not quiet:
         show(title, runs, only_finest=True)
-        click.echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
+        print_lines(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
 
 
 def _bisectors(quiet: bool) -> list[str]:

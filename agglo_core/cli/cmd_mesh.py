@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from agglo_core.cli.console import quieten
+from agglo_core.cli.tables import print_lines
 
 __all__ = ["mesh"]
 
@@ -25,4 +26,4 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     made = samples.from_spec(sample)
     io.write(output, made)
     if not quiet:
-        click.echo(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")
+        print_lines(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")

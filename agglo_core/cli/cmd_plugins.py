@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-import textwrap
-from collections.abc import Iterator, Sequence
-from shutil import get_terminal_size
+from collections.abc import Iterator
 from typing import Any
 
 import click
 
 from agglo_core.cli.console import print_json
+from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import PluginError
 from agglo_core.registry import KINDS, Record, Registry, default, describe
 from agglo_core.registry.construct import resolve
@@ -19,8 +17,6 @@ from agglo_core.registry.options import Option, options_of
 __all__ = ["plugins"]
 
 _COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
-_PIPE = 200  # columns where the output is not a terminal
-_LEAST = 30  # columns for the last column, however narrow the terminal
 
 
 @click.command(short_help="List plugins, their components, states and options.")
@@ -42,10 +38,12 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     if as_json:
         print_json([_data(record) | (_options_data(record) if name else {}) for record in records])
     elif name is None:
-        _print_columns(_COLUMNS, [_row(record, verbose) for record in records])
+        rows = [_row(record, verbose) for record in records]
+        fold = {"name": 10, "about": 30}
+        print_table("", _COLUMNS, rows, spare=["distribution", "plugin"], fold=fold, boxed=False)
     else:
         for record in records:
-            click.echo("\n".join(_card(record)))
+            print_lines("\n".join(_card(record)))
 
 
 def _named(registry: Registry, text: str) -> list[Record]:
@@ -69,20 +67,6 @@ def _named(registry: Registry, text: str) -> list[Record]:
         f"no component, command or plugin is named {text!r}; there are {known}"
         + (f"; plugins that cannot be used: {failed}" if failed else "")
     )
-
-
-def _print_columns(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table whose last column is folded at the width of the terminal; plain, for it may be long."""
-    widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns) - 1)]
-    width = get_terminal_size().columns if sys.stdout.isatty() else _PIPE
-    room = max(width - sum(widths) - 2 * len(widths), _LEAST)
-    margin = " " * (sum(widths) + 2 * len(widths))
-    lines = []
-    for row in (columns, ["-" * wide for wide in (*widths, len(columns[-1]))], *rows):
-        head = "".join(f"{cell:<{wide + 2}}" for cell, wide in zip(row, widths, strict=False))
-        about = [line for part in row[-1].split("\n") for line in textwrap.wrap(part, room) or [""]]
-        lines += [(head + about[0]).rstrip(), *(margin + line for line in about[1:])]
-    click.echo("\n".join(lines))
 
 
 def _row(record: Record, verbose: bool) -> list[str]:

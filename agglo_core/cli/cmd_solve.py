@@ -11,6 +11,7 @@ import click
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
+from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry import default, describe
 from agglo_core.registry.attribution import Member, attributed
@@ -85,7 +86,7 @@ def solve(
             data["cg_iterations"] = solution.iterations
         print_json(data)
     else:
-        click.echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
+        print_lines("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
     return 0 if solution.converged else _NOT_CONVERGED
 
 

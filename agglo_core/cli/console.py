@@ -1,16 +1,17 @@
-"""What the commands say: notices and progress on stderr, tables and JSON on stdout."""
+"""What the commands say: notices and progress on stderr, JSON on stdout."""
 
 from __future__ import annotations
 
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.cli.readable import printable
 from agglo_core.registry import default, hookimpl
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ __all__ = [
     "number",
     "plain",
     "print_json",
-    "print_table",
     "progress",
     "quieten",
 ]
@@ -31,8 +31,17 @@ _log = logging.getLogger("agglo")
 
 
 class _Notices(logging.Handler):
+    """Prints each notice once: several runs on one mesh have the same to say of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._shown: set[str] = set()
+
     def emit(self, record: logging.LogRecord) -> None:
-        click.echo(f"note: {self.format(record)}", err=True)
+        text = printable(self.format(record))
+        if text not in self._shown:
+            self._shown.add(text)
+            click.echo(f"note: {text}", err=True)
 
 
 @contextmanager
@@ -111,20 +120,3 @@ def number(value: Any) -> str:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], fold: str = "") -> None:
-    """Print a table on stdout; the column named ``fold`` wraps, all others keep their words whole."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    if not console.is_terminal:  # a pipe has no width: leave the wrapping to whoever reads
-        console = Console(highlight=False, width=200)
-    table = Table(title=Text(title), title_justify="left")
-    for column in columns:
-        table.add_column(column, no_wrap=column != fold, overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console.print(table)
