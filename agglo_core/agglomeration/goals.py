@@ -21,7 +21,7 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
-__all__ = ["CountGoal", "Goal", "Numbers", "SizeGoal", "resolve_goals"]
+__all__ = ["CountGoal", "Goal", "Numbers", "SizeGoal", "positive", "resolve_goals"]
 
 Numbers = float | Sequence[float]
 
@@ -147,7 +147,7 @@ def resolve_goals(
     if len(given) > 1:
         raise OptionError(f"give one kind of target, not {' and '.join(given)}")
     name, value = next(iter(given.items()), ("h_factor", (2.0, 4.0, 8.0)))
-    values = _positive(name, value)
+    values = positive(name, value)
     if name in ("n_parts", "cells_per_part"):
         counts = [_count(name, value, graph.n) for value in values]
         return tuple(sorted(counts, key=lambda goal: -goal.parts))
@@ -184,18 +184,27 @@ def _whole(value: float, n: int) -> int:
     return int(value)
 
 
-def _positive(name: str, value: Any) -> list[float]:
+def positive(name: str, value: Any) -> list[float]:
+    """One or several values as a list of positive finite numbers, whole ones as integers.
+
+    Raises
+    ------
+    OptionError
+        If there is none, or one is something else; says which argument it was given for.
+    """
     many = isinstance(value, Sequence) and not isinstance(value, str)
     many = many or (isinstance(value, np.ndarray) and value.ndim > 0)
     values = list(value) if many else [value[()] if isinstance(value, np.ndarray) else value]
     if not values:
         raise OptionError(f"{name} is empty: give at least one value")
     for each in values:
-        if (
-            isinstance(each, bool | np.bool_)
-            or not isinstance(each, Real)
-            or not np.isfinite(float(each))
-            or float(each) <= 0
-        ):
-            raise OptionError(f"{name} must be positive and finite, given {each!r}")
+        if isinstance(each, bool | np.bool_) or not isinstance(each, Real) or not _is_positive(each):
+            raise OptionError(f"{name} must be positive and finite, given {each!r:.60}")
     return [float(each) if not isinstance(each, Integral) else int(each) for each in values]
+
+
+def _is_positive(number: Real) -> bool:
+    try:
+        return 0 < float(number) < np.inf
+    except OverflowError:  # a whole number of hundreds of digits
+        return False

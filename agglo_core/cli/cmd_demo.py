@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -13,6 +12,7 @@ import click
 
 from agglo_core.cli.arguments import FILE, bisectors_option, choice
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
 from agglo_core.cli.tables import print_lines
@@ -28,20 +28,13 @@ __all__ = ["demo"]
 _FIRST = ("kmeans", "metis")
 
 
-def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> float:
-    if not math.isfinite(value):  # NaN lies in every range of click's
-        raise click.BadParameter(f"{value} is not in the range 0<x<=1.", param=parameter)
-    return value
-
-
 @click.command(short_help="See a brain agglomerated by every bisector.")
 @click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
 @bisectors_option("How a piece is split (default: all).")
 @click.option(
     "--diameter-fraction",
     "factor",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
-    callback=_fraction,
+    type=Number(float, above=0.0, most=1.0),
     default=0.2,
     show_default=True,
     help="Largest agglomerate, over the diameter of the brain.",

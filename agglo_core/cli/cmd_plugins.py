@@ -39,7 +39,7 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
         print_json([_data(record) | (_options_data(record) if name else {}) for record in records])
     elif name is None:
         rows = [_row(record, verbose) for record in records]
-        fold = {"name": 10, "about": 30}
+        fold = {"name": 10, "about": 24}
         print_table("", _COLUMNS, rows, spare=["distribution", "plugin"], fold=fold, boxed=False)
     else:
         for record in records:

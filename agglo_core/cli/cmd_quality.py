@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import metrics_option
+from agglo_core.cli.arguments import FILE, metrics_option
 from agglo_core.cli.console import number, print_json, quieten
 from agglo_core.cli.runs import level_data, single_level
 from agglo_core.cli.tables import print_table
@@ -20,7 +20,7 @@ __all__ = ["quality"]
 
 
 @click.command(short_help="Measure the agglomerates in a file.")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @metrics_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")

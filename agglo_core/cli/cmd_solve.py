@@ -10,6 +10,7 @@ import click
 
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
 from agglo_core.cli.console import explain_compilation, print_json
+from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
 from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, OptionError, PluginError
@@ -31,10 +32,10 @@ _NOT_CONVERGED = 3
 @click.argument("source", metavar="MESH|SAMPLE")
 @click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
 @agglomeration_options(bisector="one")
-@click.option("--levels", type=int, help="How many to use of mesh, level 0, 1, … (default all).")
-@click.option("--degree", type=int, help="Of the polynomials (default: the solver's).")
-@click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
-@click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
+@click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
+@click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
+@click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
+@click.option("--tol", "tolerance", type=Number(float), help="Residual relative to the right-hand side.")
 @click.option("--problem", default="constant", show_default=True, metavar="NAME[:opt=val,…]|FILE.toml")
 @click.option(
     "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."

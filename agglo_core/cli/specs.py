@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.cli.number_types import in_words
 from agglo_core.errors import FileError, OptionError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve
@@ -170,18 +171,21 @@ def numbers(
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
     """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
 
+    noun = "whole numbers" if number is int else "numbers"
+    wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
+
     def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
         if text is None:
             return None
         try:
             values = tuple(number(item) for item in text.split(","))
         except ValueError:
-            noun = "whole numbers" if number is int else "numbers"
-            raise click.BadParameter(f"{text!r} is not a comma list of {noun}", param=parameter) from None
+            message = f"{in_words(text)} is not a comma list of {noun}"
+            raise click.BadParameter(message, param=parameter) from None
         for value in values:
             if not (0 < value < inf and value >= (least or 0)):
-                wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
-                raise click.BadParameter(f"each number must be {wanted}, given {value}", param=parameter)
+                message = f"each number must be {wanted}, given {in_words(value)}"
+                raise click.BadParameter(message, param=parameter)
         return values
 
     return read

@@ -186,8 +186,7 @@ def _stacked(table: Table, width: int) -> Iterator[str]:
             yield ""
         for name, cell in zip(table.columns, row, strict=True):
             if cell:
-                lines = folded(cell, max(width - margin, 1))
-                yield from (_padded(name if not i else "", margin) + line for i, line in enumerate(lines))
+                yield from folded(_padded(name, margin) + cell, width, " " * _GAP)
 
 
 def _side_by_side(table: Table, cells: Sequence[str], widths: Sequence[int]) -> Iterator[list[str]]:
