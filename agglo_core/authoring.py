@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         metrics_option,
         parse_spec,
     )
+    from agglo_core.cli.number_types import Number
     from agglo_core.components.fixers import ConnectivityFixer
     from agglo_core.components.geometric import InertialBisection
     from agglo_core.components.refiners import InterfaceRefiner
@@ -126,6 +127,7 @@ io.atomic: staging
 draw.plot: PALETTE colouring save_figure
 cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
 cli.arguments: parse_spec
+cli.number_types: Number
 """
 """Modules of the core, and the names taken from each."""
 _HOME = MappingProxyType(
@@ -169,6 +171,7 @@ __all__ = [
     "Mesh",
     "MeshError",
     "MultigridLevel",
+    "Number",
     "OptionError",
     "Partitioner",
     "Pipeline",

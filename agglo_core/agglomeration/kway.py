@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.quotas import apportion, share_out
-from agglo_core.agglomeration.recursion import count_oversized, grow
+from agglo_core.agglomeration.recursion import grow, note_oversized
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
@@ -73,7 +73,7 @@ def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run:
     if not isinstance(goal, SizeGoal):
         goal = replace(goal, quotas=_missing(graph, labels, quotas, found))
     tree, leaves = grow(graph, labels, goal, run, stage)
-    count_oversized(tree, leaves, goal, run)
+    note_oversized(tree, leaves, goal, run)
     return tree.labels(leaves)
 
 

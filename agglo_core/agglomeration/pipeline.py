@@ -12,7 +12,7 @@ from typing import Literal, TypeVar
 
 from agglo_core.agglomeration.choices import Choice, chosen, new_run, short_name
 from agglo_core.agglomeration.constraints import constrained
-from agglo_core.agglomeration.goals import Goal, Numbers, SizeGoal, resolve_goals
+from agglo_core.agglomeration.goals import TARGETS, Goal, Numbers, SizeGoal, check_targets, resolve_goals
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
@@ -103,6 +103,7 @@ class Pipeline:
         """
         base, file = cls(), RunFile(Path(path), [each.name for each in fields(cls)])
         try:
+            check_targets({name: file.value(name, None) for name in TARGETS})
             return cls(
                 bisector=file.component("bisector", base.bisector),
                 refiners=file.components("refiners", base.refiners),
@@ -112,10 +113,10 @@ class Pipeline:
                 merge=file.value("merge", base.merge),
                 post_refiners=file.components("post_refiners", base.post_refiners),
                 seed=file.value("seed", base.seed),
-                h_star=file.numbers("h_star"),
-                h_factor=file.numbers("h_factor"),
-                n_parts=file.numbers("n_parts"),
-                cells_per_part=file.numbers("cells_per_part"),
+                h_star=file.value("h_star", base.h_star),
+                h_factor=file.value("h_factor", base.h_factor),
+                n_parts=file.value("n_parts", base.n_parts),
+                cells_per_part=file.value("cells_per_part", base.cells_per_part),
                 constraints=file.components("constraints", base.constraints),
             )
         except OptionError as error:

@@ -20,7 +20,7 @@ from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
 from agglo_core.protocols import Target
 
-__all__ = ["count_oversized", "grow", "recursive_levels"]
+__all__ = ["grow", "recursive_levels"]
 
 
 @dataclass
@@ -161,7 +161,7 @@ def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPa
     for stage, goal in enumerate(reversed(goals)):
         tree, leaves = grow(graph, labels, goal, run, stage)
         if goal is goals[0]:
-            count_oversized(tree, leaves, goal, run)
+            note_oversized(tree, leaves, goal, run)
         labels = post.apply(graph, labels, tree.labels(leaves), goal, run, stage)
         result.append(labels)
     return result[::-1]
@@ -176,12 +176,12 @@ def _levels_of_one_tree(graph: Graph, goals: Sequence[Goal], run: Run) -> list[I
     sizes = [goal for goal in goals if isinstance(goal, SizeGoal)]
     finest = replace(sizes[0], coarser=tuple(goal.h_star for goal in sizes[1:]))
     tree, leaves = grow(graph, graph.components(), finest, run)
-    count_oversized(tree, leaves, finest, run)
+    note_oversized(tree, leaves, finest, run)
     return [tree.labels(tree.cut(goal.limit)) for goal in sizes]
 
 
-def count_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
-    """Count single cells larger than a size; the smallest one has the most."""
+def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
+    """Record how many single cells are larger than a size; the smallest one has the most."""
     if isinstance(goal, SizeGoal):
         count = int((tree.diameter[leaves] > goal.limit).sum())
         run.statistics.oversized_cells = max(count, run.statistics.oversized_cells)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from agglo_core.agglomeration.choices import Choice
-from agglo_core.agglomeration.goals import positive
 from agglo_core.errors import FileError
 from agglo_core.registry.toml_files import read_toml
 
@@ -39,12 +38,6 @@ class RunFile:
     def value(self, key: str, default: Any) -> Any:
         """The value of a key as it stands, or ``default``."""
         return self._table.get(key, default)
-
-    def numbers(self, key: str) -> Any:
-        """A positive number, or a list of them, or OptionError; None without the key."""
-        if key in self._table:
-            positive(key, self._table[key])
-        return self._table.get(key)
 
     def component(self, key: str, default: Choice) -> Choice:
         """A component: a name, or a table with ``name`` and its options."""

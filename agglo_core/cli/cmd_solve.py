@@ -128,6 +128,8 @@ def _posed(
     """The problem asked for, and its discretisation, which must exist if it is ``wanted``."""
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 
+    if not text:
+        raise OptionError("--problem is empty; expected the name of a problem or of a TOML file")
     is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
     name, options = (text, {}) if is_file else as_typed(text)
     problem = named_problem(name, mesh, options)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.number_types import in_words
-from agglo_core.errors import FileError, OptionError
+from agglo_core.errors import FileError, OptionError, PluginError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve
 from agglo_core.registry.options import Text, parse_value
@@ -65,6 +65,8 @@ def load_mesh(text: str | Path) -> Mesh:
     try:
         return samples.from_spec(text)
     except OptionError as error:
+        if not isinstance(error.__cause__, PluginError):  # it is a sample, and one of its options is wrong
+            raise
         raise OptionError(
             f"{text!r} is neither a file (there is none of that name) nor a sample: {error}"
         ) from error

@@ -26,7 +26,7 @@ _PIPE = 200  # columns that words are folded to where the output is not a termin
 _GAP = 2  # columns between columns
 _SPACES = re.compile(r"(?<= )(?=[^ ])")
 _BREAKS = re.compile(r"(?<= )(?=[^ ])|(?<=[,:=_-])(?=[A-Za-z])")
-_NUMBER = re.compile(r"[-+]?\d[\d,.]*(e[-+]?\d+)?( %)?|[–-]|")
+_NUMBER = re.compile(r"[-+]?\d[\d,.]*(e[-+]?\d+)?( %| \(.*\))?|[–-]|")
 _FRAME = ("┏━┳┓", "┃┃", "┡━╇┩", "││", "└─┴┘")
 _NOTHING: Mapping[str, int] = MappingProxyType({})
 

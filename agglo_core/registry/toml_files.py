@@ -33,5 +33,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise FileError(f"{path}: byte 0x{byte:02x} in line {line} is not UTF-8, as TOML must be") from None
     except RecursionError:
         raise FileError(f"{path}: its lists or tables are nested too deeply") from None
-    except ValueError as error:  # also a number of too many digits, for which tomllib has no error of its own
+    except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path}: is not valid TOML: {error}") from None
+    except ValueError:  # tomllib has no error of its own for this one
+        raise FileError(f"{path}: a number in it has too many digits") from None

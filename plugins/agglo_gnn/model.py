@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from agglo_core.authoring import FILE
+
 __all__ = ["model"]
 
 
@@ -17,7 +19,7 @@ def model() -> None:
 
 
 @model.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="Print the header as JSON.")
 def info(file: Path, as_json: bool) -> None:
     """Check FILE and show its architecture, features, training, seed, version and metrics."""

@@ -131,7 +131,7 @@ def read_header(path: str | Path) -> dict[str, Any]:
     try:
         metadata = json.loads(content[8 : 8 + length])["__metadata__"]
         header = json.loads(metadata["agglo"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FileError(f"{path}: has no header of an agglo model: expected one by agglo train") from error
     if not isinstance(header, dict):
         raise FileError(f"{path}: its header is not a JSON object")
@@ -154,6 +154,8 @@ def _check_name(target: Path) -> None:
 def _content(path: Path) -> bytes:
     try:
         return path.read_bytes()
+    except FileNotFoundError:
+        raise FileError(f"{path}: there is no such file; expected a model written by agglo train") from None
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
 
