@@ -35,7 +35,7 @@ _NOT_CONVERGED = 3
 @click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
 @click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
-@click.option("--tol", "tolerance", type=Number(float), help="Residual relative to the right-hand side.")
+@click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
 @click.option("--problem", default="constant", show_default=True, metavar="NAME[:opt=val,…]|FILE.toml")
 @click.option(
     "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."

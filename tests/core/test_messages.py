@@ -122,7 +122,7 @@ def test_options(agglo: Agglo, tmp_path: Path, arguments: list[str], message: st
     [
         (["demo", "--diameter-fraction", "nan"], "nan is not in the range; expected a finite number above"),
         (["demo", "--diameter-fraction", "x"], "'x' is not a valid float; expected a finite number above 0"),
-        (["solve", "squares:n=4", "--tol", "nan"], "nan is not in the range; expected a finite number"),
+        (["solve", "squares:n=4", "--tol", "nan"], "tolerance must be a number between 0 and 1; given nan"),
         (["solve", "squares:n=4", "--levels", "1e3"], "'1e3' is not a valid integer; expected a whole"),
         (["solve", "squares:n=4", "--problem", ""], "--problem is empty; expected the name of a problem"),
         (["train", "--epochs", "1.5"], "'1.5' is not a valid integer; expected a whole number of at least 1"),
