@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         parse_spec,
     )
     from agglo_core.cli.number_types import Number
+    from agglo_core.cli.tables import print_lines, print_table
     from agglo_core.components.fixers import ConnectivityFixer
     from agglo_core.components.geometric import InertialBisection
     from agglo_core.components.refiners import InterfaceRefiner
@@ -128,6 +129,7 @@ draw.plot: PALETTE colouring save_figure
 cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
 cli.arguments: parse_spec
 cli.number_types: Number
+cli.tables: print_lines print_table
 """
 """Modules of the core, and the names taken from each."""
 _HOME = MappingProxyType(
@@ -227,6 +229,8 @@ __all__ = [
     "parse_spec",
     "planar_frame",
     "principal_frames",
+    "print_lines",
+    "print_table",
     "quality",
     "read",
     "read_hierarchy",

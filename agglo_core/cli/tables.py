@@ -128,7 +128,8 @@ def print_lines(text: str) -> None:
 
 def _terminal_width() -> int | None:
     """Columns of the terminal; None if the output is none."""
-    return get_terminal_size().columns if sys.stdout.isatty() else None
+    shows = sys.stdout is not None and sys.stdout.isatty()  # it is None where the caller has closed it
+    return get_terminal_size().columns if shows else None
 
 
 def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from agglo_core.authoring import FILE
+from agglo_core.authoring import FILE, print_lines
 
 __all__ = ["model"]
 
@@ -30,11 +30,11 @@ def info(file: Path, as_json: bool) -> None:
         click.echo(json.dumps(header, indent=2, sort_keys=True))
         return
     parameters = sum(array.size for array in arrays.values())
-    click.echo(f"{file}: {len(arrays)} arrays, {parameters:,} numbers")
+    print_lines(f"{file}: {len(arrays)} arrays, {parameters:,} numbers")
     order = ["architecture", "features", "recipe", "seed", "version", "metrics"]
     rest = sorted(header.keys() - {*order, "arrays"})
     for key in [*order, *rest]:
-        click.echo(f"  {key:<13}{_in_words(header[key])}")
+        print_lines(f"  {key:<13}{_in_words(header[key])}")
 
 
 def _in_words(value: Any) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from agglo_core.authoring import FILE, bisectors_option, choice
+from agglo_core.authoring import FILE, bisectors_option, choice, print_lines
 
 if TYPE_CHECKING:
     from agglo_paper.store import Unit
@@ -60,8 +60,8 @@ def paper(
         click.echo(json.dumps([page.data() for page in pages], indent=2, allow_nan=False))
         return
     for text in [front] if front else [page.markdown() for page in pages]:
-        click.echo(text)
-    click.echo(f"wrote {len(pages)} pages to {output}")
+        print_lines(text)
+    print_lines(f"wrote {len(pages)} pages to {output}")
 
 
 @contextmanager
