@@ -128,7 +128,7 @@ def check_targets(targets: Mapping[str, Any]) -> None:
         raise OptionError(f"give one kind of target, not {' and '.join(given)}")
     for name, value in given.items():
         for each in _positive(name, value):
-            if name == "n_parts" and each != np.floor(each):
+            if name == "n_parts" and each != int(each):
                 raise OptionError(f"n_parts must be a whole number, given {each!r}")
             if name == "cells_per_part" and each < 0.5:
                 raise OptionError(f"cells_per_part must be at least 1, given {each!r}")

@@ -117,7 +117,8 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 def _run(args: Sequence[str] | None) -> int:
     try:
         result = app.main(args=args, prog_name="agglo", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # as it is where the caller has closed it
+            sys.stdout.flush()
     except (AggloError, click.Abort, SystemError) as error:
         stop = stopped_by(error)
         if stop is not None or isinstance(error, click.Abort):

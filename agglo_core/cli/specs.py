@@ -172,7 +172,6 @@ def numbers(
     number: type[int] | type[float], least: float | None = None
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
     """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
-
     noun = "whole numbers" if number is int else "numbers"
     wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
 

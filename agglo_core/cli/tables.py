@@ -102,7 +102,7 @@ def print_table(
     title : str
         What stands above it, or empty.
     columns, rows, spare, fold
-        Of the :class:`Table`.
+        Of the :class:`Table`. A command with columns to spare has ``--json``, to which the reader is sent.
     boxed : bool
         Whether lines are drawn around the cells where there is room for them.
     """

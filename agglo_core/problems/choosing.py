@@ -67,7 +67,7 @@ def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Pr
         If the file cannot be read, its kind is not known, or the kind refuses what it says; names the key.
     """
     registry = default() if registry is None else registry
-    if not path.is_file():
+    if not path.exists() or path.is_dir():
         raise FileError(f"{path}: {_no_file(path, registry)}")
     table = read_toml(path)
     kind = table.pop("kind", "diffusion")

@@ -154,8 +154,6 @@ def _check_name(target: Path) -> None:
 def _content(path: Path) -> bytes:
     try:
         return path.read_bytes()
-    except FileNotFoundError:
-        raise FileError(f"{path}: there is no such file; expected a model written by agglo train") from None
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
 
