@@ -41,6 +41,8 @@ if TYPE_CHECKING:
         metrics_option,
         parse_spec,
     )
+    from agglo_core.cli.number_types import Number
+    from agglo_core.cli.tables import print_lines, print_table
     from agglo_core.components.fixers import ConnectivityFixer
     from agglo_core.components.geometric import InertialBisection
     from agglo_core.components.refiners import InterfaceRefiner
@@ -126,6 +128,8 @@ io.atomic: staging
 draw.plot: PALETTE colouring save_figure
 cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
 cli.arguments: parse_spec
+cli.number_types: Number
+cli.tables: print_lines print_table
 """
 """Modules of the core, and the names taken from each."""
 _HOME = MappingProxyType(
@@ -169,6 +173,7 @@ __all__ = [
     "Mesh",
     "MeshError",
     "MultigridLevel",
+    "Number",
     "OptionError",
     "Partitioner",
     "Pipeline",
@@ -224,6 +229,8 @@ __all__ = [
     "parse_spec",
     "planar_frame",
     "principal_frames",
+    "print_lines",
+    "print_table",
     "quality",
     "read",
     "read_hierarchy",

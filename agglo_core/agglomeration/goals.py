@@ -21,9 +21,12 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
-__all__ = ["CountGoal", "Goal", "Numbers", "SizeGoal", "resolve_goals"]
+__all__ = ["TARGETS", "CountGoal", "Goal", "Numbers", "SizeGoal", "check_targets", "resolve_goals"]
 
 Numbers = float | Sequence[float]
+
+TARGETS = ("h_star", "h_factor", "n_parts", "cells_per_part")
+"""Kinds of target, of which one is given."""
 
 _ROUNDING = 1e-9
 """A part meets a size h* if its diameter is at most h* (1 + _ROUNDING)."""
@@ -118,6 +121,19 @@ class CountGoal:
 Goal = SizeGoal | CountGoal
 
 
+def check_targets(targets: Mapping[str, Any]) -> None:
+    """Raise OptionError unless the targets given are of one kind, and such as some mesh can meet."""
+    given = {name: value for name, value in targets.items() if value is not None}
+    if len(given) > 1:
+        raise OptionError(f"give one kind of target, not {' and '.join(given)}")
+    for name, value in given.items():
+        for each in _positive(name, value):
+            if name == "n_parts" and each != int(each):
+                raise OptionError(f"n_parts must be a whole number, given {each!r}")
+            if name == "cells_per_part" and each < 0.5:
+                raise OptionError(f"cells_per_part must be at least 1, given {each!r}")
+
+
 def resolve_goals(
     graph: Graph,
     h0: float | None,
@@ -143,10 +159,9 @@ def resolve_goals(
         "n_parts": n_parts,
         "cells_per_part": cells_per_part,
     }
-    given = {name: value for name, value in kinds.items() if value is not None}
-    if len(given) > 1:
-        raise OptionError(f"give one kind of target, not {' and '.join(given)}")
-    name, value = next(iter(given.items()), ("h_factor", (2.0, 4.0, 8.0)))
+    check_targets(kinds)
+    given = ((name, value) for name, value in kinds.items() if value is not None)
+    name, value = next(given, ("h_factor", (2.0, 4.0, 8.0)))
     values = _positive(name, value)
     if name in ("n_parts", "cells_per_part"):
         counts = [_count(name, value, graph.n) for value in values]
@@ -170,15 +185,11 @@ def _count(name: str, value: float, n: int) -> CountGoal:
     if name == "n_parts":
         parts = _whole(value, n)
         return CountGoal(parts, {"n_parts": parts})
-    if value < 0.5:
-        raise OptionError(f"cells_per_part must be at least 1, given {value!r}")
     parts = _whole(max(1, int(np.floor(n / value + 0.5))), n)
     return CountGoal(parts, {"n_parts": parts, "cells_per_part": value})
 
 
 def _whole(value: float, n: int) -> int:
-    if not isinstance(value, int) and value != np.floor(value):
-        raise OptionError(f"n_parts must be a whole number, given {value!r}")
     if value > n:
         raise OptionError(f"too many parts, {value:.6g}: the mesh has {n} cells")
     return int(value)
@@ -191,11 +202,13 @@ def _positive(name: str, value: Any) -> list[float]:
     if not values:
         raise OptionError(f"{name} is empty: give at least one value")
     for each in values:
-        if (
-            isinstance(each, bool | np.bool_)
-            or not isinstance(each, Real)
-            or not np.isfinite(float(each))
-            or float(each) <= 0
-        ):
-            raise OptionError(f"{name} must be positive and finite, given {each!r}")
+        if isinstance(each, bool | np.bool_) or not isinstance(each, Real) or not _is_positive(each):
+            raise OptionError(f"{name} must be positive and finite, given {each!r:.60}")
     return [float(each) if not isinstance(each, Integral) else int(each) for each in values]
+
+
+def _is_positive(number: Real) -> bool:
+    try:
+        return 0 < float(number) < np.inf
+    except OverflowError:  # a whole number of hundreds of digits
+        return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -11,7 +12,7 @@ from typing import Literal, TypeVar
 
 from agglo_core.agglomeration.choices import Choice, chosen, new_run, short_name
 from agglo_core.agglomeration.constraints import constrained
-from agglo_core.agglomeration.goals import Goal, Numbers, resolve_goals
+from agglo_core.agglomeration.goals import TARGETS, Goal, Numbers, SizeGoal, check_targets, resolve_goals
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
@@ -29,6 +30,7 @@ __all__ = ["Choice", "Pipeline", "agglomerate"]
 
 Method = Literal["recursive", "kway"]
 _T = TypeVar("_T")
+_log = logging.getLogger("agglo")
 
 
 @dataclass(frozen=True)
@@ -96,23 +98,29 @@ class Pipeline:
         ------
         FileError
             If the file cannot be read or parsed, or has an unknown key.
+        OptionError
+            If a value does not fit its key; names the file.
         """
         base, file = cls(), RunFile(Path(path), [each.name for each in fields(cls)])
-        return cls(
-            bisector=file.component("bisector", base.bisector),
-            refiners=file.components("refiners", base.refiners),
-            fixer=file.component("fixer", base.fixer),
-            method=file.value("method", base.method),
-            nested=file.value("nested", base.nested),
-            merge=file.value("merge", base.merge),
-            post_refiners=file.components("post_refiners", base.post_refiners),
-            seed=file.value("seed", base.seed),
-            h_star=file.value("h_star", base.h_star),
-            h_factor=file.value("h_factor", base.h_factor),
-            n_parts=file.value("n_parts", base.n_parts),
-            cells_per_part=file.value("cells_per_part", base.cells_per_part),
-            constraints=file.components("constraints", base.constraints),
-        )
+        try:
+            check_targets({name: file.value(name, None) for name in TARGETS})
+            return cls(
+                bisector=file.component("bisector", base.bisector),
+                refiners=file.components("refiners", base.refiners),
+                fixer=file.component("fixer", base.fixer),
+                method=file.value("method", base.method),
+                nested=file.value("nested", base.nested),
+                merge=file.value("merge", base.merge),
+                post_refiners=file.components("post_refiners", base.post_refiners),
+                seed=file.value("seed", base.seed),
+                h_star=file.value("h_star", base.h_star),
+                h_factor=file.value("h_factor", base.h_factor),
+                n_parts=file.value("n_parts", base.n_parts),
+                cells_per_part=file.value("cells_per_part", base.cells_per_part),
+                constraints=file.components("constraints", base.constraints),
+            )
+        except OptionError as error:
+            raise OptionError(f"{path}: {error}") from error
 
     def run(self, mesh: Mesh | Graph, registry: Registry | None = None) -> Hierarchy:
         """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`agglomerate`."""
@@ -131,6 +139,7 @@ class Pipeline:
         )
         members = [chosen("constraint", each, registry)[0] for each in self.constraints]
         levels = self._levels_in_order(constrained(graph, members, goals), goals, run)
+        _warn_of_large_cells(goals, run)
         return Hierarchy(
             mesh if isinstance(mesh, Mesh) else None,
             graph,
@@ -255,6 +264,14 @@ def agglomerate(
         cells_per_part=cells_per_part if own else base.cells_per_part,
         constraints=_given(constraints, base.constraints),
     ).run(mesh, registry)
+
+
+def _warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
+    """Say once in a run how many single cells are larger than the smallest size."""
+    count, finest = run.statistics.oversized_cells, goals[0]
+    if count and isinstance(finest, SizeGoal):
+        cells = "1 cell is" if count == 1 else f"{count} cells are"
+        _log.warning("%s larger than h* = %g; such cells stay alone", cells, finest.h_star)
 
 
 def _given(argument: _T | None, otherwise: _T) -> _T:

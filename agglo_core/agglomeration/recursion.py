@@ -7,7 +7,6 @@ phase keeps the label set, every piece is connected, the number of pieces strict
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -22,8 +21,6 @@ from agglo_core.hierarchy import Tree
 from agglo_core.protocols import Target
 
 __all__ = ["grow", "recursive_levels"]
-
-_log = logging.getLogger("agglo")
 
 
 @dataclass
@@ -184,11 +181,7 @@ def _levels_of_one_tree(graph: Graph, goals: Sequence[Goal], run: Run) -> list[I
 
 
 def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
-    """Count single cells larger than the smallest size (it has the most), and warn about them."""
-    if not isinstance(goal, SizeGoal):
-        return
-    count = int((tree.diameter[leaves] > goal.limit).sum())
-    if count > run.statistics.oversized_cells:
-        run.statistics.oversized_cells = count
-        cells = "1 cell is" if count == 1 else f"{count} cells are"
-        _log.warning("%s larger than h* = %g; such cells stay alone", cells, goal.h_star)
+    """Record how many single cells are larger than a size; the smallest one has the most."""
+    if isinstance(goal, SizeGoal):
+        count = int((tree.diameter[leaves] > goal.limit).sum())
+        run.statistics.oversized_cells = max(count, run.statistics.oversized_cells)

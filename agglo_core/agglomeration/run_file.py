@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from agglo_core.agglomeration.choices import Choice
 from agglo_core.errors import FileError
+from agglo_core.registry.toml_files import read_toml
 
 __all__ = ["RunFile"]
 
@@ -30,10 +30,7 @@ class RunFile:
 
     def __init__(self, path: Path, known: Sequence[str]) -> None:
         self._path = path
-        try:
-            self._table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise FileError(f"{path}: {error}") from None
+        self._table = read_toml(path)
         unknown = sorted(set(self._table) - set(known))
         if unknown:
             raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(known)}")
@@ -51,7 +48,7 @@ class RunFile:
         if key not in self._table:
             return default
         if not isinstance(self._table[key], list):
-            raise FileError(f"{self._path}: {key} must be a list")
+            raise FileError(f"{self._path}: {key} must be a list, given {self._table[key]!r:.60}")
         return tuple(self._choice(key, each) for each in self._table[key])
 
     def _choice(self, key: str, value: Any) -> Choice:
@@ -59,4 +56,4 @@ class RunFile:
             return value
         if isinstance(value, Mapping) and isinstance(value.get("name"), str):
             return value["name"], {option: each for option, each in value.items() if option != "name"}
-        raise FileError(f"{self._path}: {key} must be a name or a table with a name, not {value!r}")
+        raise FileError(f"{self._path}: {key} must be a name or a table with a name, not {value!r:.60}")

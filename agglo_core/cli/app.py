@@ -22,10 +22,12 @@ from agglo_core.cli.cmd_quality import quality
 from agglo_core.cli.cmd_run import run
 from agglo_core.cli.cmd_solve import solve
 from agglo_core.cli.console import notices
+from agglo_core.cli.readable import readable_output
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve
+from agglo_core.registry.containment import printable
 
 __all__ = ["app", "main"]
 
@@ -108,7 +110,7 @@ for _command in (demo, run, compare, quality, mesh, solve, plugins, check):
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; errors raised on purpose become one line, bugs a traceback."""
-    with notices(), terminations():
+    with readable_output(), notices(), terminations():
         code = _run(args)
     sys.exit(code)
 
@@ -116,7 +118,8 @@ def main(args: Sequence[str] | None = None) -> NoReturn:
 def _run(args: Sequence[str] | None) -> int:
     try:
         result = app.main(args=args, prog_name="agglo", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # as it is where the caller has closed it
+            sys.stdout.flush()
     except (AggloError, click.Abort, SystemError) as error:
         stop = stopped_by(error)
         if stop is not None or isinstance(error, click.Abort):
@@ -151,7 +154,7 @@ def _give_up_output() -> None:
 
 def _fail(message: str) -> int:
     with suppress(OSError):  # stderr may be as full as stdout: the exit code still says it
-        click.echo(f"error: {' '.join(message.split())}", err=True)
+        click.echo(f"error: {printable(' '.join(message.split()))}", err=True)
     return 2
 
 

@@ -23,6 +23,7 @@ from typing import Any, Literal, overload
 
 import click
 
+from agglo_core.cli.number_types import Number
 from agglo_core.cli.specs import (
     Value,
     all_bisectors,
@@ -60,9 +61,19 @@ __all__ = [
     "split_specs",
 ]
 
+
+class _File(click.Path):
+    """A path; an empty text is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("the name of the file is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 COMPONENT = "NAME[:opt=val,…]"
 """Metavar of an option that names a component."""
-FILE = click.Path(path_type=Path)
+FILE = _File(path_type=Path)
 METHODS = ("recursive", "kway")
 
 _TARGETS = {
@@ -164,7 +175,7 @@ _TARGET_OPTIONS = (
     click.option("--h-factor", callback=_SIZES, metavar="LIST", help="The same over h0 (default 2,4,8)."),
     click.option("--parts", "n_parts", callback=_COUNTS, metavar="LIST", help="Numbers of agglomerates."),
     click.option("--cells-per-part", callback=_MEANS, metavar="LIST", help="Mean sizes of agglomerates."),
-    click.option("--seed", type=click.IntRange(min=0), help="Default 0."),
+    click.option("--seed", type=Number(int, least=0), help="Default 0."),
 )
 _CONFIG = click.option("--config", type=FILE, help="TOML file; options given here win.")
 

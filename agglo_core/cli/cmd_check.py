@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import as_typed
-from agglo_core.cli.console import echo, print_json, print_table
+from agglo_core.cli.console import print_json
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.registry import KINDS
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check"]
 
-_FOLD = "what it says, or what is wrong"
+_ABOUT = "what it says, or what is wrong"
 
 
 @click.command(cls=OwnCommand, short_help="Check a component against the laws of its kind.")
@@ -59,6 +60,7 @@ def _show(component: str, results: list[Result]) -> None:
         ]
         for result in results
     ]
-    print_table("", ["law", "state", "seconds", _FOLD], rows, fold=_FOLD)
+    columns = ["law", "state", "seconds", _ABOUT]
+    print_table("", columns, rows, spare=["seconds"], fold={"law": 16, _ABOUT: 30})
     failed = sum(not result.passed for result in results)
-    echo(f"{component}: {len(results) - failed} of {len(results)} laws hold")
+    print_lines(f"{component}: {len(results) - failed} of {len(results)} laws hold")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -12,10 +11,12 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import FILE, bisectors_option, choice
-from agglo_core.cli.console import echo, explain_compilation, number, print_json, quieten
+from agglo_core.cli.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.tables import print_lines
 from agglo_core.errors import FileError, PluginError
 from agglo_core.registry import default
 
@@ -28,20 +29,13 @@ __all__ = ["demo"]
 _FIRST = ("kmeans", "metis")
 
 
-def _fraction(_: click.Context, parameter: click.Parameter, value: float) -> float:
-    if not math.isfinite(value):  # NaN lies in every range of click's
-        raise click.BadParameter(f"{value} is not in the range 0<x<=1.", param=parameter)
-    return value
-
-
 @click.command(cls=OwnCommand, short_help="See a brain agglomerated by every bisector.")
 @click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
 @bisectors_option("How a piece is split (default: all).")
 @click.option(
     "--diameter-fraction",
     "factor",
-    type=click.FloatRange(0.0, 1.0, min_open=True),
-    callback=_fraction,
+    type=Number(float, above=0.0, most=1.0),
     default=0.2,
     show_default=True,
     help="Largest agglomerate, over the diameter of the brain.",
@@ -80,7 +74,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         print_json(data(mesh, "brain", done) | {"files": [str(file) for file in written]})
     elif not quiet:
         show(title, runs, only_finest=True)
-        echo(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
+        print_lines(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
 
 
 def _bisectors(quiet: bool) -> list[str]:
@@ -117,7 +111,7 @@ def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[RunResult], note: 
         if run.hierarchy is not None:
             name = as_file_name(run.name)
             fine = folder / f"{name}.vtu"
-            write(fine, mesh, run.hierarchy, level_values=[level.values for level in run.levels])
+            write(fine, mesh, run.hierarchy)
             levels = range(len(run.levels))
             written += [fine, *(folder / f"{name}_level{place}.vtu" for place in levels)]
     return written

@@ -6,15 +6,17 @@ from pathlib import Path
 
 import click
 
-from agglo_core.cli.console import echo, quieten
+from agglo_core.cli.arguments import FILE
+from agglo_core.cli.console import quieten
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.tables import print_lines
 
 __all__ = ["mesh"]
 
 
 @click.command(cls=OwnCommand, short_help="Write a sample mesh to a file.")
 @click.argument("sample")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="File to write.")
+@click.option("-o", "--output", required=True, type=FILE, help="File to write.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def mesh(sample: str, output: Path, quiet: bool) -> None:
     """Write SAMPLE (squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …) to a file."""
@@ -26,4 +28,4 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     made = samples.from_spec(sample)
     io.write(output, made)
     if not quiet:
-        echo(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")
+        print_lines(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")

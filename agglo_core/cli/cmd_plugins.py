@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import click
 
-from agglo_core.cli.console import echo, print_json
-from agglo_core.cli.stdout import OwnCommand, width
+from agglo_core.cli.console import print_json
+from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import PluginError
 from agglo_core.registry import KINDS, Record, Registry, default, describe
 from agglo_core.registry.construct import resolve
@@ -19,7 +19,6 @@ __all__ = ["plugins"]
 
 _COLUMNS = ("kind", "name", "plugin", "distribution", "state", "about")
 _SLOW = 2.0  # seconds; every command waits for the imports of all plugins
-_LEAST = 30  # columns for the last column, however narrow the terminal
 
 
 @click.command(cls=OwnCommand, short_help="List plugins, their components, states and options.")
@@ -41,10 +40,12 @@ def plugins(name: str | None, verbose: bool, as_json: bool) -> None:
     if as_json:
         print_json([_data(record) | (_options_data(record) if name else {}) for record in records])
     elif name is None:
-        _print_columns(_COLUMNS, [_row(record, verbose) for record in records])
+        rows = [_row(record, verbose) for record in records]
+        fold = {"name": 10, "about": 24}
+        print_table("", _COLUMNS, rows, spare=["distribution", "plugin"], fold=fold, boxed=False)
     else:
         for record in records:
-            echo("\n".join(_card(record)))
+            print_lines("\n".join(_card(record)))
 
 
 def _named(registry: Registry, text: str) -> list[Record]:
@@ -68,19 +69,6 @@ def _named(registry: Registry, text: str) -> list[Record]:
         f"no component, command or plugin is named {text!r}; there are {known}"
         + (f"; plugins that cannot be used: {failed}" if failed else "")
     )
-
-
-def _print_columns(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A table whose last column is folded at the width of the terminal; plain, for it may be long."""
-    widths = [max(len(row[i]) for row in [columns, *rows]) for i in range(len(columns) - 1)]
-    room = max(width() - sum(widths) - 2 * len(widths), _LEAST)
-    margin = " " * (sum(widths) + 2 * len(widths))
-    lines = []
-    for row in (columns, ["-" * wide for wide in (*widths, len(columns[-1]))], *rows):
-        head = "".join(f"{cell:<{wide + 2}}" for cell, wide in zip(row, widths, strict=False))
-        about = [line for part in row[-1].split("\n") for line in textwrap.wrap(part, room) or [""]]
-        lines += [(head + about[0]).rstrip(), *(margin + line for line in about[1:])]
-    echo("\n".join(lines))
 
 
 def _row(record: Record, verbose: bool) -> list[str]:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import metrics_option
-from agglo_core.cli.console import number, print_json, print_table, quieten
+from agglo_core.cli.arguments import FILE, metrics_option
+from agglo_core.cli.console import number, print_json, quieten
 from agglo_core.cli.runs import level_data, single_level
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.tables import print_table
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -20,7 +21,7 @@ __all__ = ["quality"]
 
 
 @click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @metrics_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
@@ -47,7 +48,8 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
         title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
         columns = [*(key for key in rows[0] if key != "objectives"), *levels[0].objectives]
         flat = [row | row.get("objectives", {}) for row in rows]
-        print_table(title, columns, [[number(row[key]) for key in columns] for row in flat])
+        shown = [[number(row[key]) for key in columns] for row in flat]
+        print_table(title, columns, shown, spare=["connected", "max_diameter"])
 
 
 def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:

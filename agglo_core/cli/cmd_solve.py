@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
-from agglo_core.cli.console import echo, explain_compilation, print_json
+from agglo_core.cli.console import explain_compilation, print_json
+from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.registry import default, describe
 from agglo_core.registry.attribution import Member, attributed
@@ -31,9 +33,9 @@ _NOT_CONVERGED = 3
 @click.argument("source", metavar="MESH|SAMPLE")
 @click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
 @agglomeration_options(bisector="one")
-@click.option("--levels", type=int, help="How many to use of mesh, level 0, 1, … (default all).")
-@click.option("--degree", type=int, help="Of the polynomials (default: the solver's).")
-@click.option("--smoothing-steps", type=int, help="Before and after each coarse correction.")
+@click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
+@click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
+@click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
 @click.option("--problem", default="constant", show_default=True, metavar="NAME[:opt=val,…]|FILE.toml")
 @click.option(
@@ -86,7 +88,7 @@ def solve(
             data["cg_iterations"] = solution.iterations
         print_json(data)
     else:
-        echo("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
+        print_lines("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
     return 0 if solution.converged else _NOT_CONVERGED
 
 
@@ -127,6 +129,8 @@ def _posed(
     """The problem asked for, and its discretisation, which must exist if it is ``wanted``."""
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
 
+    if not text:
+        raise OptionError("--problem is empty; expected the name of a problem or of a TOML file")
     is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
     name, options = (text, {}) if is_file else as_typed(text)
     problem = named_problem(name, mesh, options)

@@ -1,30 +1,29 @@
-"""What the commands say: notices and progress on stderr, tables and JSON on stdout."""
+"""What the commands say: notices and progress on stderr, JSON on stdout."""
 
 from __future__ import annotations
 
 import json
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.stdout import stdout, width
+from agglo_core.cli.stdout import stdout
 from agglo_core.registry import default, hookimpl
+from agglo_core.registry.containment import printable
 
 if TYPE_CHECKING:
     from rich.status import Status
 
 __all__ = [
-    "echo",
     "explain_compilation",
     "notices",
     "number",
     "plain",
     "print_json",
-    "print_table",
     "progress",
     "quieten",
 ]
@@ -33,8 +32,17 @@ _log = logging.getLogger("agglo")
 
 
 class _Notices(logging.Handler):
+    """Prints each notice once: several runs on one mesh have the same to say of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._shown: set[str] = set()
+
     def emit(self, record: logging.LogRecord) -> None:
-        click.echo(f"note: {self.format(record)}", err=True)
+        text = printable(self.format(record))
+        if text not in self._shown:
+            self._shown.add(text)
+            click.echo(f"note: {text}", err=True)
 
 
 @contextmanager
@@ -92,11 +100,6 @@ def progress(label: str, quiet: bool) -> Iterator[None]:
             registry.unregister(name)
 
 
-def echo(text: str) -> None:
-    """Print a line on stdout, which nothing but our own output reaches."""
-    click.echo(text, file=stdout())
-
-
 def plain(value: Any) -> Any:
     """``value`` as JSON knows it: arrays as lists, NaN and infinities as null."""
     if isinstance(value, Mapping):
@@ -110,7 +113,7 @@ def plain(value: Any) -> Any:
 
 def print_json(value: Any) -> None:
     """Print a value as JSON on stdout."""
-    echo(json.dumps(plain(value), indent=2, allow_nan=False))
+    click.echo(json.dumps(plain(value), indent=2, allow_nan=False), file=stdout())
 
 
 def number(value: Any) -> str:
@@ -118,18 +121,3 @@ def number(value: Any) -> str:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], fold: str = "") -> None:
-    """Print a table on stdout; the column named ``fold`` wraps, all others keep their words whole."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    console = Console(file=stdout(), highlight=False, width=width())
-    table = Table(title=Text(title), title_justify="left")
-    for column in columns:
-        table.add_column(column, no_wrap=column != fold, overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    console.print(table)

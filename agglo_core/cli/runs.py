@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.console import echo, number, print_table, progress
+from agglo_core.cli.console import number, progress
 from agglo_core.cli.stopping import stopped_by
+from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError, OptionError
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ __all__ = [
 ]
 
 Metrics = list[Any] | None
+
+_RATIO = "mean diam/h*"
 
 
 def execute(
@@ -137,8 +140,7 @@ def single_level(mesh: Mesh) -> Hierarchy:
 def show(
     title: str, runs: Sequence[RunResult], written: Sequence[Path] = (), only_finest: bool = False
 ) -> None:
-    """Print one line per level, and the files written; a column of its own says why a run failed."""
-    failed = any(run.error for run in runs)
+    """Print one line per level, why runs failed, and the files written."""
     measured = next(level for run in runs for level in run.levels)
     heads = ["target", "K", *measured.metrics, "connected", *_last(measured).values(), "seconds"]
     rows = []
@@ -146,18 +148,18 @@ def show(
         levels = run.levels[:1] if only_finest else run.levels
         for place, level in enumerate(levels):
             row = ["" if place else run.name, *_cells(level)]
-            rows.append([*row, "" if place else f"{run.seconds:.2f}", *([""] if failed else [])])
+            rows.append([*row, "" if place else f"{run.seconds:.2f}"])
         if run.error:
-            rows.append([run.name, *["–"] * len(heads), run.error])
-    columns = ["bisector", *heads, *(["note"] if failed else [])]
-    print_table(title, columns, rows, fold="note")
-    for path in written:
-        echo(f"wrote {path}")
+            rows.append([run.name, *["–"] * len(heads)])
+    spare = ["connected", "seconds", _RATIO]
+    print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
+    errors = [f"{run.name}: {run.error}" for run in runs if run.error]
+    print_lines("\n".join([*errors, *(f"wrote {path}" for path in written)]))
 
 
 def _last(level: Level) -> dict[str, str]:
     """Keys and headings of the columns after ``connected``."""
-    ratio = {} if "diameter_ratio" in level.metrics else {"diameter_ratio": "mean diam/h*"}
+    ratio = {} if "diameter_ratio" in level.metrics else {"diameter_ratio": _RATIO}
     return ratio | {name: name for name in level.objectives}
 
 

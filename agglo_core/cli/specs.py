@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.errors import FileError, OptionError
+from agglo_core.cli.number_types import in_words
+from agglo_core.errors import FileError, OptionError, PluginError
 from agglo_core.registry import default
 from agglo_core.registry.construct import checked_options, resolve
 from agglo_core.registry.options import Text, parse_value
@@ -64,6 +65,8 @@ def load_mesh(text: str | Path) -> Mesh:
     try:
         return samples.from_spec(text)
     except OptionError as error:
+        if not isinstance(error.__cause__, PluginError):  # it is a sample, and one of its options is wrong
+            raise
         raise OptionError(
             f"{text!r} is neither a file (there is none of that name) nor a sample: {error}"
         ) from error
@@ -169,6 +172,8 @@ def numbers(
     number: type[int] | type[float], least: float | None = None
 ) -> Callable[[click.Context, click.Parameter, Any], tuple[float, ...] | None]:
     """A click callback that turns ``"2,4,8"`` into a tuple of positive numbers, ``least`` or more."""
+    noun = "whole numbers" if number is int else "numbers"
+    wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
 
     def read(_: click.Context, parameter: click.Parameter, text: str | None) -> tuple[float, ...] | None:
         if text is None:
@@ -176,12 +181,12 @@ def numbers(
         try:
             values = tuple(number(item) for item in text.split(","))
         except ValueError:
-            noun = "whole numbers" if number is int else "numbers"
-            raise click.BadParameter(f"{text!r} is not a comma list of {noun}", param=parameter) from None
+            message = f"{in_words(text)} is not a comma list of {noun}"
+            raise click.BadParameter(message, param=parameter) from None
         for value in values:
             if not (0 < value < inf and value >= (least or 0)):
-                wanted = "positive and finite" if least is None else f"at least {least:g} and finite"
-                raise click.BadParameter(f"each number must be {wanted}, given {value}", param=parameter)
+                message = f"each number must be {wanted}, given {in_words(value)}"
+                raise click.BadParameter(message, param=parameter)
         return values
 
     return read

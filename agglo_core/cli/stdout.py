@@ -17,10 +17,10 @@ from typing import Any, TextIO
 
 import click
 
-__all__ = ["OwnCommand", "stdout", "width"]
+__all__ = ["OwnCommand", "stdout", "terminal_columns"]
 
 _KEY = "agglo.stdout"
-_PIPE = 200  # columns where the output is not a terminal: whoever reads it wraps it
+_COLUMNS = 80  # of a terminal that does not say
 
 
 class OwnCommand(click.Command):
@@ -34,27 +34,26 @@ class OwnCommand(click.Command):
 
 
 def stdout() -> TextIO:
-    """The stream for what a command prints: the one :class:`OwnCommand` keeps, or else ``sys.stdout``."""
+    """The stream for what a command prints: the one :class:`OwnCommand` keeps, or else ``sys.stdout``.
+
+    None, as ``sys.stdout`` is, where the caller has closed it.
+    """
     context = click.get_current_context(silent=True)
     kept: TextIO | None = context.meta.get(_KEY) if context else None
     return sys.stdout if kept is None else kept
 
 
-def width() -> int:
-    """Columns of the terminal that :func:`stdout` is; of something that is no terminal, many."""
+def terminal_columns() -> int | None:
+    """Columns of the terminal that :func:`stdout` is; None if it is none."""
     stream = stdout()
-    if not stream.isatty():
-        return _PIPE
-    with suppress(ValueError):
-        return int(os.environ["COLUMNS"]) if "COLUMNS" in os.environ else _columns(stream)
-    return _columns(stream)
-
-
-def _columns(stream: TextIO) -> int:
+    if stream is None or not stream.isatty():
+        return None
+    with suppress(KeyError, ValueError):
+        return int(os.environ["COLUMNS"])
     try:
-        return os.get_terminal_size(stream.fileno()).columns or 80
+        return os.get_terminal_size(stream.fileno()).columns or _COLUMNS
     except OSError:
-        return 80
+        return _COLUMNS
 
 
 @contextmanager
@@ -66,7 +65,8 @@ def _kept(*, quiet: bool) -> Iterator[TextIO]:
             stream = stack.enter_context(_moved(stream, stray))
         stack.enter_context(redirect_stdout(stray))
         yield stream
-        stream.flush()
+        if stream is not None:  # as it is where the caller has closed it
+            stream.flush()
 
 
 @contextmanager

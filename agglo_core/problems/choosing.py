@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -16,6 +15,7 @@ from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import shown
+from agglo_core.registry.toml_files import read_toml
 
 __all__ = ["discretisation_of", "named_problem", "read_problem", "require_accepted"]
 
@@ -68,10 +68,9 @@ def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Pr
         If the file cannot be read, its kind is not known, or the kind refuses what it says; names the key.
     """
     registry = default() if registry is None else registry
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileError(f"{path}: {_unreadable(error, registry)}") from None
+    if not path.exists() or path.is_dir():
+        raise FileError(f"{path}: {_no_file(path, registry)}")
+    table = read_toml(path)
     kind = table.pop("kind", "diffusion")
     try:
         from_table, title = _reader_of(kind, registry)
@@ -144,12 +143,10 @@ def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
     return from_table, describe(record)
 
 
-def _unreadable(error: Exception, registry: Registry) -> str:
-    if isinstance(error, FileNotFoundError):
-        return f"no such file, and no problem of that name ({_known(registry)})"
-    if isinstance(error, IsADirectoryError):
+def _no_file(path: Path, registry: Registry) -> str:
+    if path.is_dir():
         return f"a folder; a problem is a .toml file or a name ({_known(registry)})"
-    return str(error.strerror or error) if isinstance(error, OSError) else str(error)
+    return f"no such file, and no problem of that name ({_known(registry)})"
 
 
 def _known(registry: Registry) -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from agglo_core.errors import PluginError
+from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
 from agglo_core.registry.containment import PLUGIN_FAILURES, at_home, raised
 
 __all__ = ["Member", "attributed"]
@@ -23,7 +23,9 @@ class Member:
 
 @contextmanager
 def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterator[None]:
-    """Turn whatever a component raises into a PluginError that begins with ``owner``; ``spare`` passes.
+    """Put ``owner`` before what a component says on purpose; anything else it raises is a PluginError.
+
+    An OptionError, MeshError or FileError about what the component was given stays one.
 
     A component that leaves the current folder is brought back, with a warning.
 
@@ -32,7 +34,7 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
     owner : str
         The component as :func:`~agglo_core.registry.describe` calls it.
     spare : tuple of exception types
-        What the component may raise on purpose. A PluginError is given its owner even then.
+        What passes as it is. A PluginError is given its owner even then.
     """
     try:
         with at_home(owner):
@@ -41,5 +43,12 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
         raise PluginError(f"{owner}: {error}") from error
     except spare:
         raise
+    except AggloError as error:
+        raise _family(error)(f"{owner}: {error}") from error
     except PLUGIN_FAILURES as error:
         raise PluginError(f"{owner} raised {raised(error)}") from error
+
+
+def _family(error: AggloError) -> type[AggloError]:
+    """The class of ours an error belongs to; one of a stranger's own may be made otherwise."""
+    return next((each for each in (MeshError, OptionError, FileError) if isinstance(error, each)), AggloError)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import sys
-import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
@@ -84,11 +83,13 @@ def shown(value: object, limit: int = 60) -> str:
 
 
 def printable(text: str) -> str:
-    """The text with control characters escaped, those of terminals among them; line ends and tabs stay."""
-    if text.isascii() and text.isprintable():
+    """The text without control characters, which names from elsewhere may hold; line breaks stay."""
+    if text.isprintable():
         return text
-    return "".join(_escaped(c) if unicodedata.category(c) in ("Cc", "Cf") else c for c in text)
+    return "".join(map(_visible, text))
 
 
-def _escaped(character: str) -> str:
-    return character if character in "\n\t" else character.encode("unicode_escape").decode()
+def _visible(character: str) -> str:
+    if character == "\n" or character.isprintable() or "\ud800" <= character <= "\udfff":
+        return character
+    return " " if character.isspace() else character.encode("unicode_escape").decode()

@@ -24,6 +24,10 @@ from agglo_core.registry.option_types import UNTYPED, Text, fit, in_words, parse
 __all__ = ["Option", "Text", "convert", "name_and_options", "options_of", "parse_value", "wants_registry"]
 
 
+_MARKUP = re.compile(r"(?::\w+:)?`+~?([^`]*)`+")
+"""Names in a docstring as reStructuredText writes them, such as :meth:`bisect`."""
+
+
 @dataclass(frozen=True)
 class Option:
     """One option of a component.
@@ -161,7 +165,7 @@ def _described(target: Callable[..., Any]) -> dict[str, str]:
         entries = re.split(r"^(?=\w)", section[1] if section else "", flags=re.M)
         for entry in entries:
             names, _, body = entry.partition("\n")
-            words = " ".join(body.split())
+            words = _MARKUP.sub(r"\1", " ".join(body.split()))
             sentence = re.match(r".*?[.](?= |$)|.*", words)
             for name in names.partition(":")[0].split(","):
                 about.setdefault(name.strip(), sentence[0].rstrip(".") if sentence else "")

@@ -25,7 +25,7 @@ def random_triangles(n: int, seed: int = 0) -> Mesh:
         Of the random numbers: 0 or more, the same seed gives the same mesh.
     """
     n = check_size(n, 1, "n", "random_triangles")
-    rng = np.random.default_rng(check_size(seed, 0, "seed", "random_triangles"))
+    rng = np.random.default_rng(check_size(seed, 0, "seed", "random_triangles", 0))
     return delaunay_mesh(rng.random((n, 2)), f"random triangles n={n} seed={seed}")
 
 
@@ -40,7 +40,7 @@ def voronoi(n: int, seed: int = 0) -> Mesh:
         Of the random numbers: 0 or more, the same seed gives the same mesh.
     """
     n = check_size(n, 1, "n", "voronoi")
-    rng = np.random.default_rng(check_size(seed, 0, "seed", "voronoi"))
+    rng = np.random.default_rng(check_size(seed, 0, "seed", "voronoi", 0))
     return voronoi_mesh(rng.random((n, 2)), f"voronoi n={n} seed={seed}")
 
 

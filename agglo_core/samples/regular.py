@@ -11,10 +11,16 @@ from agglo_core.mesh import Mesh
 __all__ = ["check_size", "disconnected", "hexagons", "ring", "squares", "strip", "triangles"]
 
 
-def check_size(value: object, least: int, option: str, sample: str) -> int:
-    """``value`` as an int of at least ``least``, or OptionError naming the option and the sample."""
+def check_size(value: object, least: int, option: str, sample: str, power: int = 1) -> int:
+    """``value`` as an int of at least ``least``, or OptionError naming the option and the sample.
+
+    ``value ** power`` is about the number of cells, of which a mesh has less than 2³¹; 0 for what is no size.
+    """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise OptionError(f"{option} of sample {sample} must be a whole number >= {least}, not {value!r}")
+    most = int((2**31 - 1) ** (1 / power)) if power else value
+    if value > most:
+        raise OptionError(f"{option} of sample {sample} must be at most {most}, not {int(value)!r:.60}")
     return int(value)
 
 
@@ -35,7 +41,7 @@ def squares(n: int) -> Mesh:
     n : int
         Squares along each side: n² cells.
     """
-    n = check_size(n, 1, "n", "squares")
+    n = check_size(n, 1, "n", "squares", 2)
     points, cells = _lattice(n, n)
     return Mesh.from_polygons(points / n, cells, name=f"squares {n}x{n}")
 
@@ -48,7 +54,7 @@ def triangles(n: int) -> Mesh:
     n : int
         Squares along each side: 2n² cells.
     """
-    n = check_size(n, 1, "n", "triangles")
+    n = check_size(n, 1, "n", "triangles", 2)
     points, cells = _lattice(n, n)
     halves = cells[:, [0, 1, 3, 1, 2, 3]].reshape(-1, 3)
     return Mesh.from_polygons(points / n, halves, name=f"triangles {n}x{n}x2")
@@ -75,7 +81,7 @@ def disconnected(n: int) -> Mesh:
     n : int
         Squares along each side: 2n² cells.
     """
-    n = check_size(n, 1, "n", "disconnected")
+    n = check_size(n, 1, "n", "disconnected", 2)
     points, cells = _lattice(n, n)
     both = np.concatenate((points / n, points / n + [1.5, 0.0]))
     return Mesh.from_polygons(both, np.concatenate((cells, cells + len(points))), name=f"two {n}x{n} squares")
@@ -91,7 +97,7 @@ def hexagons(n: int) -> Mesh:
     n : int
         Hexagons in each row, and rows: n² cells.
     """
-    n = check_size(n, 1, "n", "hexagons")
+    n = check_size(n, 1, "n", "hexagons", 2)
     j, i = np.divmod(np.arange(n * n), n)
     centres = np.stack((2 * i + 1 + j % 2, 3 * j + 2), axis=1)
     corners = np.array([(1, -1), (1, 1), (0, 2), (-1, 1), (-1, -1), (0, -2)])

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from agglo_core.authoring import FILE, print_lines
+
 __all__ = ["model"]
 
 
@@ -17,7 +19,7 @@ def model() -> None:
 
 
 @model.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="Print the header as JSON.")
 def info(file: Path, as_json: bool) -> None:
     """Check FILE and show its architecture, features, training, seed, version and metrics."""
@@ -28,11 +30,11 @@ def info(file: Path, as_json: bool) -> None:
         click.echo(json.dumps(header, indent=2, sort_keys=True))
         return
     parameters = sum(array.size for array in arrays.values())
-    click.echo(f"{file}: {len(arrays)} arrays, {parameters:,} numbers")
+    print_lines(f"{file}: {len(arrays)} arrays, {parameters:,} numbers")
     order = ["architecture", "features", "recipe", "seed", "version", "metrics"]
     rest = sorted(header.keys() - {*order, "arrays"})
     for key in [*order, *rest]:
-        click.echo(f"  {key:<13}{_in_words(header[key])}")
+        print_lines(f"  {key:<13}{_in_words(header[key])}")
 
 
 def _in_words(value: Any) -> str:

@@ -131,7 +131,7 @@ def read_header(path: str | Path) -> dict[str, Any]:
     try:
         metadata = json.loads(content[8 : 8 + length])["__metadata__"]
         header = json.loads(metadata["agglo"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FileError(f"{path}: has no header of an agglo model: expected one by agglo train") from error
     if not isinstance(header, dict):
         raise FileError(f"{path}: its header is not a JSON object")

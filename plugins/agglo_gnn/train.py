@@ -12,29 +12,29 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from agglo_core.authoring import FileError, OptionError
+from agglo_core.authoring import FILE, FileError, Number, OptionError
 
 __all__ = ["train"]
 
-_FILE = click.Path(path_type=Path)
+_COUNT, _SHARE = Number(int, least=1), Number(float, least=0, most=1)
 _FAST_COLUMNS = " step      loss  CPU seconds"
 _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "resume", "device")
 
 
 @click.command()
 @click.option("--preset", type=click.Choice(["paper", "fast"]), default="fast", show_default=True)
-@click.option("-o", "--output", type=_FILE, help="Model file to write (default PRESET.safetensors).")
-@click.option("--epochs", type=click.IntRange(1), help="Passes through the training set (paper: 300).")
-@click.option("--steps", type=click.IntRange(1), help="Of the preset fast, 64 pieces each.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True)
-@click.option("--meshes", type=click.IntRange(1), help="Training meshes (paper: 800), a quarter to validate.")
-@click.option("--pieces", type=click.FloatRange(0, 1), help="Share of meshes cut down to a random piece.")
-@click.option("--rate", type=click.FloatRange(0, min_open=True), help="Learning rate (paper: 1e-5).")
+@click.option("-o", "--output", type=FILE, help="Model file to write (default PRESET.safetensors).")
+@click.option("--epochs", type=_COUNT, help="Passes through the training set (paper: 300).")
+@click.option("--steps", type=_COUNT, help="Of the preset fast, 64 pieces each.")
+@click.option("--seed", type=Number(int, least=0, most=2**31 - 1), default=0, show_default=True)
+@click.option("--meshes", type=_COUNT, help="Training meshes (paper: 800), a quarter to validate.")
+@click.option("--pieces", type=_SHARE, help="Share of meshes cut down to a random piece.")
+@click.option("--rate", type=Number(float, above=0), help="Learning rate (paper: 1e-5).")
 @click.option("--network", metavar="MODULE:CLASS", help="Your own network instead of the paper's.")
-@click.option("--checkpoint", type=_FILE, help="File kept up to date after each epoch (.safetensors).")
+@click.option("--checkpoint", type=FILE, help="File kept up to date after each epoch (.safetensors).")
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint.")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Default auto.")
-@click.option("--log", type=_FILE, help="Text file with a line for each epoch (fast: each 100 steps).")
+@click.option("--log", type=FILE, help="Text file with a line for each epoch (fast: each 100 steps).")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.pass_context
 def train(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from agglo_core.authoring import bisectors_option, choice
+from agglo_core.authoring import FILE, bisectors_option, choice, print_lines
 
 if TYPE_CHECKING:
     from agglo_paper.store import Unit
@@ -25,7 +25,6 @@ WORDS: Final = (
     *("statistics", "figures", "all"),
 )
 _THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
-_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command(short_help="The paper's tables and figures beside ours.")
@@ -36,7 +35,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 )  # fmt: skip
 @bisectors_option("Columns beside the paper's own (default: all).")
 @click.option("--quick", is_flag=True, help="Fewer grids, repetitions and meshes: a minute at most.")
-@click.option("--mesh", type=_FILE, help="Treat this mesh as a brain too.")
+@click.option("--mesh", type=FILE, help="Treat this mesh as a brain too.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of the tables.")
 def paper(
     what: tuple[str, ...],
@@ -61,8 +60,8 @@ def paper(
         click.echo(json.dumps([page.data() for page in pages], indent=2, allow_nan=False))
         return
     for text in [front] if front else [page.markdown() for page in pages]:
-        click.echo(text)
-    click.echo(f"wrote {len(pages)} pages to {output}")
+        print_lines(text)
+    print_lines(f"wrote {len(pages)} pages to {output}")
 
 
 @contextmanager

@@ -92,7 +92,7 @@ class Store:
         file = self.folder / f"{self._name(unit)}.json"
         try:
             kept: Data = json.loads(file.read_text(encoding="utf-8"))["result"]
-        except (OSError, ValueError, KeyError, TypeError):  # none, or cut short by someone else
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):  # none, or damaged
             kept = {}
         if kept:
             return kept, True
