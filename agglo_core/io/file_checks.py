@@ -11,7 +11,7 @@ from agglo_core.errors import AggloError, FileError, MeshError, OptionError, Plu
 from agglo_core.io.atomic import staging
 from agglo_core.io.formats import KnownFormat
 from agglo_core.registry.attribution import attributed
-from agglo_core.registry.containment import shown
+from agglo_core.registry.containment import raised, shown
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -120,8 +120,12 @@ def _stored(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy | None]:
             f"{known.title}: read_hierarchy() returned the hierarchy {shown(hierarchy)}, "
             "expected a Hierarchy or None"
         )
-    with attributed(known.title):
+    try:
         check_belongs(mesh, hierarchy)
+    except AggloError as error:
+        raise PluginError(
+            f"{known.title}: read_hierarchy() returned what does not fit, {raised(error)}"
+        ) from error
     return mesh, hierarchy
 
 
