@@ -177,7 +177,7 @@ class Format(Protocol):
     others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own
     ``write`` makes sure that files appear whole or not at all; others write into a temporary folder.
 
-    An option ``merge_points`` (bool) of the constructor is what ``agglo.read(…, merge_points=False)`` sets.
+    Options ``merge_points`` and ``allow_gaps`` (bool) of the constructor are what ``agglo.read`` sets.
     """
 
     suffixes: tuple[str, ...]

@@ -13,12 +13,18 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
 
-__all__ = ["Joined", "join_outer_faces"]
+__all__ = ["TOLERANCE", "Joined", "join_outer_faces", "warn_of_gaps"]
 
 _log = logging.getLogger("agglo")
 
+TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
 _NEAR = 1e-3  # tolerance at which faces are still told, though not joined
 _ROUNDING = 16  # units in the last place of the largest coordinate
+
+_WAYS_OUT = (
+    "merge_points=True joins faces that only have points of their own; allow_gaps=True says that it is meant"
+)
+_NARROW = f"mesh.conforming(tolerance={_NEAR:g}) joins them; allow_gaps=True says that it is meant"
 
 
 class Joined(NamedTuple):
@@ -57,28 +63,59 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
     MeshError
         For solids whose faces overlap in part.
     """
-    outer = outer_faces(mesh)
-    pairs = facing_pairs(outer)
-    owner = frozen_int(mesh.face_cells[outer.faces, 0])
-    pairs = frozen_int(pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]])
-    if not len(pairs):
-        return None
-    contacts = find_contacts(outer, pairs, _reach(mesh, outer, pairs, tolerance))
-    _tell_near_ones(mesh, outer, pairs, contacts, tolerance)
+    outer, contacts = _contacts(mesh, tolerance)
     if not len(contacts.pairs):
         return None
+    owner = frozen_int(mesh.face_cells[outer.faces, 0])
     place = _places(len(outer.used), contacts.same)
     pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _whole(outer, contacts, merge)
     inner = np.flatnonzero(pieces.partner >= 0)
     done = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
     apart = ~_among(contacts.pairs, done, len(outer.faces))
     if apart.any():
-        _tell(owner[contacts.pairs[apart]], mesh.dim == 3 and not contacts.alike[apart].all())
+        found = _in_words(owner[contacts.pairs[apart]])
+        if mesh.dim == 3 and not contacts.alike[apart].all():
+            raise MeshError(
+                f"{found}, but are not the same, so that the cells would be no neighbours. Give both sides "
+                "the same faces, or say allow_gaps=True if the gap is meant (a fracture, bodies that touch)"
+            )
+        _log.warning("%s and were left apart: the domain has a gap there. %s", found, _WAYS_OUT)
     return _joined(mesh, outer, pieces, place, int(apart.sum()))
+
+
+def warn_of_gaps(mesh: Derived) -> None:
+    """Warn if outer faces of a mesh that must not be changed lie on one another."""
+    outer, contacts = _contacts(mesh, TOLERANCE)
+    if len(contacts.pairs):
+        found = _in_words(mesh.face_cells[outer.faces[contacts.pairs], 0])
+        _log.warning("%s: the domain has a gap there. mesh.conforming() joins them", found)
+
+
+def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
+    """The outer faces, and which of different cells lie on one another; warns of those that almost do."""
+    outer = outer_faces(mesh)
+    pairs = facing_pairs(outer)
+    owner = mesh.face_cells[outer.faces, 0]
+    pairs = frozen_int(pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]])
+    contacts = find_contacts(outer, pairs, _reach(mesh, outer, pairs, tolerance))
+    if len(pairs) and tolerance < _NEAR:
+        near = find_contacts(outer, pairs, _reach(mesh, outer, pairs, _NEAR)).pairs
+        near = near[~_among(near, contacts.pairs, len(owner))]
+        if len(near):
+            _log.warning("%s almost: the domain has a gap there. %s", _in_words(owner[near]), _NARROW)
+    return outer, contacts
+
+
+def _in_words(cells: Int) -> str:
+    """What to say of outer faces of pairs of cells ``(k, 2)``."""
+    first, second = np.sort(cells[0]).tolist()
+    return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
 
 
 def _reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     """How far apart two faces may be to lie on one another: a length for each pair."""
+    if not len(pairs):
+        return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
     height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / outer.measure
     small = np.minimum(size, height)[pairs].min(axis=1)
@@ -196,34 +233,3 @@ def _among(pairs: Int, others: Int, n: int) -> Mask:
     """Which of the pairs of numbers below n are among the others, either way round."""
     key, known = (np.sort(each, axis=1) @ [n, 1] for each in (pairs, others))
     return np.isin(key, known)
-
-
-def _tell(cells: Int, refuse: bool) -> None:
-    """Warn that outer faces of pairs of cells lie on one another and stay apart, or refuse it."""
-    first, second = np.sort(cells[0]).tolist()
-    found = f"{len(cells)} pairs of outer faces lie on one another, first those of cells {first} and {second}"
-    if refuse:
-        raise MeshError(
-            f"{found}, without being the same faces: the cells would be no neighbours. Give both sides the "
-            "same faces, or say allow_gaps=True if the gap is meant (a fracture, bodies that touch)"
-        )
-    _log.warning(
-        "%s; they were left apart, so that the cells are no neighbours and the domain has a gap there. "
-        "merge_points=True joins what has the same points; allow_gaps=True says that the gap is meant",
-        found,
-    )
-
-
-def _tell_near_ones(mesh: Derived, outer: Outer, pairs: Int, contacts: Contacts, tolerance: float) -> None:
-    """Warn of outer faces that almost lie on one another."""
-    if tolerance >= _NEAR:
-        return
-    near = find_contacts(outer, pairs, _reach(mesh, outer, pairs, _NEAR)).pairs
-    near = near[~_among(near, contacts.pairs, len(outer.faces))]
-    if len(near):
-        first, second = np.sort(mesh.face_cells[outer.faces[near[0]], 0]).tolist()
-        _log.warning(
-            "%d pairs of outer faces almost lie on one another, first those of cells %d and %d; the cells "
-            "are no neighbours there. mesh.conforming(tolerance=%g) joins them",
-            len(near), first, second, _NEAR,
-        )  # fmt: skip

@@ -13,7 +13,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh.checks import check_labels, check_tags, note_repairs
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
-from agglo_core.mesh.conforming import join_outer_faces
+from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.polygons import Faces, build_polygons
@@ -205,7 +205,7 @@ class Mesh(Derived):
             name=self.name,
         )
 
-    def conforming(self, *, tolerance: float = 1e-6, merge_points: bool = True) -> Mesh:
+    def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
         """This mesh with outer faces that lie on one another joined; itself if there are none.
 
         In 2-D every vertex that lies on the interior of a neighbour's outer edge is inserted there, so that

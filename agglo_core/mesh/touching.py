@@ -1,4 +1,4 @@
-"""Outer faces that lie on one another although they are not one face: candidates by centre and normal, compared."""
+"""Outer faces that lie on one another: candidates by centre and normal, then compared vertex by vertex."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def outer_faces(mesh: Derived) -> Outer:
     offsets, places = gather(mesh.face_offsets, faces)
     used, vertices = np.unique(mesh.face_vertices[places], return_inverse=True)
     points = mesh.points[used]
-    points = frozen_float(points - box_centre(points))
+    points = frozen_float(points - box_centre(points) if len(used) else points)
     if mesh.dim == 2:
         tail, head = points[vertices[::2]], points[vertices[1::2]]
         edge, centre = head - tail, 0.5 * (head + tail)
