@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import compact_points, name_cells, note_repairs
+from agglo_core.mesh.checks import check_extent, compact_points, name_cells, note_repairs
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -82,6 +82,7 @@ def mesh_from_shapely(
     """
     items = _checked_items(polygons)
     points, rings = _rings(items)
+    check_extent(points)
     reach = max(float(tolerance), 16 * float(np.spacing(np.abs(points).max())))
     used, vertices, _ = compact_points(points, rings.vertices, True)
     points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)

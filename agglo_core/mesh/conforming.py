@@ -19,8 +19,10 @@ _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
 _NEAR = 1e-3  # tolerance at which faces are still told, though not joined
+_WHOLE = 1e-6  # of a face: what others may leave uncovered
 _ROUNDING = 16  # units in the last place of the largest coordinate
 
+_CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
 _WAYS_OUT = (
     "merge_points=True joins faces that only have points of their own; allow_gaps=True says that it is meant"
 )
@@ -68,7 +70,7 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
         return None
     owner = frozen_int(mesh.face_cells[outer.faces, 0])
     place = _places(len(outer.used), contacts.same)
-    pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _whole(outer, contacts, merge)
+    pieces = _cut(outer, contacts, place, owner, merge) if mesh.dim == 2 else _tiled(outer, contacts, merge)
     inner = np.flatnonzero(pieces.partner >= 0)
     done = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
     apart = ~_among(contacts.pairs, done, len(outer.faces))
@@ -76,8 +78,9 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
         found = _in_words(owner[contacts.pairs[apart]])
         if mesh.dim == 3 and not contacts.alike[apart].all():
             raise MeshError(
-                f"{found}, but are not the same, so that the cells would be no neighbours. Give both sides "
-                "the same faces, or say allow_gaps=True if the gap is meant (a fracture, bodies that touch)"
+                f"{found} in part, so that the cells would be no neighbours. Give both sides the same faces "
+                "and points, or one side faces that tile those of the other; or say allow_gaps=True if the "
+                "gap is meant (a fracture, bodies that touch)"
             )
         _log.warning("%s and were left apart: the domain has a gap there. %s", found, _WAYS_OUT)
     return _joined(mesh, outer, pieces, place, int(apart.sum()))
@@ -173,14 +176,41 @@ def _opposite(tails: Int, heads: Int, owner: Int) -> Int:
     return frozen_int(partner)
 
 
-def _whole(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
-    """Faces as they are, joined where just two have the same vertices."""
-    pairs = contacts.pairs[contacts.alike & merge]
-    partner = np.full(len(outer.faces), -1)
-    single = (np.bincount(pairs.ravel(), minlength=len(partner)) == 1)[pairs].all(axis=1)
-    a, b = pairs[single].T
-    partner[a], partner[b] = b, a
-    return _Pieces(frozen_int(np.arange(len(partner))), outer.offsets, outer.vertices, frozen_int(partner))
+def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
+    """Faces joined where just two have the same vertices, or split where others tile them."""
+    n = len(outer.faces)
+    fits = merge | ~contacts.distinct
+    times = np.bincount(contacts.pairs.ravel(), minlength=n)
+    large, small = _tiles(outer, contacts, fits, times)
+    whole = np.setdiff1d(np.arange(n), large)
+    face, loop = np.concatenate((whole, large)), np.concatenate((whole, small))
+    order = np.argsort(face, kind="stable")
+    piece = np.empty(len(face), np.int64)
+    piece[order] = np.arange(len(face))
+    twins = contacts.pairs[fits & contacts.alike & (times[contacts.pairs] == 1).all(axis=1)]
+    own = np.full(n, -1)
+    own[whole] = piece[: len(whole)]
+    partner = np.full(len(face), -1)
+    for a, b in ((own[twins[:, 0]], own[twins[:, 1]]), (piece[len(whole) :], own[small])):
+        partner[a], partner[b] = b, a
+    offsets, places = gather(outer.offsets, frozen_int(loop[order]))
+    mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets)) - np.arange(len(places))
+    turned = np.repeat(face[order] != loop[order], np.diff(offsets))  # seen from the other side
+    vertices = outer.vertices[np.where(turned, places[mirrored], places)]
+    return _Pieces(frozen_int(face[order]), offsets, frozen_int(vertices), frozen_int(partner))
+
+
+def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
+    """Faces that others, each on this one alone, cover without rest: the face and each of the others."""
+    both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
+    within = np.concatenate((contacts.share[:, 1], contacts.share[:, 0])) > 1 - _WHOLE
+    large, small = both[within & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)].T
+    n = len(times)
+    cover = np.bincount(large, weights=outer.measure[small], minlength=n)
+    full = (np.abs(cover - outer.measure) <= _WHOLE * outer.measure) & (
+        np.bincount(large, minlength=n) == times
+    )
+    return frozen_int(large[full[large]]), frozen_int(small[full[large]])
 
 
 def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int) -> Joined:
@@ -198,6 +228,7 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
     cells = mesh.face_cells[sources, 0]
     cells[~inner[new], 1] = -1
     order = np.argsort(np.concatenate((old, sources[:, 0])), kind="stable")
+    many = np.bincount(pieces.face)[split]
     point, kept = _renumbered(mesh.n_points, outer, pieces, place)
     (a, own), (b, cut) = gather(mesh.face_offsets, frozen_int(old)), gather(pieces.offsets, frozen_int(new))
     vertices = point[np.concatenate((mesh.face_vertices[own], outer.used[pieces.vertices[cut]]))]
@@ -209,7 +240,7 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
         frozen_int(np.concatenate((mesh.face_cells[old], cells))[order]),
         frozen_int(np.concatenate((np.stack((old, old), axis=1), sources))[order].T),
         {
-            "hanging vertices inserted": int(split[pieces.face].sum() - split.sum()),
+            _CUT[mesh.dim]: int((many - 1).sum() if mesh.dim == 2 else (many > 1).sum()),
             "points of outer faces merged": mesh.n_points - len(kept),
             "outer faces on one another left apart": apart,
         },
