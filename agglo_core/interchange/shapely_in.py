@@ -82,7 +82,6 @@ def mesh_from_shapely(
     """
     items = _checked_items(polygons)
     points, rings = _rings(items)
-    check_extent(points)
     reach = max(float(tolerance), 16 * float(np.spacing(np.abs(points).max())))
     used, vertices, _ = compact_points(points, rings.vertices, True)
     points, rings = frozen_float(points[used]), rings._replace(vertices=vertices)
@@ -151,6 +150,7 @@ def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
                 f"polygons in 3-D are a surface, which is not supported: z runs from {z.min():g} to "
                 f"{z.max():g}; shapely.force_2d drops it"
             )
+    check_extent(shapely.get_coordinates(items))
     tidy = shapely.orient_polygons(shapely.remove_repeated_points(items))
     parts, item = shapely.get_parts(tidy, return_index=True)
     loops, part = shapely.get_rings(parts, return_index=True)

@@ -49,9 +49,10 @@ def read(
     merge_points : bool
         Merge exactly equal points. An ``.npz`` written by :func:`write` is never changed.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are: a crack, bodies that touch. By default
-        they are joined as by :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; an ``.npz``
-        written by :func:`write` is warned about.
+        Leave outer faces that lie on one another as they are: a crack (with ``merge_points=False`` if
+        it has two points at each place), bodies that touch. By default they are joined as by
+        :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; an ``.npz`` written by :func:`write`
+        is warned about.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
 

@@ -20,7 +20,7 @@ _log = logging.getLogger("agglo")
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
 _NEAR = 1e-3  # tolerance at which faces are still told, though not joined
 _WHOLE = 1e-6  # of a face: what others may leave uncovered
-_ROUNDING = 16  # units in the last place of the largest coordinate
+_ROUNDING = 8  # units in the last place of the largest coordinate
 
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
 _WAYS_OUT = (
@@ -74,6 +74,9 @@ def join_outer_faces(mesh: Derived, tolerance: float, merge: bool) -> Joined | N
     inner = np.flatnonzero(pieces.partner >= 0)
     done = np.stack((pieces.face[inner], pieces.face[pieces.partner[inner]]), axis=1)
     apart = ~_among(contacts.pairs, done, len(outer.faces))
+    if mesh.dim == 2:  # an edge shorter than the tolerance, now a point, is not missed
+        ends = place[outer.vertices].reshape(-1, 2)
+        apart &= (ends[:, 0] != ends[:, 1])[contacts.pairs].all(axis=1)
     if apart.any():
         found = _in_words(owner[contacts.pairs[apart]])
         if mesh.dim == 3 and not contacts.alike[apart].all():
@@ -122,8 +125,16 @@ def _reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
     height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / outer.measure
     small = np.minimum(size, height)[pairs].min(axis=1)
-    rounding = _ROUNDING * np.spacing(np.abs(mesh.points[outer.used]).max())
+    rounding = _ROUNDING * _last_place(mesh.points[outer.used])
     return frozen_float(np.minimum(np.maximum(tolerance * small, rounding), 0.01 * small))
+
+
+def _last_place(points: Float) -> float:
+    """Unit in the last place of the largest coordinate, in single precision if all are such numbers."""
+    largest = np.abs(points).max()
+    with np.errstate(over="ignore", under="ignore"):
+        single = (points == points.astype(np.float32)).all()
+    return float(np.spacing(np.float32(largest)) if single else np.spacing(largest))
 
 
 def _places(n: int, same: Int) -> Int:
@@ -232,6 +243,8 @@ def _joined(mesh: Derived, outer: Outer, pieces: _Pieces, place: Int, apart: int
     point, kept = _renumbered(mesh.n_points, outer, pieces, place)
     (a, own), (b, cut) = gather(mesh.face_offsets, frozen_int(old)), gather(pieces.offsets, frozen_int(new))
     vertices = point[np.concatenate((mesh.face_vertices[own], outer.used[pieces.vertices[cut]]))]
+    if mesh.dim == 2:  # an edge shorter than the tolerance may have become a point
+        order = order[(vertices[::2] != vertices[1::2])[order]]
     offsets, places = gather(frozen_int(np.append(a, b[1:] + a[-1])), frozen_int(order))
     return Joined(
         frozen_float(mesh.points[kept]),

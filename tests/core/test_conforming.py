@@ -166,9 +166,19 @@ def test_faces_that_almost_touch_are_warned_about(gap: float, caplog: pytest.Log
 
 
 def test_single_precision_is_close_enough() -> None:
-    points, cells = TWO_BLOCKS
-    turned = points @ [[0.8, 0.6], [-0.6, 0.8]]
-    assert pairs(Mesh.from_polygons(turned.astype(np.float32), cells)) == 70
+    points, cells = together(grid(1, 50, (0, 0, 0.01, 0.5)), grid(2, 100, (0.01, 0, 0.02, 0.5)))
+    turned = points @ [[0.8, 0.6], [-0.6, 0.8]] + 1
+    mesh = Mesh.from_polygons(turned.astype(np.float32), cells)
+    assert pairs(mesh) == 49 + (100 + 2 * 99) + 100
+    assert mesh.graph.boundary.sum() == pytest.approx(1.04, rel=1e-4)
+
+
+def test_an_edge_shorter_than_the_tolerance_may_vanish(caplog: pytest.LogCaptureFixture) -> None:
+    points = [[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1], [1, 1e-8]]
+    mesh = Mesh.from_polygons(points, [[0, 1, 2, 3], [1, 4, 5, 2, 6]])
+    assert (mesh.n_faces, pairs(mesh), mesh.n_points) == (7, 1, 6)
+    assert mesh.cell_measures.tolist() == [1, 1]
+    assert not caplog.text
 
 
 @pytest.mark.parametrize("thickness", [1e-3, 1e-6, 1e-9])
