@@ -179,7 +179,7 @@ class Format(Protocol):
     ``keeps_level_values``: its ``write`` takes a fourth argument, for each level a mapping of names to
     ``(k,)`` numbers of its k agglomerates.
 
-    An option ``merge_points`` (bool) of the constructor is what ``agglo.read(…, merge_points=False)`` sets.
+    Options ``merge_points`` and ``allow_gaps`` (bool) of the constructor are what ``agglo.read`` sets.
     """
 
     suffixes: tuple[str, ...]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import compact_points, name_cells, note_repairs
+from agglo_core.mesh.checks import check_extent, compact_points, name_cells, note_repairs
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -150,6 +150,7 @@ def _rings(items: NDArray[np.object_]) -> tuple[Float, _Rings]:
                 f"polygons in 3-D are a surface, which is not supported: z runs from {z.min():g} to "
                 f"{z.max():g}; shapely.force_2d drops it"
             )
+    check_extent(shapely.get_coordinates(items))
     tidy = shapely.orient_polygons(shapely.remove_repeated_points(items))
     parts, item = shapely.get_parts(tidy, return_index=True)
     loops, part = shapely.get_rings(parts, return_index=True)

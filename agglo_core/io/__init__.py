@@ -28,7 +28,13 @@ if TYPE_CHECKING:
 __all__ = ["Meshlane", "Npz", "OpenFoam", "Vtu", "check_writable", "read", "read_hierarchy", "write"]
 
 
-def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Registry | None = None) -> Mesh:
+def read(
+    path: str | PathLike[str],
+    *,
+    merge_points: bool = True,
+    allow_gaps: bool = False,
+    registry: Registry | None = None,
+) -> Mesh:
     """Mesh of a file; its suffix chooses the format.
 
     Several formats may claim a suffix. The first that accepts the file reads it: agglo's own are asked
@@ -43,6 +49,11 @@ def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Regi
     path : path
     merge_points : bool
         Merge exactly equal points. An ``.npz`` written by :func:`write` is never changed.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are: a crack (with ``merge_points=False`` if
+        it has two points at each place), bodies that touch. By default they are joined as by
+        :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; an ``.npz`` written by :func:`write`
+        is warned about.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
 
@@ -53,7 +64,7 @@ def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Regi
     MeshError
         For a mesh that breaks a rule, naming file and cells.
     OptionError
-        If ``path`` is not a path, or the format always merges points.
+        If ``path`` is not a path, or the format does not know an option given here.
     PluginError
         If a format misbehaves: it returns something other than a mesh, or raises something other
         than an AggloError.
@@ -67,12 +78,14 @@ def read(path: str | PathLike[str], *, merge_points: bool = True, registry: Regi
     """
     source = _existing(path)
     options = {} if merge_points else {"merge_points": False}
+    if allow_gaps:
+        options["allow_gaps"] = True
     with naming(source):
         return _formats(registry, options).first_accepted(source, lambda known: read_by(known, source))
 
 
 def read_hierarchy(
-    path: str | PathLike[str], *, registry: Registry | None = None
+    path: str | PathLike[str], *, allow_gaps: bool = False, registry: Registry | None = None
 ) -> tuple[Mesh, Hierarchy | None]:
     """Mesh of a file and the hierarchy stored with it, if any.
 
@@ -82,6 +95,8 @@ def read_hierarchy(
     Parameters
     ----------
     path : path
+    allow_gaps : bool
+        As in :func:`read`.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
 
@@ -92,7 +107,8 @@ def read_hierarchy(
     """
     source = _existing(path)
     with naming(source):
-        return _formats(registry).first_accepted(source, lambda known: read_hierarchy_by(known, source))
+        formats = _formats(registry, {"allow_gaps": True} if allow_gaps else {})
+        return formats.first_accepted(source, lambda known: read_hierarchy_by(known, source))
 
 
 def write(

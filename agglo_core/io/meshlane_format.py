@@ -26,6 +26,8 @@ class Meshlane:
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
     """
 
     suffixes: tuple[str, ...] = tuple(_SUFFIXES.split())
@@ -33,14 +35,15 @@ class Meshlane:
     atomic: bool = True
     last_resort: bool = True
 
-    def __init__(self, merge_points: bool = True) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
         self.merge_points = merge_points
+        self.allow_gaps = allow_gaps
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a file; raises FileError or MeshError."""
         from agglo_core.io.meshlane_read import read_foreign
 
-        return read_foreign(path, merge_points=self.merge_points)
+        return read_foreign(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write the mesh and the labels of its levels; raises FileError or MeshError."""
@@ -56,6 +59,8 @@ class OpenFoam:
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
     """
 
     suffixes: tuple[str, ...] = (".foam",)
@@ -63,11 +68,12 @@ class OpenFoam:
     reads_empty: bool = True
     last_resort: bool = True
 
-    def __init__(self, merge_points: bool = True) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
         self.merge_points = merge_points
+        self.allow_gaps = allow_gaps
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of the case; raises FileError or MeshError."""
         from agglo_core.io.meshlane_read import read_foreign
 
-        return read_foreign(path, merge_points=self.merge_points)
+        return read_foreign(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)

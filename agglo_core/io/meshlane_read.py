@@ -25,7 +25,7 @@ _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above wh
 _MEMORY, _MEMORY_PER_BYTE = 8 << 30, 400
 
 
-def read_foreign(path: Path, *, merge_points: bool) -> Mesh:
+def read_foreign(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     """Mesh of any file that meshlane reads; integer cell data and cell sets become tags.
 
     Raises
@@ -35,7 +35,7 @@ def read_foreign(path: Path, *, merge_points: bool) -> Mesh:
     """
     _check_end(path)
     soup, sets, left = _soup(path)
-    mesh = mesh_from_soup(soup, merge_points=merge_points, weak=False, name=path.stem)
+    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=False, name=path.stem)
     return note_left_out(_without_empty_sets(mesh, sets), left)
 
 

@@ -27,6 +27,7 @@ from agglo_core.errors import FileError
 from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.conforming import warn_of_gaps
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -78,7 +79,7 @@ def _plain(value: Any) -> Any:
     raise FileError(f"statistics or targets hold a {type(value).__name__}, expected plain data")
 
 
-def read_npz(path: Path, *, merge_points: bool) -> tuple[Mesh, Hierarchy | None]:
+def read_npz(path: Path, *, merge_points: bool, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
     """Mesh and hierarchy of an ``.npz``, native or plain.
 
     Raises
@@ -90,7 +91,7 @@ def read_npz(path: Path, *, merge_points: bool) -> tuple[Mesh, Hierarchy | None]
     """
     arrays = _Arrays(path)
     if "meta" in arrays.sizes:
-        return _native(arrays)
+        return _native(arrays, allow_gaps)
     if not set(_PLAIN) <= arrays.sizes.keys():
         raise FileError(
             f"holds neither an agglo mesh (array 'meta') nor the arrays {', '.join(_PLAIN)}; "
@@ -98,7 +99,8 @@ def read_npz(path: Path, *, merge_points: bool) -> tuple[Mesh, Hierarchy | None]
         )
     points = arrays.take("points", "fiu", 2)
     cells = (arrays.take("cell_offsets", "iu", 1), arrays.take("cell_vertices", "iu", 1))
-    return Mesh.from_polygons(points, cells, merge_points=merge_points, name=path.stem), None
+    mesh = Mesh.from_polygons(points, cells, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
+    return mesh, None
 
 
 class _Arrays:
@@ -173,7 +175,7 @@ _CORRUPT = (
 )
 
 
-def _native(arrays: _Arrays) -> tuple[Mesh, Hierarchy | None]:
+def _native(arrays: _Arrays, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
     meta = _meta(arrays)
     face_offsets, face_vertices = (arrays.take(name, "iu", 1) for name in _MESH[1:3])
     try:
@@ -190,6 +192,8 @@ def _native(arrays: _Arrays) -> tuple[Mesh, Hierarchy | None]:
         if mesh.fingerprint != meta["fingerprint"]:
             raise FileError("the mesh arrays do not match their fingerprint: the file was altered")
         check_arrays(mesh)
+        if not allow_gaps:
+            warn_of_gaps(mesh)
         return mesh, _hierarchy(arrays, meta, mesh)
     except FileError:
         raise

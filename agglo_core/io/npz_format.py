@@ -19,14 +19,17 @@ class Npz:
     ----------
     merge_points : bool
         Merge exactly equal points of the plain layout; a file written by agglo is never changed.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
     """
 
     suffixes: tuple[str, ...] = (".npz",)
     lossless: bool = True
     atomic: bool = True
 
-    def __init__(self, merge_points: bool = True) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
         self.merge_points = merge_points
+        self.allow_gaps = allow_gaps
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of an archive; raises FileError or MeshError."""
@@ -36,7 +39,7 @@ class Npz:
         """Return the mesh and the hierarchy stored with it, if any; raises FileError or MeshError."""
         from agglo_core.io.npz import read_npz
 
-        return read_npz(path, merge_points=self.merge_points)
+        return read_npz(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write mesh and hierarchy; raises FileError."""

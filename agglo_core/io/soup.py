@@ -55,7 +55,7 @@ class Soup(NamedTuple):
     tags: Mapping[str, Int]  # name -> (n,)
 
 
-def mesh_from_soup(soup: Soup, *, merge_points: bool, weak: bool, name: str) -> Mesh:
+def mesh_from_soup(soup: Soup, *, merge_points: bool, allow_gaps: bool, weak: bool, name: str) -> Mesh:
     """Mesh of the cells of the highest dimension; those one lower become face tags, the rest are dropped.
 
     Raises
@@ -82,12 +82,15 @@ def mesh_from_soup(soup: Soup, *, merge_points: bool, weak: bool, name: str) -> 
             _loops(soup, sizes, cells),
             cell_tags=tags,
             merge_points=merge_points,
+            allow_gaps=True,
             weak=weak,
             name=name,
         )
     else:
         solids = _solids(soup, cells)
-        mesh = Mesh.from_polyhedra(soup.points, solids, cell_tags=tags, merge_points=merge_points, name=name)
+        mesh = Mesh.from_polyhedra(
+            soup.points, solids, cell_tags=tags, merge_points=merge_points, allow_gaps=True, name=name
+        )
     facets = np.flatnonzero(dims[kind] == dim - 1) if soup.tags else np.empty(0, np.int64)
     facets = facets[~np.isin(soup.types[facets], _OTHER_LINES)]
     face_tags, kept = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
@@ -97,7 +100,8 @@ def mesh_from_soup(soup: Soup, *, merge_points: bool, weak: bool, name: str) -> 
         "lower-dimensional cells dropped": len(soup.types) - len(cells) - kept,
         "lower-dimensional cells kept as face tags": kept,
     }
-    return with_repairs(replace(mesh, face_tags=face_tags), repairs)
+    mesh = with_repairs(replace(mesh, face_tags=face_tags), repairs)
+    return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)  # now that faces have tags
 
 
 def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:

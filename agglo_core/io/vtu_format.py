@@ -20,6 +20,8 @@ class Vtu:
     ----------
     merge_points : bool
         Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
     """
 
     suffixes: tuple[str, ...] = (".vtu",)
@@ -27,14 +29,15 @@ class Vtu:
     atomic: bool = True
     keeps_level_values: bool = True
 
-    def __init__(self, merge_points: bool = True) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
         self.merge_points = merge_points
+        self.allow_gaps = allow_gaps
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a VTU file; raises FileError or MeshError."""
         from agglo_core.io.vtu_read import read_vtu
 
-        return read_vtu(path, merge_points=self.merge_points)
+        return read_vtu(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(
         self,

@@ -22,7 +22,7 @@ __all__ = ["read_vtu"]
 _GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
 
 
-def read_vtu(path: Path, *, merge_points: bool) -> Mesh:
+def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     """Mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
 
     Raises
@@ -38,7 +38,7 @@ def read_vtu(path: Path, *, merge_points: bool) -> Mesh:
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
-    mesh = mesh_from_soup(soup, merge_points=merge_points, weak=weak, name=path.stem)
+    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=weak, name=path.stem)
     mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
     data = grid.iterfind("Piece/CellData/DataArray") if grid is not None else ()
     left = (each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each))

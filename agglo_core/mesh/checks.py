@@ -14,6 +14,7 @@ from agglo_core.errors import MeshError
 
 __all__ = [
     "box_centre",
+    "check_extent",
     "check_indices",
     "check_labels",
     "check_offsets",
@@ -26,6 +27,8 @@ __all__ = [
 ]
 
 _log = logging.getLogger("agglo")
+
+_SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume) stay exact
 
 
 def box_centre(points: Float) -> Float:
@@ -55,6 +58,16 @@ def check_points(points: ArrayLike) -> Float:
     if len(bad):
         raise MeshError(f"point {bad[0]} is not finite: {array[bad[0]].tolist()} ({len(bad)} such points)")
     return array
+
+
+def check_extent(points: Float) -> None:
+    """Raise MeshError if the points in use span more or less than computing with their squares allows."""
+    extent = max((float(column.max()) - float(column.min()) for column in points.T), default=0.0)
+    if extent > _LARGEST or 0 < extent < _SMALLEST:
+        raise MeshError(
+            f"the mesh is {extent:.3g} across; areas, volumes and their moments can be computed from "
+            f"{_SMALLEST:g} to {_LARGEST:g}: choose another unit of length"
+        )
 
 
 def check_offsets(offsets: Int, total: int, what: str) -> None:

@@ -13,6 +13,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
+    check_extent,
     check_indices,
     check_offsets,
     check_points,
@@ -84,6 +85,7 @@ def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool
     check_indices(offsets, vertices, len(points))
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
+    check_extent(points)
     local = frozen_float(points - box_centre(points))
     vertices, repairs["clockwise cells reversed"] = _orient(local, offsets, vertices, weak)
     face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, weak, strict)

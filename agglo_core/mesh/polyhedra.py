@@ -14,6 +14,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
+    check_extent,
     check_indices,
     check_offsets,
     check_points,
@@ -40,6 +41,7 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     check_indices(loop_offsets[cell_offsets], vertices, len(points))
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = frozen_float(points[used])
+    check_extent(points)
     cell_of = frozen_int(np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets)))
     _refuse_repeats(cell_of, loop_offsets, vertices)
     local = frozen_float(points - box_centre(points))

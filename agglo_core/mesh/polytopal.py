@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import MeshError
-from agglo_core.mesh.checks import check_labels, check_tags
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.mesh.checks import check_labels, check_tags, note_repairs
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
+from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.polygons import Faces, build_polygons
@@ -82,7 +83,8 @@ class Mesh(Derived):
         cells: Sequence[Sequence[int]] | ArrayLike | tuple[ArrayLike, ArrayLike],
         *,
         cell_tags: Mapping[str, ArrayLike] | None = None,
-        merge_points: bool = False,
+        merge_points: bool | None = None,
+        allow_gaps: bool = False,
         weak: bool = False,
         strict: bool = False,
         name: str = "",
@@ -94,13 +96,14 @@ class Mesh(Derived):
         points : (n_points, 2) float
             Coordinates; a third column is accepted if it is constant.
         cells : list of index loops, (n, k) integers, or a tuple of two 1-D arrays (offsets, vertices)
-            Loops in either direction (clockwise ones are reversed and counted). Two cells are
-            neighbours if they list the same two vertices in a row: a vertex that hangs on a
-            neighbour's edge must be listed by that neighbour too, or the cells stay apart
-            (``strict=True`` reports it, :meth:`from_shapely` inserts it).
+            Loops in either direction (clockwise ones are reversed and counted).
         cell_tags : mapping of name to (n,) integers, optional
-        merge_points : bool
-            Merge exactly equal points first.
+        merge_points : bool, optional
+            True merges all exactly equal points first, False merges no points at all. By default points
+            at one place are merged where outer edges lie on one another, as :meth:`conforming` does.
+        allow_gaps : bool
+            Leave outer edges that lie on one another as they are: a crack, bodies that touch. By default
+            they are joined, and vertices that hang on a neighbour's edge are inserted there.
         weak : bool
             Accept polygons that touch themselves; an edge traversed both ways is a bridge to a hole
             and is dropped.
@@ -114,8 +117,9 @@ class Mesh(Derived):
             self-intersection, duplicate cells, more than two cells on a face, an empty mesh,
             a surface in 3-D.
         """
-        faces = build_polygons(points, cells, merge_points, weak, strict)
-        return cls._of(faces, cell_tags, name)
+        faces = build_polygons(points, cells, bool(merge_points), weak, strict)
+        mesh = cls._of(faces, cell_tags, name)
+        return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
 
     @classmethod
     def from_polyhedra(
@@ -124,7 +128,8 @@ class Mesh(Derived):
         cells: Sequence[Sequence[Sequence[int]]] | tuple[ArrayLike, ArrayLike, ArrayLike],
         *,
         cell_tags: Mapping[str, ArrayLike] | None = None,
-        merge_points: bool = False,
+        merge_points: bool | None = None,
+        allow_gaps: bool = False,
         name: str = "",
     ) -> Mesh:
         """Mesh from polyhedra given as lists of faces (vertex loops).
@@ -134,15 +139,17 @@ class Mesh(Derived):
         points : (n_points, 3) float
         cells : list of cells, each a list of loops; or (cell_offsets, loop_offsets, vertices)
             Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]`` of the CSR of loops.
-        cell_tags, merge_points, name
+        cell_tags, merge_points, allow_gaps, name
             As in :meth:`from_polygons`.
 
         Raises
         ------
         MeshError
-            Naming cells or faces, as in :meth:`from_polygons`; also a cell whose faces do not close.
+            Naming cells or faces, as in :meth:`from_polygons`; also a cell whose faces do not close, and
+            outer faces that overlap in part (unless ``allow_gaps=True``).
         """
-        return cls._of(build_polyhedra(points, cells, merge_points), cell_tags, name)
+        mesh = cls._of(build_polyhedra(points, cells, bool(merge_points)), cell_tags, name)
+        return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
 
     @classmethod
     def _of(cls, faces: Faces, cell_tags: Mapping[str, ArrayLike] | None, name: str) -> Mesh:
@@ -197,6 +204,53 @@ class Mesh(Derived):
             face_tags={name: values[left.kept] for name, values in self.face_tags.items()},
             name=self.name,
         )
+
+    def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
+        """This mesh with outer faces that lie on one another joined; itself if there are none.
+
+        In 2-D every vertex that lies on the interior of a neighbour's outer edge is inserted there, so that
+        cells of different size are neighbours. Points at one place become one where a face is joined.
+        Cells keep their numbers. Both parts of a split face have its tags; a joined face has those of
+        the first of the two, where that is −1 those of the other. Everything is counted in ``repairs``.
+        What lies on one another without fitting (cells that overlap) is left apart with a warning.
+
+        Building and reading meshes does this by itself unless told ``allow_gaps=True``.
+
+        Parameters
+        ----------
+        tolerance : float
+            How far from one another faces may lie, relative to length and height of the smaller cell
+            there. The default leaves room for rounding and is far below any gap that is meant;
+            coordinates with few digits may need more.
+        merge_points : bool
+            Whether points at one place are merged; otherwise only faces that have the same points once
+            vertices are inserted are joined.
+
+        Raises
+        ------
+        MeshError
+            In 3-D for outer faces that overlap in part, naming cells: they are not split.
+
+        Examples
+        --------
+        >>> points = [[0, 0], [1, 0], [1, 2], [0, 2], [2, 0], [2, 1], [1, 1], [2, 2]]
+        >>> apart = Mesh.from_polygons(points, [[0, 1, 2, 3], [1, 4, 5, 6], [6, 5, 7, 2]], allow_gaps=True)
+        >>> mesh = apart.conforming()
+        >>> mesh.repairs, len(apart.graph.indices), len(mesh.graph.indices)
+        ({'hanging vertices inserted': 1}, 2, 6)
+        """
+        if not 0 <= tolerance <= 0.01:
+            raise OptionError(f"conforming: tolerance must lie between 0 and 0.01, given {tolerance!r}")
+        found = join_outer_faces(self, tolerance, merge_points)
+        if found is None:
+            return self
+        points, offsets, vertices, cells, (first, second), repairs = found
+        tags = {
+            name: np.where(values[first] == -1, values[second], values[first])
+            for name, values in self.face_tags.items()
+        }
+        known = {**self.repairs, **note_repairs(repairs)}
+        return Mesh(points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
 
     # -- interchange ---------------------------------------------------------------------------
     def to_shapely(self) -> NDArray[np.object_]:
