@@ -111,7 +111,7 @@ class _Header(NamedTuple):
     shape: tuple[int, ...]
     fortran: bool
     dtype: np.dtype[Any]
-    count: int
+    size: int
 
 
 def _header(stream: IO[bytes], size: int) -> _Header:
@@ -143,14 +143,14 @@ def _check(name: str, header: _Header, kinds: str, shape: Shape, most: int | Non
         raise FileError(
             f"array {name!r} has shape {given}; by the other arrays it is ({declared}): the file is corrupt"
         )
-    size = header.count * header.dtype.itemsize
+    size = header.size * header.dtype.itemsize
     if most is not None and size > most:
         raise FileError(f"array {name!r} has {size} bytes, expected at most {most}")
 
 
 def _values(stream: IO[bytes], header: _Header) -> NDArray[Any]:
     """The values behind a header, or ValueError if the archive holds fewer bytes."""
-    values = np.empty(header.count, header.dtype)
+    values = np.empty(header.size, header.dtype)
     room, place = values.view(np.uint8), 0
     while place < len(room):
         step = stream.read(min(_STEP, len(room) - place))

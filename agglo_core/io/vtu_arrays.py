@@ -22,9 +22,7 @@ TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UI
 TYPES |= {"Float32": "f4", "Float64": "f8"}
 _COMPRESSORS = {"": "", "vtkZLibDataCompressor": "zlib", "vtkLZMADataCompressor": "lzma"}
 _EXPANSION = 10_000  # more than lzma's largest ratio on real data: bounds what a forged header can claim
-_SPARE = (
-    1 << 20
-)  # values beyond the declared ones that are still decoded, for a reader that says what is wrong
+_SPARE = 1 << 20  # values beyond the declared ones that are decoded, for the caller to say what is wrong
 _LZMA_MEMORY = 1 << 27  # bytes; its largest preset needs half of that
 _DOCTYPES = tuple("<!DOCTYPE".encode(code) for code in ("ascii", "utf-16-le", "utf-16-be"))
 _WORDS = 1 << 16  # numbers in text that are converted at once
