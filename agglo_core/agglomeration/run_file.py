@@ -9,6 +9,7 @@ from typing import Any
 
 from agglo_core.agglomeration.choices import Choice
 from agglo_core.errors import FileError
+from agglo_core.registry.code_options import written
 
 __all__ = ["RunFile"]
 
@@ -21,6 +22,8 @@ class RunFile:
     path : Path
     known : sequence of str
         The keys it may have.
+    allow_code : bool
+        Whether options that name code may stand in it; the code is then imported and run.
 
     Raises
     ------
@@ -28,12 +31,14 @@ class RunFile:
         If the file cannot be read or parsed, or has an unknown key.
     """
 
-    def __init__(self, path: Path, known: Sequence[str]) -> None:
-        self._path = path
+    def __init__(self, path: Path, known: Sequence[str], *, allow_code: bool = False) -> None:
+        self._path, self._allow_code = path, allow_code
         try:
             self._table = tomllib.loads(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise FileError(f"{path}: {error}") from None
+        except RecursionError:
+            raise FileError(f"{path}: nested too deeply") from None
         unknown = sorted(set(self._table) - set(known))
         if unknown:
             raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(known)}")
@@ -58,5 +63,6 @@ class RunFile:
         if isinstance(value, str):
             return value
         if isinstance(value, Mapping) and isinstance(value.get("name"), str):
-            return value["name"], {option: each for option, each in value.items() if option != "name"}
+            options = {option: each for option, each in value.items() if option != "name"}
+            return value["name"], options if self._allow_code else written(options)
         raise FileError(f"{self._path}: {key} must be a name or a table with a name, not {value!r}")
