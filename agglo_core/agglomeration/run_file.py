@@ -35,7 +35,7 @@ class RunFile:
         self._path, self._allow_code = path, allow_code
         try:
             self._table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        except (OSError, ValueError) as error:  # also numbers of thousands of digits
             raise FileError(f"{path}: {error}") from None
         except RecursionError:
             raise FileError(f"{path}: nested too deeply") from None

@@ -95,6 +95,8 @@ class Archive:
                     header = _header(stream, info.file_size)
                     _check(name, header, kinds, shape, most)
                     return _values(stream, header)
+        except FileError:
+            raise
         except _CORRUPT as error:
             raise FileError(f"array {name!r} is corrupt: {error}") from None
 

@@ -79,7 +79,7 @@ def read_problem(
     registry = default() if registry is None else registry
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, ValueError) as error:  # also numbers of thousands of digits
         raise FileError(f"{path}: {_unreadable(error, registry)}") from None
     except RecursionError:
         raise FileError(f"{path}: nested too deeply") from None

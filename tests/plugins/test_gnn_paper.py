@@ -498,7 +498,8 @@ def test_a_file_of_options_runs_no_network_unless_allowed(nets, agglo):
     train_paper(nets / "mine.safetensors", recipe, network="my_nets:Small", device="cpu")
     sys.modules.pop("my_nets")
     (nets / "run.toml").write_text(
-        'n_parts = 3\n[bisector]\nname = "gnn_paper"\nnetwork = "my_nets:Small"\nweights = "mine.safetensors"\n'
+        'n_parts = 3\n[bisector]\nname = "gnn_paper"\n'
+        'network = "my_nets:Small"\nweights = "mine.safetensors"\n'
     )
     for command in ("run", "solve"):
         done = agglo(command, "squares:n=4", "--config", "run.toml")
