@@ -1,4 +1,4 @@
-"""A small, fixed share of the damaged files that ``tests/fuzz/fuzz_files.py`` makes without end, and 5,000."""
+"""A small, fixed share of the damaged files that ``tests/fuzz/fuzz_files.py`` makes, and 5,000."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHARE = {
     ".vtu": 80,
     ".npz": 60,
     ".msh": 10,
-    ".toml": 30,
+    ".toml": 20,
     ".problem.toml": 20,
     ".safetensors": 20,
     ".geojson": 20,
@@ -68,7 +68,7 @@ def test_five_thousand_damaged_files(tmp_path: Path) -> None:
     assert [part.returncode for part in parts] == [0, 0], "\n".join(said)
 
 
-@pytest.mark.parametrize("suffix", [".vtu", ".npz", ".safetensors", ".toml", ".geojson"])
+@pytest.mark.parametrize("suffix", [".vtu", ".npz", ".safetensors", ".geojson"])
 def test_bombs_cost_what_they_declare(suffix: str, tmp_path: Path) -> None:
     """Files of half a megabyte that hold 400 MB, or claim to."""
     whole = valid_files()[suffix][0]

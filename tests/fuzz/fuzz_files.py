@@ -5,8 +5,8 @@
 Mesh files, the TOML files of runs and problems, model files and GeoJSON. Each damaged file must be read, or
 refused by an AggloError that names it and is no PluginError, within 10 s and 200 MB beyond what valid files
 take. A mesh that is read goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the
-others (``--every``), in a process of its own: exit code 0 with the files, or 2 with none of them and no traceback. What
-fails is kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
+others (``--every``), in a process of its own: exit code 0 with the files, or 2 with none of them and no
+traceback. What fails is kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
 """
 
 # ruff: noqa: T201
