@@ -114,7 +114,8 @@ def _renumber(rng: Rng, content: bytes) -> bytes:
     old = found[rng.integers(len(found))]
     value = float(old[0])
     near = [b"%r" % (value * scale) for scale in (0.9, 1.01, -1)] if b"." in old[0] else []
-    near = near or [b"%d" % (int(value) + step) for step in (-1, 1, 2)]
+    whole = int(value) if np.isfinite(value) else 0  # a bomb may have thousands of digits
+    near = near or [b"%d" % (whole + step) for step in (-1, 1, 2)]
     other = found[rng.integers(len(found))][0]
     choices = [*4 * near, *4 * [other], *_NUMBERS]
     return content[: old.start()] + choices[rng.integers(len(choices))] + content[old.end() :]
