@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
     from agglo_core.registry.attribution import Member, attributed
+    from agglo_core.registry.code_options import ImportPath
 
 _TABLE = """
 registry: Command Component Record Registry default describe hookimpl
@@ -117,6 +118,7 @@ agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
+registry.code_options: ImportPath
 problems.conjugate_gradients: MET History conjugate_gradients relative_size
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
@@ -162,6 +164,7 @@ __all__ = [
     "Graph",
     "Hierarchy",
     "History",
+    "ImportPath",
     "Index",
     "InertialBisection",
     "Int",

@@ -89,10 +89,11 @@ class Pipeline:
                 raise OptionError(f"{name} must be a sequence of components, given {value!r}")
 
     @classmethod
-    def from_toml(cls, path: str | os.PathLike[str]) -> Pipeline:
+    def from_toml(cls, path: str | os.PathLike[str], *, allow_code: bool = False) -> Pipeline:
         """Pipeline from a TOML file with the attributes as keys.
 
-        A component is a name, or a table with ``name`` and its options.
+        A component is a name, or a table with ``name`` and its options. Options that name code to import are
+        refused when the run starts, unless ``allow_code`` says that the file is trusted.
 
         Raises
         ------
@@ -101,7 +102,8 @@ class Pipeline:
         OptionError
             If a value does not fit its key; names the file.
         """
-        base, file = cls(), RunFile(Path(path), [each.name for each in fields(cls)])
+        known = [each.name for each in fields(cls)]
+        base, file = cls(), RunFile(Path(path), known, allow_code=allow_code)
         try:
             check_targets({name: file.value(name, None) for name in TARGETS})
             return cls(
@@ -200,6 +202,7 @@ def agglomerate(
     config: str | os.PathLike[str] | None = None,
     constraints: Sequence[Choice] | None = None,
     registry: Registry | None = None,
+    allow_code: bool = False,
 ) -> Hierarchy:
     """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
 
@@ -230,6 +233,8 @@ def agglomerate(
     registry : Registry, optional
         Where names are looked up, and whose plugins follow the progress of the run; by default the
         installed plugins.
+    allow_code : bool, optional
+        Whether options in ``config`` may name code, which is then imported and run. Default False.
 
     Returns
     -------
@@ -246,7 +251,7 @@ def agglomerate(
     """
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
-    base = Pipeline() if config is None else Pipeline.from_toml(config)
+    base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=allow_code)
     counts = n_parts is not None or cells_per_part is not None
     own = counts or h_star is not None or h_factor is not None  # a target given replaces those of the file
     return Pipeline(

@@ -8,6 +8,7 @@ from typing import Any
 
 from agglo_core.agglomeration.choices import Choice
 from agglo_core.errors import FileError
+from agglo_core.registry.code_options import written
 from agglo_core.registry.toml_files import read_toml
 
 __all__ = ["RunFile"]
@@ -21,6 +22,8 @@ class RunFile:
     path : Path
     known : sequence of str
         The keys it may have.
+    allow_code : bool
+        Whether options that name code may stand in it; the code is then imported and run.
 
     Raises
     ------
@@ -28,8 +31,8 @@ class RunFile:
         If the file cannot be read or parsed, or has an unknown key.
     """
 
-    def __init__(self, path: Path, known: Sequence[str]) -> None:
-        self._path = path
+    def __init__(self, path: Path, known: Sequence[str], *, allow_code: bool = False) -> None:
+        self._path, self._allow_code = path, allow_code
         self._table = read_toml(path)
         unknown = sorted(set(self._table) - set(known))
         if unknown:
@@ -55,5 +58,6 @@ class RunFile:
         if isinstance(value, str):
             return value
         if isinstance(value, Mapping) and isinstance(value.get("name"), str):
-            return value["name"], {option: each for option, each in value.items() if option != "name"}
+            options = {option: each for option, each in value.items() if option != "name"}
+            return value["name"], options if self._allow_code else written(options)
         raise FileError(f"{self._path}: {key} must be a name or a table with a name, not {value!r:.60}")

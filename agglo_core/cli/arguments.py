@@ -83,7 +83,8 @@ _TARGETS = {
     "cells_per_part": "--cells-per-part",
 }
 _BARE = ("refiners", "fixer", *_TARGETS, "seed")
-_ALL = ("bisector", "method", "nested", *_BARE, "merge", "post_refiners", "constraints", "config")
+_LAST = ("merge", "post_refiners", "constraints", "config", "allow_code")
+_ALL = ("bisector", "method", "nested", *_BARE, *_LAST)
 _SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
 
 Command = Callable[..., Any]
@@ -177,7 +178,15 @@ _TARGET_OPTIONS = (
     click.option("--cells-per-part", callback=_MEANS, metavar="LIST", help="Mean sizes of agglomerates."),
     click.option("--seed", type=Number(int, least=0), help="Default 0."),
 )
-_CONFIG = click.option("--config", type=FILE, help="TOML file; options given here win.")
+_CONFIG = (
+    click.option("--config", type=FILE, help="TOML file; options given here win."),
+    click.option(
+        "--allow-code",
+        is_flag=True,
+        default=None,
+        help="Let options in TOML files name code, which is imported and run.",
+    ),
+)
 
 
 @overload
@@ -210,7 +219,7 @@ def agglomeration_options(
     several = bisectors_option("How a piece is split (default kmeans); several are compared.")
     chosen = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
-    options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, _CONFIG]
+    options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, *_CONFIG]
     return lambda inner: _gathering(inner, options, _ALL)
 
 

@@ -71,7 +71,8 @@ def solve(
     mesh = load_mesh(source)
     refuse_3d_meshes(mesh, source, {"--plot": plot})
     title = describe(default().record("solver", as_typed(solver)[0]))
-    asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
+    trusted = bool(agglomeration.get("allow_code"))
+    asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot), allow_code=trusted)
     from agglo_core.problems.solving import solved_by
 
     plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is checked
@@ -124,7 +125,7 @@ def _check_files(output: Path | None, plot: Path | None, tool: object, solver: s
 
 
 def _posed(
-    text: str, mesh: Mesh, tool: object, solver: str, *, wanted: bool
+    text: str, mesh: Mesh, tool: object, solver: str, *, wanted: bool, allow_code: bool
 ) -> tuple[Problem, Discretisation | None]:
     """The problem asked for, and its discretisation, which must exist if it is ``wanted``."""
     from agglo_core.problems import discretisation_of, named_problem, require_accepted
@@ -133,7 +134,7 @@ def _posed(
         raise OptionError("--problem is empty; expected the name of a problem or of a TOML file")
     is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
     name, options = (text, {}) if is_file else as_typed(text)
-    problem = named_problem(name, mesh, options)
+    problem = named_problem(name, mesh, options, allow_code=allow_code)
     require_accepted(tool, problem, solver)
     how = discretisation_of(tool, problem)
     if how is not None:

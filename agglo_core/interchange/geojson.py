@@ -101,6 +101,8 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
     for i, feature in enumerate(features):
         if not isinstance(feature, Mapping) or feature.get("geometry") is None:
             raise MeshError(f"feature {i} has no geometry")
+        if not isinstance(feature.get("properties") or {}, Mapping):
+            raise MeshError(f"feature {i}: its properties are {feature['properties']!r:.60}, not an object")
     name = collection.get("name")
     return mesh_from_shapely(
         _geometries([feature["geometry"] for feature in features]),
@@ -115,7 +117,7 @@ def _geometries(members: Iterable[Any]) -> Any:
     """Shapely geometries, or MeshError naming the feature."""
     import shapely
 
-    texts = [json.dumps(member) for member in members]
+    texts = [_text(i, member) for i, member in enumerate(members)]
     found = shapely.from_geojson(texts, on_invalid="ignore")
     bad = np.flatnonzero(shapely.is_missing(found))
     if len(bad):
@@ -127,16 +129,27 @@ def _geometries(members: Iterable[Any]) -> Any:
     return found
 
 
+def _text(i: int, member: Any) -> str:
+    try:
+        return json.dumps(member)
+    except (TypeError, ValueError, RecursionError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise MeshError(f"feature {i}: its geometry is not JSON: {reason}") from None
+
+
 def _tags(rows: Sequence[Mapping[str, Any]]) -> dict[str, ArrayLike]:
     """Columns that are integers of 64 bits in every row."""
-    tags: dict[str, ArrayLike] = {}
-    left = []
-    for name in dict.fromkeys(name for row in rows for name in row):
-        values = [row.get(name) for row in rows]
-        if all(isinstance(value, int) and -(2**63) <= value < 2**63 for value in values):
-            tags[name] = np.array(values, dtype=np.int64)
-        else:
-            left.append(name)
+    first = rows[0] if rows else {}
+    tags: dict[str, ArrayLike] = {
+        name: np.array([row[name] for row in rows], dtype=np.int64)
+        for name in first
+        if all(_is_int64(row.get(name)) for row in rows)
+    }
+    left = [str(name) for name in dict.fromkeys(name for row in rows for name in row) if name not in tags]
     if left:
         _log.info("properties left out, not integers everywhere: %s", ", ".join(left))
     return tags
+
+
+def _is_int64(value: object) -> bool:
+    return isinstance(value, int) and -(2**63) <= value < 2**63

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agglo_core.errors import AggloError, FileError, PluginError
+from agglo_core.io.unread import why_unread
 from agglo_core.registry import Record, Registry, describe
 from agglo_core.registry.containment import shown
 from agglo_core.registry.records import unusable
@@ -146,6 +147,8 @@ class Formats:
     def _unknown(self, path: Path, *, writing: bool) -> FileError:
         """Why no format claims the file, with all that cannot be used: one of them might."""
         given = f"unknown suffix {path.suffix!r}" if path.suffix else "no suffix"
+        known = None if writing else why_unread(path)
+        given = known or given
         lines = [f"{given}; {self._expected('write' if writing else 'read')}"]
         formats = [reason for known, reason in self._survey() if known is None]
         plugins = [f"{describe(r)}: {r.reason}" for r in self.registry.list() if r.kind == "plugin"]

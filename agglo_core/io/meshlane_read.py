@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -13,16 +14,18 @@ from pathlib import Path
 import numpy as np
 
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.errors import FileError
+from agglo_core.errors import AggloError, FileError
 from agglo_core.io.soup import Soup, mesh_from_soup
 from agglo_core.io.tags import note_left_out
+from agglo_core.io.unread import why_unread
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra
 
 __all__ = ["read_foreign"]
 
+_log = logging.getLogger("agglo")
 _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above what a whole file needs
-_MEMORY, _MEMORY_PER_BYTE = 8 << 30, 400
+_MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # beyond what the program itself takes
 
 
 def read_foreign(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
@@ -31,12 +34,24 @@ def read_foreign(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     Raises
     ------
     FileError, MeshError
-        For a broken file or mesh.
+        For a broken file or mesh; FileError for a layout that is known and not read.
     """
+    try:
+        return _read(path, merge_points, allow_gaps)
+    except AggloError as error:
+        known = why_unread(path)
+        if known is None:
+            raise
+        raise FileError(known) from error
+
+
+def _read(path: Path, merge_points: bool, allow_gaps: bool) -> Mesh:
     _check_end(path)
     soup, sets, left = _soup(path)
     mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=False, name=path.stem)
-    return note_left_out(_without_empty_sets(mesh, sets), left)
+    mesh = _without_empty_sets(mesh, sets)
+    _note_sets(mesh, sets)
+    return note_left_out(mesh, left)
 
 
 def _check_end(path: Path) -> None:
@@ -52,7 +67,7 @@ def _check_end(path: Path) -> None:
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
     """Cells that meshlane finds, in a separate process; names of tags that are sets, and of data left out."""
-    size = path.stat().st_size
+    size = _size(path)
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory(prefix="agglo-") as folder:
         target = os.path.join(folder, "cells.npz")
@@ -81,6 +96,14 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
         return _load(target)
 
 
+def _size(path: Path) -> int:
+    """Bytes of a file; of an OpenFOAM case those of its mesh, as the file only marks the place."""
+    size = path.stat().st_size
+    if path.suffix.lower() != ".foam":
+        return size
+    return size + sum(file.stat().st_size for file in path.parent.glob("constant/polyMesh/*"))
+
+
 def _load(target: str) -> tuple[Soup, set[str], list[str]]:
     with np.load(target, allow_pickle=False) as arrays:
         names = json.loads(arrays["names"].tobytes())
@@ -94,6 +117,14 @@ def _load(target: str) -> tuple[Soup, set[str], list[str]]:
             {name: frozen_int(arrays[f"tag_{i}"]) for i, name in enumerate(names["tags"])},
         )
         return soup, set(names["sets"]), names["left"]
+
+
+def _note_sets(mesh: Mesh, sets: set[str]) -> None:
+    """Log the named parts of the mesh and of its boundary, which can be chosen by name."""
+    for what, tags in (("cells", mesh.cell_tags), ("faces", mesh.face_tags)):
+        found = [f"{name} ({(values == 1).sum():,})" for name, values in tags.items() if name in sets]
+        if found:
+            _log.info("%s by name: %s", what, ", ".join(found))
 
 
 def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:

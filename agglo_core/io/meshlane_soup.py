@@ -11,6 +11,7 @@ import json
 import sys
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,15 +48,16 @@ _KINDS = {
 
 def main(source: str, target: str, seconds: int, memory: int) -> int:
     """Read ``source`` and save its cells as ``target`` (npz); 1 with the reason on stdout on failure."""
-    _limit(seconds, memory)
     said, result = io.StringIO(), sys.stdout
     try:
         with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import meshlane
 
+            _limit(seconds, memory)
             found = meshlane.read(source)
-            _save(soup_from_meshlane(found), sorted(found.cell_sets), list(found.cell_data), target)
+            sets = sorted({*found.cell_sets, *_families(found)})
+            _save(soup_from_meshlane(found), sets, list(found.cell_data), target)
     except FileError as error:
         print(error, file=result)
     except (Exception, SystemExit) as error:
@@ -67,13 +69,22 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
 
 
 def _limit(seconds: int, memory: int) -> None:
-    """Bound processor time (s) and address space (bytes), where the system can."""
+    """Bound processor time (s) and the address space still to come (bytes), where the system can."""
     try:
         import resource
     except ImportError:  # Windows: the time limit of the caller must do
         return
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    memory += _address_space(resource.getpagesize())
     resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+
+
+def _address_space(page: int) -> int:
+    """Bytes in use by this process; more than it can be where the system does not say."""
+    try:
+        return page * int(Path("/proc/self/statm").read_text().split()[0])
+    except (OSError, ValueError):
+        return 8 << 30
 
 
 def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
@@ -115,7 +126,7 @@ def soup_from_meshlane(found: Any) -> Soup:
         frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
         frozen_int(vertices),
         solids,
-        {**_data_tags(found, counts), **_set_tags(found, counts)},
+        {**_family_tags(found, counts), **_data_tags(found, counts), **_set_tags(found, counts)},
     )
 
 
@@ -175,6 +186,29 @@ def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
                 inside[start + np.asarray(block, dtype=np.int64)] = 1
         tags[name] = frozen_int(inside)
     return tags
+
+
+def _families(found: Any) -> dict[str, list[int]]:
+    """Numbers of the families of each group: patches of OpenFOAM, groups of MED."""
+    families: dict[str, list[int]] = {}
+    for number, names in (getattr(found, "cell_tags", None) or {}).items():
+        for name in names:
+            families.setdefault(str(name), []).append(int(number))
+    return families
+
+
+def _family_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+    """Named groups of cells: 1 inside, 0 outside. The cell data ``cell_tags`` hold the family of each."""
+    blocks = found.cell_data.get("cell_tags", [])
+    if len(blocks) != len(counts) or not blocks:
+        return {}
+    family = np.concatenate([np.asarray(block).ravel() for block in blocks])
+    if len(family) != sum(counts):
+        return {}
+    return {
+        name: frozen_int(np.isin(family, numbers).astype(np.int64))
+        for name, numbers in _families(found).items()
+    }
 
 
 if __name__ == "__main__":

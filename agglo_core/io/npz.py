@@ -7,23 +7,17 @@ statistics. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) 
 from __future__ import annotations
 
 import json
-import lzma
-import struct
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.archive import Archive
 from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
 from agglo_core.mesh import Mesh
@@ -37,7 +31,7 @@ __all__ = ["read_npz", "write_npz"]
 _FORMAT, _VERSION = "agglo", 1
 _PLAIN = ("points", "cell_offsets", "cell_vertices")
 _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
-_EXPANSION = 1100  # deflate cannot exceed 1032
+_META = 1 << 24  # bytes of JSON: thousands of levels
 
 
 def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
@@ -62,6 +56,8 @@ def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
             "statistics": hierarchy.statistics,
         }
     text = json.dumps(meta, default=_plain).encode()
+    if len(text) > _META:
+        raise FileError(f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit")
     with staging(path) as folder, open(folder / path.name, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, meta=np.frombuffer(text, np.uint8), **arrays)
 
@@ -89,103 +85,35 @@ def read_npz(path: Path, *, merge_points: bool, allow_gaps: bool) -> tuple[Mesh,
     MeshError
         For a plain file whose polygons break a rule.
     """
-    arrays = _Arrays(path)
-    if "meta" in arrays.sizes:
+    arrays = Archive(path)
+    if "meta" in arrays.members:
         return _native(arrays, allow_gaps)
-    if not set(_PLAIN) <= arrays.sizes.keys():
+    if not set(_PLAIN) <= arrays.members.keys():
         raise FileError(
             f"holds neither an agglo mesh (array 'meta') nor the arrays {', '.join(_PLAIN)}; "
-            f"found {', '.join(list(arrays.sizes)[:20]) or 'no arrays'}"
+            f"found {', '.join(list(arrays.members)[:20]) or 'no arrays'}"
         )
-    points = arrays.take("points", "fiu", 2)
-    cells = (arrays.take("cell_offsets", "iu", 1), arrays.take("cell_vertices", "iu", 1))
+    offsets = arrays.take("cell_offsets", "iu", (None,))
+    vertices = arrays.take("cell_vertices", "iu", (int(offsets[-1]) if offsets.size else None,))
+    points = arrays.take("points", "fiu", (None, None))
+    cells = (offsets, vertices)
     mesh = Mesh.from_polygons(points, cells, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
     return mesh, None
 
 
-class _Arrays:
-    """Arrays of a zip archive, each checked against what the archive really holds before it is made."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        try:
-            with zipfile.ZipFile(path) as archive:
-                infos = archive.infolist()
-        except _CORRUPT as error:
-            raise FileError(f"not an npz archive, or truncated: {error}") from None
-        self.sizes = {info.filename.removesuffix(".npy"): info for info in infos}
-
-    def take(self, name: str, kinds: str, dims: int) -> NDArray[Any]:
-        """The array, whose dtype is of one of ``kinds`` and which has ``dims`` dimensions."""
-        if name not in self.sizes:
-            raise FileError(f"array {name!r} is missing; found {', '.join(list(self.sizes)[:20])}")
-        try:
-            array = self._parse(self._content(name))
-        except _CORRUPT as error:
-            raise FileError(f"array {name!r} is corrupt: {error}") from None
-        if array.dtype.kind not in kinds or array.ndim != dims:
-            raise FileError(
-                f"array {name!r} has dtype {array.dtype} and shape {array.shape}, "
-                f"expected kind {' or '.join(kinds)} and {dims} dimensions"
-            )
-        return array
-
-    def _content(self, name: str) -> bytes:
-        info = self.sizes[name]
-        room = self._path.stat().st_size
-        if info.compress_size > room or info.file_size > _EXPANSION * info.compress_size + 1024:
-            raise ValueError(f"it claims {info.file_size} bytes in a file of {room}")
-        with zipfile.ZipFile(self._path) as archive:
-            return archive.read(info)
-
-    @staticmethod
-    def _parse(content: bytes) -> NDArray[Any]:
-        stream = BytesIO(content)
-        version = npy.read_magic(stream)
-        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
-        if header is None:
-            raise ValueError(f"npy version {version} is not supported")
-        shape, fortran, dtype = header(stream)
-        if dtype.hasobject:
-            raise ValueError("it holds Python objects")
-        count, rest = 1, len(content) - stream.tell()
-        for length in shape:
-            count *= length
-        if count * dtype.itemsize != rest:
-            raise ValueError(f"its header says {count} × {dtype}, but {rest} bytes follow")
-        array = np.frombuffer(content, dtype, count, stream.tell())
-        array = array.reshape(shape, order="F" if fortran else "C")
-        return array.astype(dtype.newbyteorder("="), copy=False)
-
-
-_CORRUPT = (
-    ValueError,
-    TypeError,
-    KeyError,
-    SyntaxError,
-    OverflowError,
-    EOFError,
-    RuntimeError,
-    NotImplementedError,
-    struct.error,
-    tokenize.TokenError,
-    lzma.LZMAError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-
-
-def _native(arrays: _Arrays, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
+def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
     meta = _meta(arrays)
-    face_offsets, face_vertices = (arrays.take(name, "iu", 1) for name in _MESH[1:3])
+    cells = arrays.take("face_cells", "iu", (None, 2))
+    offsets = arrays.take("face_offsets", "iu", (len(cells) + 1,))
+    vertices = arrays.take("face_vertices", "iu", (int(offsets[-1]),))
     try:
         mesh = Mesh(
-            points=frozen_float(arrays.take("points", "f", 2)),
-            face_offsets=frozen_int(face_offsets),
-            face_vertices=frozen_int(face_vertices),
-            face_cells=frozen_int(arrays.take("face_cells", "iu", 2)),
-            cell_tags=_tags(arrays, meta, "cell"),
-            face_tags=_tags(arrays, meta, "face"),
+            points=frozen_float(arrays.take("points", "f", (None, None))),
+            face_offsets=frozen_int(offsets),
+            face_vertices=frozen_int(vertices),
+            face_cells=frozen_int(cells),
+            cell_tags=_tags(arrays, meta, "cell", int(cells.max(initial=-1)) + 1),
+            face_tags=_tags(arrays, meta, "face", len(cells)),
             repairs={str(text): int(count) for text, count in meta["repairs"].items()},
             name=str(meta["name"]),
         )
@@ -201,9 +129,9 @@ def _native(arrays: _Arrays, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
         raise FileError(f"is corrupt: {type(error).__name__} {error}") from None
 
 
-def _meta(arrays: _Arrays) -> dict[str, Any]:
+def _meta(arrays: Archive) -> dict[str, Any]:
     try:
-        meta = json.loads(arrays.take("meta", "u", 1).tobytes())
+        meta = json.loads(arrays.take("meta", "u", (None,), _META).tobytes())
     except FileError:
         raise
     except (ValueError, RecursionError) as error:
@@ -215,17 +143,19 @@ def _meta(arrays: _Arrays) -> dict[str, Any]:
     return meta
 
 
-def _tags(arrays: _Arrays, meta: dict[str, Any], kind: str) -> dict[str, NDArray[Any]]:
-    names = meta[f"{kind}_tags"]
-    return {str(name): frozen_int(arrays.take(f"{kind}_tag_{i}", "iu", 1)) for i, name in enumerate(names)}
+def _tags(arrays: Archive, meta: dict[str, Any], kind: str, count: int) -> dict[str, NDArray[Any]]:
+    names = enumerate(meta[f"{kind}_tags"])
+    return {str(name): frozen_int(arrays.take(f"{kind}_tag_{i}", "iu", (count,))) for i, name in names}
 
 
-def _hierarchy(arrays: _Arrays, meta: dict[str, Any], mesh: Mesh) -> Hierarchy | None:
+def _hierarchy(arrays: Archive, meta: dict[str, Any], mesh: Mesh) -> Hierarchy | None:
     from agglo_core.hierarchy import Hierarchy
 
     stored = meta.get("hierarchy")
     if stored is None:
         return None
     targets = stored["targets"]
-    levels = [mesh.check_labels(arrays.take(f"level_{i}", "iu", 1)) for i in range(len(targets))]
+    levels = [
+        mesh.check_labels(arrays.take(f"level_{i}", "iu", (mesh.n_cells,))) for i in range(len(targets))
+    ]
     return Hierarchy(mesh, mesh.graph, levels, targets, bool(stored["nested"]), stored["statistics"])

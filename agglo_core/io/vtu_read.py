@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
@@ -19,6 +20,8 @@ from agglo_core.mesh.elements import Polyhedra, concatenate, gather, take_cells
 
 __all__ = ["read_vtu"]
 
+_VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
+_FEW = 1 << 15  # points below which nobody counts
 _GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
 
 
@@ -32,6 +35,7 @@ def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     """
     document = parse(path.read_bytes())
     grid = document.root.find("UnstructuredGrid")
+    _check_places(grid.iterfind("Piece//DataArray") if grid is not None else ())
     pieces = [_piece(document, piece) for piece in (grid.findall("Piece") if grid is not None else [])]
     soup = _join([piece for piece in pieces if len(piece.types)] or pieces)
     soup, ghosts = _without_ghosts(soup)
@@ -45,23 +49,42 @@ def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     return note_left_out(mesh, left)
 
 
+def _check_places(elements: Iterable[ElementTree.Element]) -> None:
+    """Refuse arrays that share their bytes: a small file could say the same thing a million times."""
+    names: dict[int, str] = {}
+    for element in elements:
+        if element.get("format") != "appended":
+            continue
+        name = element.get("Name", "Points")
+        try:
+            place = int(element.get("offset", ""))
+        except ValueError:  # refused if it is read
+            continue
+        if place in names:
+            raise FileError(f"arrays {names[place]!r} and {name!r} begin at the same appended byte, {place}")
+        names[place] = name
+
+
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
     try:
         n_points, n = (int(piece.get(key, "")) for key in ("NumberOfPoints", "NumberOfCells"))
     except ValueError:
         raise FileError("a Piece does not say its NumberOfPoints and NumberOfCells") from None
+    if n > _VISITS * max(n_points, _FEW):
+        raise FileError(f"a Piece of {n} cells has only {n_points} points")
     points = _points(document, piece, n_points)
     cells = {element.get("Name", ""): element for element in piece.iterfind("Cells/DataArray")}
     if n == 0:
         return _empty(points)
-    arrays = _Arrays(document, cells)
-    types, ends, vertices = arrays.take("types"), arrays.take("offsets"), arrays.take("connectivity")
+    arrays, visits = _Arrays(document, cells), _VISITS * n * n_points
+    types, ends = arrays.take("types", n), arrays.take("offsets", n)
     if len(types) != n or len(ends) != n:
         raise FileError(f"a Piece of {n} cells has {len(types)} types and {len(ends)} offsets")
+    vertices = arrays.take("connectivity", min(int(ends[-1]), visits))
     offsets = _offsets(ends, len(vertices), "offsets")
     if vertices.size and not (vertices.min() >= 0 and vertices.max() < n_points):
         raise FileError(f"array 'connectivity' uses points outside 0..{n_points - 1}")
-    solids = _polyhedra(arrays, np.flatnonzero(types == 42), n)
+    solids = _polyhedra(arrays, np.flatnonzero(types == 42), n, visits)
     if solids.vertices.size and not (solids.vertices.min() >= 0 and solids.vertices.max() < n_points):
         raise FileError(f"faces of polyhedra use points outside 0..{n_points - 1}")
     return Soup(points, types, offsets, vertices, solids, _tags(document, piece, n))
@@ -69,7 +92,7 @@ def _piece(document: Document, piece: ElementTree.Element) -> Soup:
 
 def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
     element = piece.find("Points/DataArray")
-    values = document.array(element) if element is not None else np.empty(0)
+    values = document.array(element, 3 * n) if element is not None else np.empty(0)
     if values.size != 3 * n:
         raise FileError(f"a Piece of {n} points has {values.size} coordinates, expected {3 * n}")
     return frozen_float(values.reshape(-1, 3))
@@ -86,7 +109,7 @@ def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, I
     for element in piece.iterfind("CellData/DataArray"):
         if not _is_tag(element):
             continue
-        name, values = element.get("Name", ""), document.array(element)
+        name, values = element.get("Name", ""), document.array(element, n)
         if len(values) != n:
             raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
         tags[name] = tag_values(name, values)
@@ -106,10 +129,11 @@ class _Arrays(NamedTuple):
     document: Document
     cells: dict[str, ElementTree.Element]
 
-    def take(self, name: str) -> Int:
+    def take(self, name: str, declared: int) -> Int:
+        """Integers of an array that should have ``declared`` values."""
         if name not in self.cells:
             raise FileError(f"array {name!r} is missing from Cells; found {', '.join(self.cells) or 'none'}")
-        values: NDArray[Any] = self.document.array(self.cells[name])
+        values: NDArray[Any] = self.document.array(self.cells[name], declared)
         if values.dtype.kind not in "iu":
             raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
         return frozen_int(values)
@@ -122,16 +146,22 @@ def _offsets(ends: Int, size: int, name: str) -> Int:
     return frozen_int(offsets)
 
 
-def _polyhedra(arrays: _Arrays, solids: Int, n: int) -> Polyhedra:
+def _polyhedra(arrays: _Arrays, solids: Int, n: int, visits: int) -> Polyhedra:
+    """Faces of the polyhedra ``solids`` among n cells; no array is far longer than ``visits``."""
     if not len(solids):
         return concatenate([])
     if "polyhedron_to_faces" not in arrays.cells:
-        return _face_stream(arrays.take("faces"), arrays.take("faceoffsets"), solids, n)
-    loops, faces = arrays.take("face_connectivity"), arrays.take("polyhedron_to_faces")
-    loop_offsets = _offsets(arrays.take("face_offsets"), len(loops), "face_offsets")
-    ends = arrays.take("polyhedron_offsets")
+        stops = arrays.take("faceoffsets", n)
+        if len(stops) != n:
+            raise FileError(f"array 'faceoffsets' has {len(stops)} values for {n} cells")
+        return _face_stream(arrays.take("faces", min(int(stops.max()), visits)), frozen_int(stops[solids]))
+    ends = arrays.take("polyhedron_offsets", n)
     if len(ends) != n:
         raise FileError(f"array 'polyhedron_offsets' has {len(ends)} values for {n} cells")
+    faces = arrays.take("polyhedron_to_faces", min(int(ends[-1]), visits))
+    stops = arrays.take("face_offsets", len(faces))
+    loops = arrays.take("face_connectivity", min(int(stops.max(initial=0)), visits))
+    loop_offsets = _offsets(stops, len(loops), "face_offsets")
     offsets, places = gather(_offsets(ends, len(faces), "polyhedron_offsets"), solids)
     if faces.size and not (faces.min() >= 0 and faces.max() < len(loop_offsets) - 1):
         raise FileError(f"array 'polyhedron_to_faces' uses faces outside 0..{len(loop_offsets) - 2}")
@@ -139,14 +169,11 @@ def _polyhedra(arrays: _Arrays, solids: Int, n: int) -> Polyhedra:
     return Polyhedra(offsets, loop_offsets, frozen_int(loops[entries]))
 
 
-def _face_stream(stream: Int, ends: Int, solids: Int, n: int) -> Polyhedra:
-    """Faces of polyhedra stored as ``n_faces, size, v…, size, v…`` per cell, up to ``ends[c]``.
+def _face_stream(stream: Int, stops: Int) -> Polyhedra:
+    """Faces of polyhedra stored as ``n_faces, size, v…, size, v…`` one after the other, up to ``stops[c]``.
 
     The stream is walked face by face for all cells at once.
     """
-    if len(ends) != n:
-        raise FileError(f"array 'faceoffsets' has {len(ends)} values for {n} cells")
-    stops = ends[solids]
     starts = np.concatenate(([0], stops[:-1]))
     if (starts >= stops).any() or starts[0] < 0 or stops[-1] > len(stream):
         raise FileError("array 'faceoffsets' does not rise within 'faces'")
@@ -155,7 +182,7 @@ def _face_stream(stream: Int, ends: Int, solids: Int, n: int) -> Polyhedra:
         raise FileError("array 'faces': a cell claims more faces than it holds, or none")
     offsets = np.concatenate(([0], np.cumsum(counts)))
     sizes, places = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
-    cursor, cells = starts + 1, np.arange(len(solids))
+    cursor, cells = starts + 1, np.arange(len(stops))
     for rank in range(int(counts.max())):
         cells = cells[counts[cells] > rank]
         if (cursor[cells] >= stops[cells]).any():

@@ -13,6 +13,7 @@ from agglo_core.problems.discretisation import Discretisation
 from agglo_core.problems.problem import Problem
 from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import attributed
+from agglo_core.registry.code_options import written
 from agglo_core.registry.construct import resolve
 from agglo_core.registry.containment import shown
 from agglo_core.registry.toml_files import read_toml
@@ -25,7 +26,12 @@ _NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})
 
 
 def named_problem(
-    name: str, mesh: Mesh, options: Mapping[str, Any] = _NO_OPTIONS, registry: Registry | None = None
+    name: str,
+    mesh: Mesh,
+    options: Mapping[str, Any] = _NO_OPTIONS,
+    registry: Registry | None = None,
+    *,
+    allow_code: bool = False,
 ) -> Problem:
     """A problem by the name of its component, or of a TOML file, as it is posed on a mesh.
 
@@ -38,6 +44,8 @@ def named_problem(
         Of the component.
     registry : Registry, optional
         Where names are looked up; by default the installed plugins.
+    allow_code : bool
+        Whether a file may name code that components import; see :func:`agglo_core.agglomerate`.
 
     Raises
     ------
@@ -52,14 +60,16 @@ def named_problem(
     if Path(name).suffix.lower() == ".toml" or not _is_declared(name, registry):
         if options:
             raise OptionError(f"no problem is named {name!r} ({_known(registry)}), and files take no options")
-        problem = read_problem(Path(name), mesh, registry)
+        problem = read_problem(Path(name), mesh, registry, allow_code=allow_code)
     else:
         problem = _checked(registry.build(_KIND, name, **options), describe(registry.record(_KIND, name)))
     posed_on = getattr(problem, "posed_on", None)
     return problem if posed_on is None else posed_on(mesh)
 
 
-def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Problem:
+def read_problem(
+    path: Path, mesh: Mesh, registry: Registry | None = None, *, allow_code: bool = False
+) -> Problem:
     """Read a problem for ``mesh`` from a TOML file, whose key ``kind`` says the kind (default diffusion).
 
     Raises
@@ -72,6 +82,7 @@ def read_problem(path: Path, mesh: Mesh, registry: Registry | None = None) -> Pr
         raise FileError(f"{path}: {_no_file(path, registry)}")
     table = read_toml(path)
     kind = table.pop("kind", "diffusion")
+    table = table if allow_code else written(table)
     try:
         from_table, title = _reader_of(kind, registry)
         with attributed(title, spare=(AggloError,)):

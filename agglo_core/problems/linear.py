@@ -110,7 +110,7 @@ def _read(key: str, path: Path, readers: Mapping[str, Callable[[Path], Any]]) ->
         return reader(path)
     except OSError as error:
         raise FileError(f"{key}: {path}: {error.strerror or error}") from error
-    except (ValueError, TypeError, KeyError, EOFError, BadZipFile) as error:
+    except (ValueError, TypeError, KeyError, EOFError, BadZipFile, MemoryError) as error:
         raise FileError(f"{key}: {path} cannot be read: {error}") from error
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, frozen_float
+from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 
@@ -55,7 +55,7 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
         known = ", ".join(mesh.cell_tags) or "none"
         raise OptionError(f"{key}.{tag} must be a table by a cell tag of the mesh; it has: {known}")
     cells = mesh.cell_tags[tag]
-    by_value = _by_whole(f"{key}.{tag}", values)
+    by_value = _by_whole(f"{key}.{tag}", values, _named(cells, mesh.cell_tags))
     present, place = np.unique(cells, return_inverse=True)
     lacking = [int(each) for each in present if int(each) not in by_value]
     if lacking:
@@ -70,6 +70,9 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
 def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, float]:
     """Numbers by value of a face tag on the boundary; without that tag all faces have the value 0.
 
+    Where another face tag marks the very faces of one value by 1, as the patches and groups of files do,
+    its name may stand for the value.
+
     Raises
     ------
     OptionError
@@ -80,7 +83,8 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     outside = mesh.face_cells[:, 1] < 0
     tags = mesh.face_tags.get(face_tag, np.zeros(mesh.n_faces, np.int64))
     present = sorted({int(each) for each in np.unique(tags[outside])})
-    values = _by_whole(key, given)
+    marks = {name: marked[outside] for name, marked in mesh.face_tags.items()}
+    values = _by_whole(key, given, _named(tags[outside], marks))
     for tag in values:
         if tag not in present:
             known = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"
@@ -92,19 +96,31 @@ def _tags_of(mesh: Mesh) -> str:
     return f"it has the face tags: {', '.join(mesh.face_tags) or 'none'}"
 
 
-def _by_whole(key: str, given: Mapping[str, Any]) -> dict[int, float]:
-    """Numbers by the value of a tag, each of which is written once."""
+def _named(values: Int, marks: Mapping[str, Int]) -> dict[str, int]:
+    """The value a name stands for: the tag of that name is 1 where ``values`` are that, and nowhere else."""
+    names: dict[str, int] = {}
+    for name, marked in marks.items():
+        inside = marked == 1
+        found = np.unique(values[inside])
+        if len(found) == 1 and ((values == found[0]) == inside).all():
+            names[name] = int(found[0])
+    return names
+
+
+def _by_whole(key: str, given: Mapping[str, Any], names: Mapping[str, int]) -> dict[int, float]:
+    """Numbers by the value of a tag or by its name, each of which is written once."""
     values: dict[int, float] = {}
     for name, value in given.items():
-        tag = _whole(key, name)
+        tag = names[name] if name in names else _whole(key, name, names)
         if tag in values:
             raise OptionError(f"{key} gives tag {tag} twice")
         values[tag] = number(f"{key}.{name}", value)
     return values
 
 
-def _whole(key: str, name: str) -> int:
+def _whole(key: str, name: str, names: Mapping[str, int]) -> int:
     try:
         return int(name)
     except ValueError:
-        raise OptionError(f"{key}: {name!r} is not the value of a tag, a whole number") from None
+        named = f", nor one of its names: {', '.join(names)}" if names else ""
+        raise OptionError(f"{key}: {name!r} is not the value of a tag, a whole number{named}") from None

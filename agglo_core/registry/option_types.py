@@ -6,7 +6,9 @@ import inspect
 import types
 from enum import Enum
 from pathlib import Path
-from typing import Any, Final, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
+
+from agglo_core.registry.code_options import names_code, plain
 
 __all__ = ["UNTYPED", "Text", "fit", "in_words", "parse_value"]
 
@@ -48,7 +50,7 @@ def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
     known = _members(annotation)
     if known is None:
         return True, parse_value(value) if isinstance(value, Text) else value
-    tried = (_fit(member, value) for member in known)
+    tried = (_fit(member, plain(value)) for member in known)
     return next((found for found in tried if found[0]), (False, None))
 
 
@@ -61,15 +63,25 @@ def _members(annotation: Any) -> tuple[Any, ...] | None:
 
 
 def _is_known(member: Any) -> bool:
-    if get_origin(member) is Literal or member in (bool, int, float, str, Path, type(None), None):
+    if (
+        _is_code(member)
+        or get_origin(member) is Literal
+        or member in (bool, int, float, str, Path, type(None), None)
+    ):
         return True
     if get_origin(member) is tuple:
         return all(each is Ellipsis or _members(each) is not None for each in get_args(member))
     return isinstance(member, type) and issubclass(member, Enum)
 
 
+def _is_code(member: Any) -> bool:
+    return get_origin(member) is Annotated and names_code(member)
+
+
 def _fit(member: Any, value: Any) -> tuple[bool, Any]:
     """Whether a value fits one type, and what it becomes."""
+    if _is_code(member):
+        return isinstance(value, str), str(value) if isinstance(value, str) else None
     if get_origin(member) is Literal:
         return _fit_literal(get_args(member), value)
     if get_origin(member) is tuple:
@@ -156,6 +168,8 @@ def _fit_tuple(members: tuple[Any, ...], value: Any) -> tuple[bool, Any]:
 def in_words(annotation: Any) -> str:
     if annotation is UNTYPED:
         return "any"
+    if _is_code(annotation):
+        return "code to import and run, as module:attribute (in a file only with --allow-code)"
     if get_origin(annotation) in (Union, types.UnionType):
         return " or ".join(in_words(member) for member in get_args(annotation))
     if get_origin(annotation) is Literal:

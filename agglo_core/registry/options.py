@@ -3,8 +3,9 @@
 An option is a keyword of the constructor; its type is the annotation there, one of bool, int, float, str,
 ``Literal[…]``, an Enum, Path, a tuple of these, or a union, also with None. The default always fits:
 ``int = None`` takes None too. The same rules hold on the command line (where every value is a text), in
-TOML and in Python. What has another annotation, or none, accepts anything; a text then becomes what it
-looks like: a number, true, false, none, or itself.
+TOML and in Python. An :data:`~agglo_core.registry.code_options.ImportPath` is a text that names code, which
+a TOML file may hold only if the user allows it. What has another annotation, or none, accepts anything; a
+text then becomes what it looks like: a number, true, false, none, or itself.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from functools import lru_cache
 from typing import Any, Optional
 
 from agglo_core.errors import OptionError
+from agglo_core.registry.code_options import is_written, names_code
 from agglo_core.registry.containment import shown
 from agglo_core.registry.option_types import UNTYPED, Text, fit, in_words, parse_value
 
@@ -119,8 +121,14 @@ def convert(option: Option, value: Any, owner: str) -> Any:
     Raises
     ------
     OptionError
-        If it does not fit; says what was given, what was expected and whose option it is.
+        If it does not fit; says what was given, what was expected and whose option it is. Likewise if it
+        names code and comes from a file.
     """
+    if names_code(option.type) and is_written(value):
+        raise OptionError(
+            f"{option.name} of {owner} names code that would be imported and run, {value!r:.80}, and comes "
+            "from a file; if you trust that file, allow it: --allow-code, or allow_code=True in Python"
+        )
     found, result = fit(option.type, value)
     if found:
         return result

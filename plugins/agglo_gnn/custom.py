@@ -13,6 +13,7 @@ computed across blocks (no batch statistics). All of its state must be real arra
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -39,7 +40,8 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
     Raises
     ------
     OptionError
-        If it cannot be imported, or cannot be trained and used (:mod:`agglo_gnn.trial`).
+        If it cannot be imported, is not what this module describes (it is not called then), or cannot be
+        trained and used (:mod:`agglo_gnn.trial`).
     """
     if name is None:
         return PaperNetwork
@@ -51,9 +53,27 @@ def network_class(name: str | None) -> Callable[[], nn.Module]:
             target: Any = reduce(getattr, attribute.split("."), importlib.import_module(module))
     except (ImportError, AttributeError) as error:
         raise OptionError(f"network {name!r} cannot be imported: {error}") from error
+    if not _builds_networks(target):
+        raise OptionError(
+            f"network {name!r} is {target!r:.60}, expected a class of torch.nn.Module, or a function without "
+            "arguments that returns one"
+        )
     try_network(name, target)
     build: Callable[[], nn.Module] = target
     return build
+
+
+def _builds_networks(target: object) -> bool:
+    """Whether it may be called: a class of networks, or a plain function that needs no arguments."""
+    if isinstance(target, type):
+        return issubclass(target, nn.Module)
+    if not inspect.isfunction(target):
+        return False
+    parameters = inspect.signature(target).parameters.values()
+    return all(
+        each.default is not each.empty or each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
+        for each in parameters
+    )
 
 
 def architecture_of(name: str | None) -> str:
@@ -69,15 +89,18 @@ def arrays_of(network: nn.Module) -> dict[str, NDArray[np.float32]]:
 def filled(name: str | None, weights: str | Path) -> nn.Module:
     """A network with the arrays of a model file, ready for use.
 
+    The file is read first: no code is imported for one that cannot be used.
+
     Raises
     ------
     FileError
         If the file is not a valid model file of that very network.
     """
+    arrays, _ = model_file.load(weights, architecture=architecture_of(name))
     with unseeded():
         network = network_class(name)()
     shapes = {key: tuple(value.shape) for key, value in network.state_dict().items()}
-    arrays, _ = model_file.load(weights, architecture=architecture_of(name), shapes=shapes)
+    model_file.check_shapes(weights, arrays, shapes)
     network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in arrays.items()})
     return network.eval().requires_grad_(False)
 

@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 
 from agglo_core.authoring import FileError, PluginError, staging
 
-__all__ = ["REQUIRED", "load", "read_header", "save"]
+__all__ = ["REQUIRED", "check_shapes", "load", "read_header", "save"]
 
 REQUIRED = ("architecture", "features", "recipe", "seed", "version", "metrics")
+
+_HEADER = 1 << 22  # bytes of JSON: ours have a few thousand
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -97,7 +99,7 @@ def load(
         raise FileError(f"{path}: is a model of {header['architecture']!r}, expected {architecture!r}")
     try:
         arrays = parse(_content(Path(path)))
-    except (SafetensorError, KeyError, ValueError) as error:
+    except (SafetensorError, KeyError, ValueError, TypeError, OverflowError) as error:
         raise FileError(f"{path}: is corrupt or truncated: {error}") from error
     if _described(arrays) != header["arrays"]:
         raise FileError(f"{path}: its arrays are not those its header lists")
@@ -107,7 +109,7 @@ def load(
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise FileError(f"{path}: array {name!r} has values that are not finite")
     if shapes is not None:
-        _check_shapes(path, arrays, shapes)
+        check_shapes(path, arrays, shapes)
     return arrays, header
 
 
@@ -119,15 +121,17 @@ def read_header(path: str | Path) -> dict[str, Any]:
     FileError
         If there is no such file, or it does not have the header of a model file.
     """
-    content = _content(Path(path))
+    content = _content(Path(path), 8 + _HEADER)
     if content[:1] == b"\x80" or content[:2] == b"PK":
         raise FileError(
             f"{path}: is a pickle or zip file, as torch.save writes; it is not read, because to load one "
             "runs whatever code is in it: expected safetensors written by agglo train"
         )
-    length = int.from_bytes(content[:8], "little")
-    if len(content) < 8 or length > len(content) - 8:
-        raise FileError(f"{path}: is truncated or not a safetensors file ({len(content)} bytes)")
+    length, size = int.from_bytes(content[:8], "little"), Path(path).stat().st_size
+    if size < 8 or length > size - 8:
+        raise FileError(f"{path}: is truncated or not a safetensors file ({size} bytes)")
+    if length > _HEADER:
+        raise FileError(f"{path}: its header claims {length} bytes; one of at most {_HEADER} is read")
     try:
         metadata = json.loads(content[8 : 8 + length])["__metadata__"]
         header = json.loads(metadata["agglo"])
@@ -151,9 +155,13 @@ def _check_name(target: Path) -> None:
         raise FileError(f"{target}: model files end in .safetensors, not {target.suffix!r}")
 
 
-def _content(path: Path) -> bytes:
+def _content(path: Path, most: int = -1) -> bytes:
+    """The first ``most`` bytes of a file, all if negative."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a device might never end
+        raise FileError(f"{path}: is not a regular file")
     try:
-        return path.read_bytes()
+        with open(path, "rb") as stream:
+            return stream.read(most)
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
 
@@ -170,7 +178,8 @@ def _digest(arrays: Arrays) -> str:
     return digest.hexdigest()
 
 
-def _check_shapes(path: str | Path, arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
+def check_shapes(path: str | Path, arrays: Arrays, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raise FileError unless these are the arrays wanted, each of its shape and of real numbers."""
     odd = sorted(arrays.keys() ^ shapes.keys())
     if odd:
         verb = "lacks" if odd[0] in shapes else "has an unknown"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, UInt64, sweep
+from agglo_core.authoring import Float, Graph, ImportPath, Int, OptionError, UInt64, sweep
 from agglo_gnn.custom import filled
 from agglo_gnn.paper_network import Neighbours, inorm
 
@@ -46,7 +46,7 @@ class PaperGNN:
     def __init__(
         self,
         weights: str | None = None,
-        network: str | None = None,
+        network: ImportPath | None = None,
         rounding: str = "threshold",
         precision: str = "double",
     ) -> None:

@@ -94,7 +94,7 @@ def refused(file: Path, match: str) -> None:
         ({"points": POINTS[0]}, "'points' has dtype"),
         ({"points": np.full((6, 2), np.nan)}, "not finite"),
         ({"cell_offsets": np.array([0.0, 4.0, 8.0])}, "'cell_offsets' has dtype float64"),
-        ({"cell_offsets": np.array([0, 4, 9])}, "offsets"),
+        ({"cell_offsets": np.array([0, 4, 9])}, r"'cell_vertices' has shape \(8,\).*\(9\)"),
         ({"cell_vertices": np.array([0, 1, 2, 3, 1, 4, 5, 600])}, "600"),
         ({"points": np.array([{}], dtype=object)}, "'points' is corrupt.*objects"),
     ],

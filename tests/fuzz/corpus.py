@@ -3,25 +3,91 @@
 from __future__ import annotations
 
 import io
+import json
 import tempfile
 import zipfile
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import meshlane
 import numpy as np
 from core.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
 
+import agglo_gnn
 from agglo_core import Hierarchy, Mesh, agglomerate, samples, write
+from agglo_core.interchange import to_geojson
 
 __all__ = ["valid_files"]
 
 
+@cache
 def valid_files() -> dict[str, list[bytes]]:
     """Small valid files of each suffix, every coding and layout among them."""
-    return {".vtu": [*_vtu_by_hand(), *_written(".vtu")], ".npz": _npz(), ".msh": _msh()}
+    return {
+        ".vtu": [*_vtu_by_hand(), *_written(".vtu")],
+        ".npz": _npz(),
+        ".msh": _msh(),
+        ".toml": [text.encode() for text in _RUNS.split("---")],
+        ".problem.toml": [text.encode() for text in _PROBLEMS.split("---")],
+        ".safetensors": [_WEIGHTS.read_bytes()],
+        ".geojson": [json.dumps(to_geojson(*each)).encode() for each in _hierarchies() if each[0].dim == 2],
+    }
+
+
+_WEIGHTS = Path(agglo_gnn.__file__).parent / "weights" / "fast.safetensors"
+_RUNS = """
+bisector = "kmeans"
+n_parts = 4
+seed = 3
+---
+bisector = { name = "spectral", split = "median" }
+refiners = [{ name = "interface", floor = 0.9 }]
+merge = true
+---
+bisector = { name = "sweep" }
+h_factor = [2, 4.5]
+fixer = "connectivity"
+nested = false
+---
+[bisector]
+name = "coordinate"
+[[post_refiners]]
+name = "interface"
+[[post_refiners]]
+name = "descent"
+---
+bisector = { name = "metis", ncuts = 2, contig = true }
+method = "kway"
+n_parts = [8, 2]
+---
+h_star = 0.75
+bisector = "inertial"
+constraints = []
+"""
+_PROBLEMS = """
+source = 1.0
+[kappa.material]
+0 = 1.0
+1 = 1e6
+[dirichlet]
+1 = 0.0
+[neumann]
+2 = 1.5
+---
+boundary = "boundary"
+kappa = 2.5
+source = { material = { 0 = 1, 1 = -3 } }
+[dirichlet]
+left = 2
+---
+kind = "linear"
+matrix = "A.mtx"
+rhs = "b.npy"
+unknowns = 3
+"""
 
 
 def _vtu_by_hand() -> Iterator[bytes]:

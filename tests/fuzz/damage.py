@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
+from fuzz.bombs import bombs
 
 from agglo_core import AggloError, Mesh
 
@@ -21,7 +22,13 @@ _NUMBERS += [b"1000000000000", b"1e308", b"-1e-320", b"nan", b"inf", b"0x10", b"
 
 
 def damaged(rng: Rng, suffix: str, content: bytes) -> bytes:
-    """The file with one to three random changes; of an archive, mostly those of a member or its values."""
+    """The file with one to three random changes; of an archive, mostly those of a member or its values.
+
+    One in thirty is a bomb instead, every other one of them changed as well.
+    """
+    if rng.random() < 1 / 30 and (found := bombs(suffix)):
+        content = found[rng.integers(len(found))]
+        return content if rng.random() < 0.5 else _renumber(rng, content)
     if suffix == ".npz" and rng.random() < 0.75:
         return (_damaged_member if rng.random() < 0.4 else _damaged_values)(rng, content)
     for _ in range(rng.choice([1, 1, 1, 2, 3])):
@@ -107,7 +114,8 @@ def _renumber(rng: Rng, content: bytes) -> bytes:
     old = found[rng.integers(len(found))]
     value = float(old[0])
     near = [b"%r" % (value * scale) for scale in (0.9, 1.01, -1)] if b"." in old[0] else []
-    near = near or [b"%d" % (int(value) + step) for step in (-1, 1, 2)]
+    whole = int(value) if np.isfinite(value) else 0  # a bomb may have thousands of digits
+    near = near or [b"%d" % (whole + step) for step in (-1, 1, 2)]
     other = found[rng.integers(len(found))][0]
     choices = [*4 * near, *4 * [other], *_NUMBERS]
     return content[: old.start()] + choices[rng.integers(len(choices))] + content[old.end() :]

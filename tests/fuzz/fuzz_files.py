@@ -1,11 +1,12 @@
-"""Damages valid mesh files at random and reads them: a mesh or an AggloError, soon, and nothing else.
+"""Damages valid files at random and reads them: what they hold or an AggloError, soon, in little memory.
 
 ``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``
 
-Each damaged file must be read, or refused by an AggloError that names it and is no PluginError, within
-10 s. One that is read goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the
-others, in a process of its own: exit code 0 with the files, or 2 with none of them and no traceback. What
-fails is kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
+Mesh files, the TOML files of runs and problems, model files and GeoJSON. Each damaged file must be read, or
+refused by an AggloError that names it and is no PluginError, within 10 s and 200 MB beyond what valid files
+take. A mesh that is read goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the
+others (``--every``), in a process of its own: exit code 0 with the files, or 2 with none of them and no
+traceback. What fails is kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
 """
 
 # ruff: noqa: T201
@@ -14,8 +15,8 @@ from __future__ import annotations
 import argparse
 import faulthandler
 import io
+import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -24,22 +25,32 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from fuzz.bombs import bombs
 from fuzz.corpus import valid_files
 from fuzz.damage import damaged
+from fuzz.memory import ALLOWED, Memory, restrict
 
-from agglo_core import AggloError, PluginError
+from agglo_core import AggloError, Mesh, OptionError, Pipeline, PluginError, samples
 from agglo_core.cli import main
+from agglo_core.interchange import from_geojson
 from agglo_core.io import read_hierarchy
+from agglo_core.problems import read_problem
+from agglo_gnn.fast import FastGNN
 
-SECONDS = 10
+SECONDS = 10  # of processor time
+_WAIT = 12
+MESHES = (".vtu", ".npz", ".msh")
+SUFFIXES = (*MESHES, ".toml", ".problem.toml", ".safetensors", ".geojson")
 
 
 class Verdict(NamedTuple):
-    """What became of a file: ``mesh`` or ``refused``; anything else is a fault."""
+    """What became of a file: ``read`` or ``refused``; anything else is a fault."""
 
     kind: str
     text: str = ""
@@ -47,7 +58,7 @@ class Verdict(NamedTuple):
     @property
     def fault(self) -> bool:
         """Whether the promise is broken."""
-        return self.kind not in ("mesh", "refused")
+        return self.kind not in ("read", "refused")
 
 
 class _Hang(BaseException):
@@ -59,34 +70,80 @@ def _alarm(seconds: int) -> Iterator[None]:
     def ring(*_: object) -> None:
         raise _Hang
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.alarm(seconds)
+    before = [(each, signal.signal(each, ring)) for each in (signal.SIGPROF, signal.SIGALRM)]
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.alarm(_WAIT * seconds)  # for one that waits, on a machine with much else to do
     try:
         yield
     finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        for each, handler in before:
+            signal.signal(each, handler)
 
 
 def judge(file: Path, command: bool) -> Verdict:
-    """Read a file, and run the command on it if it is read; ``command``: in any case, in a process."""
+    """Read a file; a mesh goes through the command too if it is read, or in a process if ``command``."""
+    suffix = file.name[file.name.index(".") :]
     try:
         with _alarm(SECONDS):
-            read_hierarchy(file)
-            verdict = Verdict("mesh")
-    except PluginError as error:  # what a format raises that is no refusal
-        return Verdict("leak", str(error))
+            _read(file, suffix)
+            verdict = Verdict("read")
     except AggloError as error:
+        if (suffix in MESHES and isinstance(error, PluginError)) or _is_bug(error):
+            return Verdict("leak", str(error))
         verdict = Verdict("refused", str(error))
-        if not str(error).startswith(str(file)):
-            return Verdict("nameless", str(error))
+        if suffix != ".geojson" and not isinstance(error, OptionError | PluginError):
+            named = str(error).startswith(str(file))
+            verdict = verdict if named else Verdict("nameless", str(error))
     except _Hang:
         return Verdict("hang")
     except Exception as error:
         return Verdict("leak", f"{type(error).__name__}: {error}")
-    if command or verdict.kind == "mesh":
+    if suffix in MESHES and not verdict.fault and (command or verdict.kind == "read"):
         return _command(file, by_process=command) or verdict
     return verdict
+
+
+def _read(file: Path, suffix: str) -> None:
+    """Do with a file what it is for."""
+    if suffix in MESHES:
+        read_hierarchy(file)
+    elif suffix == ".toml":
+        Pipeline.from_toml(file).run(_mesh())
+    elif suffix == ".problem.toml":
+        read_problem(file, _mesh())
+    elif suffix == ".safetensors":
+        FastGNN(weights=file)
+    else:
+        try:
+            content = json.loads(file.read_bytes())
+        except (ValueError, RecursionError):  # the caller's, who reads it
+            return
+        from_geojson(content)
+
+
+@cache
+def _mesh() -> Mesh:
+    """What runs and problems are about."""
+    mesh = samples.squares(5)
+    x = mesh.points[mesh.face_pairs].mean(axis=1)[:, 0]
+    left = np.where(mesh.face_cells[:, 1] < 0, np.where(x < 1e-9, 1, 2), 0)
+    return replace(
+        mesh,
+        cell_tags={"material": np.arange(mesh.n_cells) % 2},
+        face_tags={"boundary": left, "left": np.where(left == 1, 1, 0)},
+    )
+
+
+def _is_bug(error: BaseException | None) -> bool:
+    """Whether an error was made of one that nobody raised on purpose."""
+    while error is not None:
+        cause = error.__cause__
+        if isinstance(error, PluginError) and cause is not None and not isinstance(cause, AggloError):
+            return True
+        error = cause
+    return False
 
 
 def _command(file: Path, *, by_process: bool) -> Verdict | None:
@@ -121,54 +178,86 @@ def _here(arguments: list[str]) -> tuple[int, str]:
 def _apart(arguments: list[str]) -> tuple[int, str]:
     program = [sys.executable, "-c", "from agglo_core.cli import main; main()", *arguments]
     done = subprocess.run(
-        program, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=6 * SECONDS, check=False
+        program, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=_WAIT * SECONDS, check=False
     )
     return done.returncode, done.stdout.decode(errors="replace")
 
 
 def fuzz(
-    counts: dict[str, int], seed: int, keep: Path | None, every: int = 20
+    counts: dict[str, int], seed: int, keep: Path | None, every: int = 20, part: tuple[int, int] = (0, 1)
 ) -> Iterator[tuple[str, Verdict]]:
-    """Suffix and verdict of each damaged file; the same for the same seed."""
+    """Suffix and verdict of each damaged file, the same for the same seed; of several parts one."""
     valid = valid_files()
     with tempfile.TemporaryDirectory() as folder:
+        for suffix in counts:
+            _warm_up(suffix)
+        memory = Memory()
         for suffix, count in counts.items():
-            for i in range(count):
-                rng = np.random.default_rng([seed, ord(suffix[1]), i])
+            for i in range(part[0], count, part[1]):
+                rng = np.random.default_rng([seed, *suffix.encode(), i])
                 content = damaged(rng, suffix, valid[suffix][i % len(valid[suffix])])
                 file = Path(folder) / f"m{suffix}"
                 file.write_bytes(content)
+                memory.watch()
                 verdict = judge(file, command=i % every == every - 1)
+                grown = memory.growth()
+                if grown > ALLOWED + len(content) and not verdict.fault:
+                    verdict = Verdict("memory", f"{grown >> 20} MiB for {len(content)} bytes")
                 if verdict.fault and keep is not None:
                     keep.mkdir(exist_ok=True)
                     (keep / f"seed{seed}_{i}{suffix}").write_bytes(content)
                 yield suffix, verdict
+        print(f"memory at most {memory.largest >> 20} MiB beyond that of valid files")
+
+
+@cache
+def _warm_up(suffix: str) -> None:
+    """Read valid files, and make the bombs: what is loaded, compiled and kept for good is nobody's fault."""
+    bombs(suffix)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"m{suffix}"
+        for content in valid_files()[suffix][:12]:
+            file.write_bytes(content)
+            judge(file, command=False)
+    _largest_child()
+
+
+@cache
+def _largest_child() -> None:
+    """Start the largest process there will be, once."""
+    with tempfile.TemporaryDirectory() as folder:
+        _apart(["run", "squares:n=4", "--bisector", "coordinate", "-o", f"{folder}/out.vtu"])
 
 
 def _main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    for suffix in ("vtu", "npz", "msh"):
-        parser.add_argument(f"--{suffix}", type=int, default=0, help="number of damaged files")
+    for suffix in SUFFIXES:
+        parser.add_argument(f"--{suffix[1:]}", type=int, default=0, help="number of damaged files")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--every", type=int, default=20, help="how often the command runs in a process")
+    parser.add_argument("--part", default="0/1", help="which of how many parts, as 0/2")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-faults"))
     parser.add_argument("--replay", type=Path)
     given = parser.parse_args()
     if given.replay:
         print(judge(given.replay, command=True))
         return 0
-    counts = {f".{suffix}": getattr(given, suffix) for suffix in ("vtu", "npz", "msh")}
+    restrict()
+    counts = {suffix: vars(given)[suffix[1:]] for suffix in SUFFIXES if vars(given)[suffix[1:]]}
+    place, parts = map(int, given.part.split("/"))
     total: Counter[tuple[str, str]] = Counter()
     slowest, start = 0.0, time.perf_counter()
-    for suffix, verdict in fuzz(counts, given.seed, given.keep):
-        faulthandler.dump_traceback_later(12 * SECONDS, exit=True)  # a compiled loop ignores the alarm
+    for suffix, verdict in fuzz(counts, given.seed, given.keep, given.every, (place, parts)):
+        faulthandler.dump_traceback_later(4 * _WAIT * SECONDS, exit=True)  # a compiled loop ignores the alarm
         slowest, start = max(slowest, time.perf_counter() - start), time.perf_counter()
         total[suffix, verdict.kind] += 1
         if verdict.fault:
-            print(suffix, sum(n for (s, _), n in total.items() if s == suffix) - 1, *verdict)
+            print(
+                suffix, place + parts * (sum(n for (s, _), n in total.items() if s == suffix) - 1), *verdict
+            )
     for (suffix, kind), n in sorted(total.items()):
         print(f"{suffix} {kind}: {n}")
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> 10
-    print(f"slowest file {slowest:.1f} s (its command included), memory at most {memory} MiB")
+    print(f"slowest file {slowest:.1f} s (its command included)")
     return int(any(Verdict(kind).fault for _, kind in total))
 
 

@@ -463,6 +463,54 @@ def test_networks_that_do_not_fit_are_refused(nets, name, reason):
         custom.network_class(f"my_nets:{name}")
 
 
+@pytest.mark.parametrize("target", ["Called", "wipe", "argued", "Small_instance", "os.abort"])
+def test_what_builds_no_network_is_not_called(nets, target):
+    (nets / "my_nets.py").write_text(
+        NETS
+        + "\nimport os\nclass Called:\n    def __init__(self): open('called', 'w').close()\n"
+        + "def argued(folder): open('called', 'w').close()\n"
+        + "class Wiping:\n    def __call__(self): open('called', 'w').close()\n"
+        + "wipe, Small_instance = Wiping(), Small()\n"
+    )
+    with pytest.raises(OptionError, match=r"expected a class of torch\.nn\.Module, or a function"):
+        custom.network_class(f"my_nets:{target}")
+    assert not (nets / "called").exists()
+
+
+def test_a_function_may_build_the_network(nets):
+    (nets / "my_nets.py").write_text(NETS + "\ndef small(width=8): return Small()\n")
+    assert isinstance(custom.network_class("my_nets:small")(), torch.nn.Module)
+
+
+def test_weights_are_read_before_code_is_imported(nets):
+    (nets / "my_nets.py").write_text("open('imported', 'w').close()\n")
+    (nets / "bad.safetensors").write_bytes(b"no model")
+    for weights in ("missing.safetensors", "bad.safetensors"):
+        with pytest.raises(FileError, match=weights):
+            PaperGNN(weights=weights, network="my_nets:Small")
+    with pytest.raises(FileError, match="is a model of 'paper', expected 'custom my_nets:Small'"):
+        PaperGNN(weights=str(WEIGHTS), network="my_nets:Small")
+    assert not (nets / "imported").exists()
+
+
+def test_a_file_of_options_runs_no_network_unless_allowed(nets, agglo):
+    recipe = Recipe(meshes=4, validation=1, epochs=1, rate=1e-2)
+    train_paper(nets / "mine.safetensors", recipe, network="my_nets:Small", device="cpu")
+    sys.modules.pop("my_nets")
+    (nets / "run.toml").write_text(
+        'n_parts = 3\n[bisector]\nname = "gnn_paper"\n'
+        'network = "my_nets:Small"\nweights = "mine.safetensors"\n'
+    )
+    for command in ("run", "solve"):
+        done = agglo(command, "squares:n=4", "--config", "run.toml")
+        assert done.code == 2
+        assert "network of bisector 'gnn_paper'" in done.err
+        assert "--allow-code" in done.err
+    assert "my_nets" not in sys.modules
+    done = agglo("run", "squares:n=4", "--config", "run.toml", "--allow-code", "--quiet")
+    assert (done.code, done.err) == (0, "")
+
+
 @pytest.mark.parametrize("name", ["Small", "Dropping", "Aside"])
 def test_networks_that_fit_are_written_and_read_back(nets, name):
     recipe = Recipe(meshes=4, validation=1, epochs=1, rate=1e-2)
