@@ -23,6 +23,7 @@ from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.hierarchy import Hierarchy, by_first_cell
 from agglo_core.mesh import Mesh
+from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 
 __all__ = ["Choice", "Pipeline", "agglomerate"]
@@ -114,11 +115,21 @@ class Pipeline:
             constraints=file.components("constraints", base.constraints),
         )
 
-    def run(self, mesh: Mesh | Graph, registry: Registry | None = None) -> Hierarchy:
+    def run(
+        self,
+        mesh: Mesh | Graph,
+        registry: Registry | None = None,
+        progress: Listener | None = None,
+        verbose: bool = False,
+    ) -> Hierarchy:
         """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`agglomerate`."""
-        registry = default() if registry is None else registry
-        graph = mesh.graph if isinstance(mesh, Mesh) else mesh
-        graph.ensure_valid()
+        with followed(progress, verbose) as listen:
+            return self._hierarchy(mesh, default() if registry is None else registry, listen)
+
+    def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
+        with phase(listen, "building the graph"):
+            graph = mesh.graph if isinstance(mesh, Mesh) else mesh
+            graph.ensure_valid()
         goals = self._goals(mesh, graph)
         run = new_run(
             registry,
@@ -128,6 +139,7 @@ class Pipeline:
             post_refiners=self.post_refiners,
             fixer=self.fixer,
             seed=self.seed,
+            progress=listen,
         )
         members = [chosen("constraint", each, registry)[0] for each in self.constraints]
         levels = self._levels_in_order(constrained(graph, members, goals), goals, run)
@@ -154,7 +166,7 @@ class Pipeline:
 
     def _levels_in_order(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
         """Labels of each level, found with the cells along a curve: neighbours are near in memory."""
-        with run.statistics.timed("order"):
+        with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
             order = curve_order(graph.centroids)
             ordered = graph.subgraph(order, frozen_int([0, graph.n]))
         result = []
@@ -170,7 +182,11 @@ class Pipeline:
             return kway_levels(graph, goals, self.nested, run, post)
         if self.nested:
             return recursive_levels(graph, goals, run, post)
-        return [recursive_levels(graph, [goal], run, post)[0] for goal in goals]
+        count = len(goals)
+        return [
+            recursive_levels(graph, [goal], run.on_level(place, count), post)[0]
+            for place, goal in enumerate(goals)
+        ]
 
 
 def agglomerate(
@@ -191,6 +207,8 @@ def agglomerate(
     config: str | os.PathLike[str] | None = None,
     constraints: Sequence[Choice] | None = None,
     registry: Registry | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
 ) -> Hierarchy:
     """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
 
@@ -221,6 +239,11 @@ def agglomerate(
     registry : Registry, optional
         Where names are looked up, and whose plugins follow the progress of the run; by default the
         installed plugins.
+    progress : callable, optional
+        Told of each phase, and how much of it is done: an :class:`~agglo_core.progress.Progress`, at most
+        20 times a second. What it raises ends the run and passes through unchanged.
+    verbose : bool, optional
+        Show the same on stderr: a bar on a terminal, else lines.
 
     Returns
     -------
@@ -254,7 +277,7 @@ def agglomerate(
         n_parts=n_parts if own else base.n_parts,
         cells_per_part=cells_per_part if own else base.cells_per_part,
         constraints=_given(constraints, base.constraints),
-    ).run(mesh, registry)
+    ).run(mesh, registry, progress, verbose)
 
 
 def _given(argument: _T | None, otherwise: _T) -> _T:

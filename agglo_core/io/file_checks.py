@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
 from agglo_core.io.atomic import staging
 from agglo_core.io.formats import KnownFormat
+from agglo_core.progress import Tell
 from agglo_core.registry.attribution import attributed
 
 if TYPE_CHECKING:
@@ -50,8 +51,8 @@ def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy |
     return split_levels(mesh)
 
 
-def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write by one format, so that files appear whole or not at all.
+def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
+    """Write by one format, so that files appear whole or not at all; it may ``tell`` how much is written.
 
     Raises
     ------
@@ -62,14 +63,21 @@ def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | 
     """
     if known.has("atomic"):
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(path, mesh, hierarchy)
+            _write(known, path, mesh, hierarchy, tell)
         return
     with staging(path) as folder:
         target = folder / path.name
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(target, mesh, hierarchy)
+            _write(known, target, mesh, hierarchy, tell)
         if not target.is_file():
             raise PluginError(f"{known.title}: write() left no file of the name it was given")
+
+
+def _write(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
+    if known.has("tells_progress"):
+        known.tool.write(path, mesh, hierarchy, tell=tell)
+    else:
+        known.tool.write(path, mesh, hierarchy)
 
 
 @contextmanager

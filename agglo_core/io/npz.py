@@ -27,6 +27,7 @@ from agglo_core.errors import FileError
 from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
 from agglo_core.mesh import Mesh
+from agglo_core.progress import Tell, part
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -39,8 +40,8 @@ _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
 _EXPANSION = 1100  # deflate cannot exceed 1032
 
 
-def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write mesh and hierarchy, losslessly."""
+def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
+    """Write mesh and hierarchy, losslessly, and ``tell`` after each array."""
     arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
     meta: dict[str, Any] = {
         "format": _FORMAT,
@@ -61,8 +62,15 @@ def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
             "statistics": hierarchy.statistics,
         }
     text = json.dumps(meta, default=_plain).encode()
-    with staging(path) as folder, open(folder / path.name, "wb") as file:
-        np.savez_compressed(file, allow_pickle=False, meta=np.frombuffer(text, np.uint8), **arrays)
+    arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
+    with (
+        staging(path) as folder,
+        zipfile.ZipFile(folder / path.name, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for place, (name, values) in enumerate(arrays.items()):  # as np.savez_compressed does
+            part(tell, place, len(arrays), name)
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                npy.write_array(entry, values, allow_pickle=False)
 
 
 def _plain(value: Any) -> Any:

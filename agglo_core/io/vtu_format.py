@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.progress import Tell, to_nobody
+
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
@@ -24,6 +26,7 @@ class Vtu:
     suffixes: tuple[str, ...] = (".vtu",)
     lossless: bool = False
     atomic: bool = True
+    tells_progress: bool = True
 
     def __init__(self, merge_points: bool = True) -> None:
         self.merge_points = merge_points
@@ -34,8 +37,10 @@ class Vtu:
 
         return read_vtu(path, merge_points=self.merge_points)
 
-    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+    def write(
+        self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody
+    ) -> None:
         """Write the mesh, and each coarse mesh beside it; raises FileError or MeshError."""
         from agglo_core.io.vtu_write import write_vtu
 
-        write_vtu(path, mesh, hierarchy)
+        write_vtu(path, mesh, hierarchy, tell)

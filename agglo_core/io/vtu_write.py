@@ -6,7 +6,7 @@ import base64
 import logging
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
@@ -20,6 +20,7 @@ from agglo_core.io.bridges import single_loops
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
+from agglo_core.progress import Tell, part, to_nobody
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -36,7 +37,7 @@ _HEAD = (
 _log = logging.getLogger("agglo")
 
 
-def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell = to_nobody) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.vtu``, ….
 
     The fine mesh carries its cell tags and the labels of every level (``level_0``, …). A cell of
@@ -57,12 +58,14 @@ def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
     with staging(path) as folder:
-        (folder / path.name).write_bytes(_document(mesh, tags))
+        own = part(tell, 0, 1 + len(levels))
+        (folder / path.name).write_bytes(_document(mesh, tags, own))
         for i, labels in enumerate(levels):
+            own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
             coarse = mesh.coarsen(labels)
             name = f"{path.stem}_level{i}{path.suffix}"
             kept = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}
-            (folder / name).write_bytes(_document(coarse, kept))
+            (folder / name).write_bytes(_document(coarse, kept, own))
     if levels:
         _remove_stale(path, len(levels))
 
@@ -85,7 +88,7 @@ def _remove_stale(path: Path, count: int) -> None:
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 
-def _document(mesh: Mesh, tags: Mapping[str, Int]) -> bytes:
+def _document(mesh: Mesh, tags: Mapping[str, Int], tell: Tell) -> bytes:
     data = dict(tags)
     if mesh.dim == 2:
         offsets, vertices, loops = single_loops(mesh)
@@ -105,10 +108,10 @@ def _document(mesh: Mesh, tags: Mapping[str, Int]) -> bytes:
         _array("Points", points, components=3),
         "</Points>",
         "<Cells>",
-        *(_array(name, values) for name, values in cells.items()),
+        *_arrays(cells, part(tell, 1, 3)),
         "</Cells>",
         "<CellData>",
-        *(_array(name, values) for name, values in data.items()),
+        *_arrays(data, part(tell, 2, 3)),
         "</CellData>",
         "</Piece>",
         "</UnstructuredGrid>",
@@ -152,6 +155,12 @@ def _face_stream(mesh: Mesh) -> dict[str, NDArray[Any]]:
     face_starts = loop_offsets[offsets] + offsets  # places in the stream that has the sizes
     stream = np.insert(with_sizes, face_starts[:-1], np.diff(offsets))
     return {"faces": stream, "faceoffsets": face_starts[1:] + np.arange(1, mesh.n_cells + 1)}
+
+
+def _arrays(arrays: Mapping[str, NDArray[Any]], tell: Tell) -> Iterator[str]:
+    for place, (name, values) in enumerate(arrays.items()):
+        part(tell, place, len(arrays), name)
+        yield _array(name, values)
 
 
 def _array(name: str, values: NDArray[Any], components: int = 1) -> str:
