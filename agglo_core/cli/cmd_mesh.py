@@ -7,6 +7,8 @@ from pathlib import Path
 import click
 
 from agglo_core.cli.console import quieten
+from agglo_core.cli.runs import watched
+from agglo_core.progress import phase
 
 __all__ = ["mesh"]
 
@@ -22,7 +24,9 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     from agglo_core import io, samples
 
     io.check_writable(output)
-    made = samples.from_spec(sample)
-    io.write(output, made)
+    with watched(quiet) as progress:
+        with phase(progress, "making the mesh", sample):
+            made = samples.from_spec(sample)
+        io.write(output, made, progress=progress)
     if not quiet:
         click.echo(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")

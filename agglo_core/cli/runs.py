@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-import click
-
-from agglo_core.cli.console import number, print_table, progress
+from agglo_core.cli.console import number, print_table
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.errors import AggloError, OptionError
+from agglo_core.progress import Listener, labelled, phase, shown
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -28,32 +27,49 @@ __all__ = [
     "run_data",
     "show",
     "single_level",
+    "watched",
 ]
 
 Metrics = list[Any] | None
 
 
+def watched(quiet: bool = False) -> AbstractContextManager[Listener | None]:
+    """A bar on stderr for as long as the context lasts; nothing if quiet, or where there is no terminal."""
+    return nullcontext() if quiet else shown(lines=False)
+
+
 def execute(
-    mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool, metrics: Metrics = None
+    mesh: Mesh,
+    name: str,
+    given: Mapping[str, Any],
+    metrics: Metrics = None,
+    progress: Listener | None = None,
+    save: Callable[[Hierarchy], object] | None = None,
 ) -> RunResult:
-    """Warm up, agglomerate with the arguments ``given``, and measure; errors pass through."""
+    """Warm up, agglomerate with the arguments ``given``, save, and measure; errors pass through."""
     from agglo_core.agglomeration.pipeline import agglomerate
     from agglo_core.measure.comparison import timed_run
 
-    with progress(f"{name}: loading", quiet):
+    listen = labelled(progress, name)
+    with phase(listen, "loading"):
         _warm_up(given)
-    with progress(name, quiet):
-        return timed_run(mesh, name, lambda: agglomerate(mesh, **given), metrics)
+    return timed_run(
+        mesh, name, lambda: agglomerate(mesh, **given, progress=listen), metrics, progress=listen, save=save
+    )
 
 
 def attempt(
-    mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool, metrics: Metrics = None
+    mesh: Mesh,
+    name: str,
+    given: Mapping[str, Any],
+    metrics: Metrics = None,
+    progress: Listener | None = None,
 ) -> RunResult:
     """The same for one run among others: its failure is a result."""
     from agglo_core.measure.comparison import RunResult
 
     try:
-        return execute(mesh, name, given, quiet, metrics)
+        return execute(mesh, name, given, metrics, progress)
     except AggloError as error:
         if stopped_by(error) is not None:
             raise
@@ -136,10 +152,8 @@ def single_level(mesh: Mesh) -> Hierarchy:
     return Hierarchy(mesh, mesh.graph, [np.arange(mesh.n_cells)], [{}], nested=True)
 
 
-def show(
-    title: str, runs: Sequence[RunResult], written: Sequence[Path] = (), only_finest: bool = False
-) -> None:
-    """Print one line per level, and the files written; a column of its own says why a run failed."""
+def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> None:
+    """Print one line per level; a column of its own says why a run failed."""
     failed = any(run.error for run in runs)
     measured = next(level for run in runs for level in run.levels)
     heads = ["target", "K", *measured.metrics, "connected", *_last(measured).values(), "seconds"]
@@ -153,8 +167,6 @@ def show(
             rows.append([run.name, *["–"] * len(heads), run.error])
     columns = ["bisector", *heads, *(["note"] if failed else [])]
     print_table(title, columns, rows, fold="note")
-    for path in written:
-        click.echo(f"wrote {path}")
 
 
 def _last(level: Level) -> dict[str, str]:

@@ -91,7 +91,7 @@ def to_nobody(fraction: float, text: str = "") -> None:
 
 
 def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
-    """The teller of part number ``place`` of ``count`` equal parts of a phase, told at once that it begins."""
+    """``tell`` for part number ``place`` of ``count`` equal parts of a phase, which begins now."""
 
     def tell_part(fraction: float, text: str = "") -> None:
         tell((place + min(fraction, 1.0)) / count, ": ".join(filter(None, (label, text))))

@@ -110,7 +110,7 @@ class PaperMultigrid:
         self.schwarz_coarse = schwarz_coarse
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
-        """Solve by V-cycles; ``converged`` and ``reason`` say how it ended, ``progress`` is told of each phase.
+        """Solve by V-cycles; ``converged`` and ``reason`` say how it ended; ``progress`` is told the phases.
 
         Raises
         ------
