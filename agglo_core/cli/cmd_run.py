@@ -92,7 +92,7 @@ def _carry_out(
         if file is not None:
             outputs.result(file, lambda: write(file, mesh, hierarchy, progress=progress))
 
-    made = execute(mesh, spec or "agglomerating", given, metrics, progress, save)
+    made = execute(mesh, spec, given, metrics, progress, save)
     return made if spec or not made.hierarchy else replace(made, name=made.hierarchy.statistics["bisector"])
 
 

@@ -94,10 +94,11 @@ def draw(
     axes = figure.subplots(len(hierarchies), columns, squeeze=False)
     with phase(progress, "drawing") as tell:
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
-            part(tell, place, 1 + len(hierarchies), name)
+            own = part(tell, place, 1 + len(hierarchies), name)
             _draw_fine(row[0], mesh, name)
             measured = measure_levels(mesh, hierarchy, registry, wanted)
-            for axis, level in zip(row[1:], measured, strict=False):
+            for number, (axis, level) in enumerate(zip(row[1:], measured, strict=False)):
+                part(own, 1 + number, columns, f"level {number}")
                 _draw_level(axis, mesh, level.labels, _title(level))
             for axis in row[1 + len(hierarchy.levels) :]:
                 axis.set_axis_off()
@@ -164,7 +165,8 @@ def _fill(axis: Any, mesh: Mesh, colours: Int, palette: tuple[str, ...]) -> None
         mine = colour == k
         if mine.any():
             outline = Outline(mesh.local_points[vertices[mine]], codes[mine])
-            axis.add_patch(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
+            # not add_patch: it walks every edge in Python to find limits, which _frame sets
+            axis.add_artist(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
 
 
 def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
