@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
@@ -19,11 +20,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from agglo_core.hierarchy import Hierarchy
-    from agglo_core.measure.comparison import RunResult
+    from agglo_core.measure import Level, RunResult
     from agglo_core.mesh import Mesh
     from agglo_core.progress import Listener
 
 __all__ = ["run"]
+
+_log = logging.getLogger("agglo")
 
 
 @click.command(short_help="Agglomerate a mesh: measure, draw, write.")
@@ -62,10 +65,14 @@ def run(
         refuse_metrics(mesh, metrics)
         if not quiet:
             explain_compilation()
-        runs = [
-            _carry_out(mesh, spec, {**agglomeration, **given}, metrics, outputs, file, progress)
-            for (spec, given), file in zip_longest(plans.items(), files)
-        ]
+        try:
+            runs = [
+                _carry_out(mesh, spec, {**agglomeration, **given}, metrics, outputs, file, progress)
+                for (spec, given), file in zip_longest(plans.items(), files)
+            ]
+        except BaseException:
+            outputs.finish(say=False)  # what could not be written so far is told as well
+            raise
     if as_json:
         print_json(data(mesh, source, [_plain(each) for each in runs]))
     elif not quiet:
@@ -86,11 +93,13 @@ def _carry_out(
 ) -> RunResult:
     """One run, written as soon as it is made; without ``spec`` that of the configuration, or the default."""
 
-    def save(hierarchy: Hierarchy) -> None:
+    def save(hierarchy: Hierarchy, levels: Sequence[Level]) -> None:
         from agglo_core.io import write
 
-        if file is not None:
-            outputs.result(file, lambda: write(file, mesh, hierarchy, progress=progress))
+        if file is None:
+            return
+        if outputs.result(file, lambda: write(file, mesh, hierarchy, progress=progress)) and not levels:
+            _log.warning("%s is written, but could not be measured", file)
 
     made = execute(mesh, spec, given, metrics, progress, save)
     return made if spec or not made.hierarchy else replace(made, name=made.hierarchy.statistics["bisector"])

@@ -10,6 +10,7 @@ from agglo_core.cli.console import number, print_table
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, labelled, phase, shown
+from agglo_core.registry.discovery import PLUGIN_FAILURES
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -44,18 +45,33 @@ def execute(
     given: Mapping[str, Any],
     metrics: Metrics = None,
     progress: Listener | None = None,
-    save: Callable[[Hierarchy], object] | None = None,
+    save: Callable[[Hierarchy, Sequence[Level]], object] | None = None,
 ) -> RunResult:
-    """Warm up, agglomerate with the arguments ``given``, save, and measure; errors pass through."""
+    """Warm up, agglomerate with the arguments ``given``, measure, and save; errors pass through.
+
+    What was agglomerated is saved even if measuring fails, without levels then; not after an interrupt.
+    """
     from agglo_core.agglomeration.pipeline import agglomerate
     from agglo_core.measure.comparison import timed_run
 
     listen = labelled(progress, name)
     with phase(listen, "loading"):
         _warm_up(given)
-    return timed_run(
-        mesh, name, lambda: agglomerate(mesh, **given, progress=listen), metrics, progress=listen, save=save
-    )
+    found: list[Hierarchy] = []
+
+    def agglomerated() -> Hierarchy:
+        found.append(agglomerate(mesh, **given, progress=listen))
+        return found[0]
+
+    try:
+        made = timed_run(mesh, name, agglomerated, metrics, progress=listen)
+    except PLUGIN_FAILURES as error:
+        if save is not None and found and stopped_by(error) is None:
+            save(found[0], ())
+        raise
+    if save is not None:
+        save(found[0], made.levels)
+    return made
 
 
 def attempt(

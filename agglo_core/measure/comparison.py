@@ -62,7 +62,6 @@ def timed_run(
     metrics: Iterable[Metric] | None = None,
     registry: Registry | None = None,
     progress: Listener | None = None,
-    save: Callable[[Hierarchy], object] | None = None,
 ) -> RunResult:
     """Agglomerate on the clock, then measure the levels.
 
@@ -74,16 +73,12 @@ def timed_run(
         Agglomerates ``mesh``; what it raises passes through.
     metrics, registry, progress : optional
         As for :func:`measure_levels`; ``agglomerated`` tells its own progress.
-    save : callable, optional
-        Called with the hierarchy before it is measured, so that no metric that fails can cost it.
     """
     with phase(progress, "building the graph"):
         _ = mesh.graph  # shared by all runs: not on the first one's clock
     start = time.perf_counter()
     hierarchy = agglomerated()
     seconds = time.perf_counter() - start
-    if save is not None:
-        save(hierarchy)
     return RunResult(name, hierarchy, measure_levels(mesh, hierarchy, registry, metrics, progress), seconds)
 
 

@@ -107,11 +107,15 @@ def labelled(listen: Listener | None, label: str) -> Listener | None:
     return lambda now: listen(replace(now, text=f"{label}: {now.text}" if now.text else label))
 
 
+class _Stopped(BaseException):
+    """Ends what runs within :func:`unwrapped`; never seen outside."""
+
+
 @contextmanager
 def unwrapped(listen: Listener | None) -> Iterator[Listener | None]:
     """The listener for code that turns exceptions into others, or swallows them.
 
-    What the listener raises leaves the block as it was raised, whatever became of it within.
+    What the listener raises leaves the block as it was raised, whatever is made of the stop within.
     """
     if listen is None:
         yield None
@@ -119,13 +123,13 @@ def unwrapped(listen: Listener | None) -> Iterator[Listener | None]:
     raised: list[BaseException] = []
 
     def call(now: Progress) -> None:
-        if raised:
-            raise raised[0]
         try:
-            listen(now)
+            if not raised:
+                listen(now)
         except BaseException as error:
             raised.append(error)
-            raise
+        if raised:
+            raise _Stopped
 
     try:
         yield call
