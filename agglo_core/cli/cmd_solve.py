@@ -62,7 +62,7 @@ def solve(
 
     The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy; a
     TOML file holds numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit code
-    3: not converged.
+    3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = _solver(solver, _given(options))
@@ -77,9 +77,8 @@ def solve(
         asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot))
         from agglo_core.problems.solving import solved_by
 
-        plain = bool(
-            getattr(tool, "plain_cg", False)
-        )  # needs no levels, but what is asked of them is checked
+        # plain CG needs no levels, but what is asked of them is checked
+        plain = bool(getattr(tool, "plain_cg", False))
         levelless = plain and not agglomeration
         hierarchy = _levelless(mesh) if levelless else _levels(mesh, agglomeration, progress)
         solution = solved_by(Member(tool, title), asked, hierarchy, progress)

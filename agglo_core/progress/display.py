@@ -24,8 +24,7 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
     ----------
     lines : bool
         Whether to write lines where stderr is no terminal: when a phase begins and ends, and every ten
-        seconds.
-        Without them there is no listener then.
+        seconds. If not, there is no listener there.
     """
     if _on_terminal():
         with _bar() as listen:
@@ -55,13 +54,15 @@ def _on_terminal() -> bool:
 
 
 def _in_lines() -> Listener:
-    last, written = "", 0.0
+    last, written = Progress("", 1.0), 0.0
 
     def listen(now: Progress) -> None:
         nonlocal last, written
-        if now.phase != last or now.fraction in (0.0, 1.0) or time.monotonic() - written >= _SECONDS:
+        at_end = 1.0 in (last.fraction, now.fraction)  # of a phase, or of the one before
+        if at_end or now.phase != last.phase or time.monotonic() - written >= _SECONDS:
             sys.stderr.write(f"agglo: {now.phase} {now.fraction:.0%} {now.text}".rstrip() + "\n")
-            last, written = now.phase, time.monotonic()
+            written = time.monotonic()
+        last = now
 
     return listen
 

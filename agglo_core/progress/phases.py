@@ -66,6 +66,7 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
     >>> with phase(print, "counting") as tell:
     ...     tell(0.5, "half")
     Progress(phase='counting', fraction=0.0, text='')
+    Progress(phase='counting', fraction=0.5, text='half')
     Progress(phase='counting', fraction=1.0, text='half')
     """
     if listen is None:
@@ -73,7 +74,7 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
         return
     now = Progress(name, 0.0, text)
     listen(now)
-    told = time.monotonic()
+    told = float("-inf")  # what comes first may take long, and is told
 
     def tell(fraction: float, text: str = "") -> None:
         nonlocal now, told
