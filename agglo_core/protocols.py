@@ -173,9 +173,11 @@ class Format(Protocol):
     back to the last bit, hierarchy included. It refuses a file by an AggloError, and the next format of its
     suffix is tried; OSErrors are reported as they are; anything else is a bug of the format.
 
-    Three attributes are optional, false where they are missing. ``last_resort``: it is tried after all
+    Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all
     others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own
     ``write`` makes sure that files appear whole or not at all; others write into a temporary folder.
+    ``keeps_level_values``: its ``write`` takes a fourth argument, for each level a mapping of names to
+    ``(k,)`` numbers of its k agglomerates.
 
     An option ``merge_points`` (bool) of the constructor is what ``agglo.read(…, merge_points=False)`` sets.
     """

@@ -125,7 +125,9 @@ def _meshes(
     for run in runs:
         if run.hierarchy is not None:
             fine = folder / f"{as_file_name(run.name)}.vtu"
-            if outputs.result(fine, partial(write, fine, mesh, run.hierarchy, progress=progress)):
+            values = [level.values for level in run.levels]
+            make = partial(write, fine, mesh, run.hierarchy, level_values=values, progress=progress)
+            if outputs.result(fine, make):
                 levels = range(len(run.levels))
                 outputs.written += [fine.with_name(f"{fine.stem}_level{place}.vtu") for place in levels]
 

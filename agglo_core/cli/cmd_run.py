@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,7 +99,9 @@ def _carry_out(
 
         if file is None:
             return
-        if outputs.result(file, lambda: write(file, mesh, hierarchy, progress=progress)) and not levels:
+        values = [level.values for level in levels] or None
+        make = partial(write, file, mesh, hierarchy, level_values=values, progress=progress)
+        if outputs.result(file, make) and not levels:
             _log.warning("%s is written, but could not be measured", file)
 
     made = execute(mesh, spec, given, metrics, progress, save)

@@ -20,7 +20,7 @@ __all__ = ["to_pyvista"]
 
 
 def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
-    """``pyvista.UnstructuredGrid`` of the cells, polygons or polyhedra, in their order.
+    """``pyvista.UnstructuredGrid`` of the cells in their order, of VTK's own types where they are exact.
 
     Cell data are the cell tags and, with a hierarchy, the labels ``level_0``, ``level_1``, …. It goes
     through a VTU file in a temporary folder, so it is the grid that ParaView opens: a cell with holes

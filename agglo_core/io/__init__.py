@@ -23,6 +23,7 @@ from agglo_core.registry import Registry, default
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
 __all__ = ["Meshlane", "Npz", "OpenFoam", "Vtu", "check_writable", "read", "read_hierarchy", "write"]
@@ -100,6 +101,7 @@ def write(
     mesh: Mesh,
     hierarchy: Hierarchy | None = None,
     *,
+    level_values: LevelValues | None = None,
     registry: Registry | None = None,
     progress: Listener | None = None,
     verbose: bool = False,
@@ -107,9 +109,10 @@ def write(
     """Write a mesh, and the hierarchy if given; the suffix chooses the format.
 
     ``.npz`` keeps everything. ``.vtu`` holds the mesh with its tags and the labels of every level as
-    cell data ``level_0``, …, and beside it each coarse mesh as ``NAME_level0.vtu``, …. Other formats
-    are refused where they would lose something. Files appear whole or not at all. What an earlier
-    hierarchy left is replaced as a whole: tags ``level_<number>`` of the mesh are not written to such
+    cell data ``level_0``, …, and beside it each coarse mesh as ``NAME_level0.vtu``, …, with label, parent,
+    number of cells, measure and diameter of each agglomerate. Other formats are refused where they would
+    lose something. Files appear whole or not at all. What an earlier hierarchy left is replaced as a
+    whole: tags ``level_<number>`` of the mesh are not written to such
     files, and coarse meshes of more levels than there are now are removed (only files named
     ``NAME_level<number>.vtu`` beside the new one that this program wrote).
 
@@ -118,6 +121,10 @@ def write(
     path : path
     mesh : Mesh
     hierarchy : Hierarchy, optional
+    level_values : sequence of mappings of name to (k,) float, optional
+        More cell data for the coarse meshes, one mapping for each level: what was measured on its k
+        agglomerates, such as ``[level.values for level in measure_levels(mesh, hierarchy)]``. Kept by
+        ``.vtu`` and by formats that say ``keeps_level_values``; others hold no coarse meshes.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
     progress, verbose : optional
@@ -130,7 +137,7 @@ def write(
     MeshError
         If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
     OptionError
-        If an argument is not of its type.
+        If an argument is not of its type, or the values do not fit the levels.
     PluginError
         If a format misbehaves: it writes nothing, or raises something other than an AggloError.
     """
@@ -142,8 +149,12 @@ def write(
             from agglo_core.io.level_tags import check_belongs
 
             check_belongs(mesh, hierarchy)
+        if level_values is not None:
+            from agglo_core.io.level_values import check_level_values
+
+            check_level_values(hierarchy, level_values)
         with phase(labelled(listen, target.name), "writing") as tell:
-            write_by(known, target, mesh, hierarchy, tell)
+            write_by(known, target, mesh, hierarchy, tell, level_values)
 
 
 def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:

@@ -1,17 +1,28 @@
-"""Files that appear whole or not at all: written in a temporary folder beside them, then renamed."""
+"""Files that appear whole or not at all: written in a temporary folder beside them, then renamed.
+
+The folder ``.NAME.agglo-XXXXXXXX`` is locked as long as its process lives. So the next write to the same
+place knows what a killed one left behind, whatever became of its process number, and removes it.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
+import re
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from agglo_core.errors import FileError
 
 __all__ = ["check_replaceable", "staging"]
+
+_log = logging.getLogger("agglo")
+_NAME = 60  # bytes of a target's name in that of its folder: file systems allow some 255
+_FORGOTTEN = 86_400.0  # seconds after which a folder is nobody's where folders cannot be locked
 
 
 @contextmanager
@@ -19,7 +30,8 @@ def staging(path: Path) -> Iterator[Path]:
     """A temporary folder; the files left in it move beside ``path`` when the block ends without error.
 
     None moves before all are written; if an existing target is not a regular file, none moves
-    at all. A symbolic link is followed, an existing file's permissions are kept.
+    at all. A symbolic link is followed, an existing file's permissions are kept. Folders that killed
+    processes left for the same ``path`` are removed first.
 
     Yields
     ------
@@ -33,20 +45,16 @@ def staging(path: Path) -> Iterator[Path]:
     OSError
         If the folder cannot be written to.
     """
-    folder = path.parent
-    stage = Path(tempfile.mkdtemp(prefix=f".{path.name[:60]}.", dir=folder))
-    try:
+    with _own_folder(path) as stage, ExitStack() as elsewhere:
         yield stage
-        written = sorted(file for file in stage.iterdir())
-        moves = [(file, (folder / file.name).resolve()) for file in written]
+        moves = [(file, (path.parent / file.name).resolve()) for file in sorted(stage.iterdir())]
         for _, target in moves:
             check_replaceable(target)
-        for file, target in moves:
+        ready = [(_beside(target, file, elsewhere), target) for file, target in moves]
+        for file, target in ready:
             if target.exists():
                 shutil.copymode(target, file)
-            _move(file, target)
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
+            os.replace(file, target)
 
 
 def check_replaceable(target: Path) -> None:
@@ -59,14 +67,86 @@ def check_replaceable(target: Path) -> None:
         raise FileError(f"{target}: the folder is not writable")
 
 
-def _move(file: Path, target: Path) -> None:
-    """Rename, through a second temporary file where a link leads to another file system."""
+def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
+    """The file, or a copy of it where a link leads to another file system: only there it can be renamed."""
     if file.stat().st_dev == target.parent.stat().st_dev:
-        os.replace(file, target)
-        return
-    near = target.with_name(f".{target.name}.{os.getpid()}")
+        return file
+    return Path(shutil.copy(file, elsewhere.enter_context(_own_folder(target)) / target.name))
+
+
+@contextmanager
+def _own_folder(path: Path) -> Iterator[Path]:
+    """A new folder beside ``path``, locked; it is removed when the block ends."""
+    name = os.fsencode(path.name)[:_NAME].decode(errors="ignore")
+    prefix = f".{name}.agglo-"
+    _remove_abandoned(path.parent, prefix)
+    folder, lock = _new_folder(path.parent, prefix)
     try:
-        shutil.copy(file, near)
-        os.replace(near, target)
+        yield folder
     finally:
-        near.unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        _unlock(lock)
+
+
+def _new_folder(parent: Path, prefix: str) -> tuple[Path, int | None]:
+    """A new folder and its lock."""
+    while True:  # until one is locked before another write takes it for abandoned
+        folder = Path(tempfile.mkdtemp(prefix=prefix, dir=parent))
+        try:
+            lock = _lock(folder)
+        except (BlockingIOError, FileNotFoundError):
+            continue
+        if folder.exists():
+            return folder, lock
+        _unlock(lock)
+
+
+def _remove_abandoned(parent: Path, prefix: str) -> None:
+    """Remove the folders whose process has ended; where folders cannot be locked, those of yesterday."""
+    pattern = re.compile(re.escape(prefix) + "[a-z0-9_]{8}", re.ASCII)
+    try:
+        found = [entry for entry in os.scandir(parent) if pattern.fullmatch(entry.name)]
+    except PermissionError:  # one may write to a folder without seeing what is in it
+        return
+    for entry in found:
+        try:
+            if not entry.is_dir(follow_symlinks=False):
+                continue
+            age, lock = time.time() - entry.stat(follow_symlinks=False).st_mtime, _lock(Path(entry.path))
+        except OSError:  # in use, gone meanwhile, or of another user
+            continue
+        if lock is not None or age > _FORGOTTEN:
+            shutil.rmtree(entry.path, ignore_errors=True)
+            _log.info("removed %s, which a run that was killed left behind", entry.path)
+        _unlock(lock)
+
+
+def _lock(folder: Path) -> int | None:
+    """Lock a folder until :func:`_unlock` or the end of the process; None where that cannot be done.
+
+    Raises
+    ------
+    BlockingIOError
+        If another write has locked it.
+    OSError
+        If it is gone, or of another user.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise
+    except OSError:  # some network file systems
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _unlock(lock: int | None) -> None:
+    if lock is not None:
+        os.close(lock)

@@ -15,6 +15,7 @@ from agglo_core.registry.attribution import attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
 __all__ = ["naming", "read_by", "read_hierarchy_by", "write_by"]
@@ -51,8 +52,15 @@ def read_hierarchy_by(known: KnownFormat, path: Path) -> tuple[Mesh, Hierarchy |
     return split_levels(mesh)
 
 
-def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
-    """Write by one format, so that files appear whole or not at all; it may ``tell`` how much is written.
+def write_by(
+    known: KnownFormat,
+    path: Path,
+    mesh: Mesh,
+    hierarchy: Hierarchy | None,
+    tell: Tell,
+    level_values: LevelValues | None = None,
+) -> None:
+    """Write by one format, so that files appear whole or not at all; it gets what it says it takes.
 
     Raises
     ------
@@ -61,23 +69,18 @@ def write_by(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | 
     PluginError
         If it raises anything else, or writes nothing.
     """
+    values = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
+    told = {"tell": tell} if known.has("tells_progress") else {}
     if known.has("atomic"):
         with attributed(known.title, spare=_ON_PURPOSE):
-            _write(known, path, mesh, hierarchy, tell)
+            known.tool.write(path, mesh, hierarchy, *values, **told)
         return
     with staging(path) as folder:
         target = folder / path.name
         with attributed(known.title, spare=_ON_PURPOSE):
-            _write(known, target, mesh, hierarchy, tell)
+            known.tool.write(target, mesh, hierarchy, *values, **told)
         if not target.is_file():
             raise PluginError(f"{known.title}: write() left no file of the name it was given")
-
-
-def _write(known: KnownFormat, path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
-    if known.has("tells_progress"):
-        known.tool.write(path, mesh, hierarchy, tell=tell)
-    else:
-        known.tool.write(path, mesh, hierarchy)
 
 
 @contextmanager

@@ -16,12 +16,20 @@ from numpy.typing import NDArray
 
 from agglo_core.errors import FileError
 
-__all__ = ["TYPES", "Document", "parse"]
+__all__ = ["DERIVED", "TYPES", "Document", "is_derived", "parse"]
+
+DERIVED = 'agglo="derived"'
+"""Attribute of our own DataArrays that follow from the mesh or its hierarchy; VTK passes over it."""
 
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
 _COMPRESSORS = {"": "", "vtkZLibDataCompressor": "zlib", "vtkLZMADataCompressor": "lzma"}
 _EXPANSION = 10_000  # more than lzma's largest ratio on real data: bounds what a forged header can claim
+
+
+def is_derived(element: ElementTree.Element) -> bool:
+    """Whether a DataArray holds what agglo derived when it wrote the file: it is no tag of the mesh."""
+    return element.get("agglo") == "derived"
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from agglo_core.progress import Tell, to_nobody
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.io.level_values import LevelValues
     from agglo_core.mesh import Mesh
 
 __all__ = ["Vtu"]
@@ -27,6 +28,7 @@ class Vtu:
     lossless: bool = False
     atomic: bool = True
     tells_progress: bool = True
+    keeps_level_values: bool = True
 
     def __init__(self, merge_points: bool = True) -> None:
         self.merge_points = merge_points
@@ -38,9 +40,14 @@ class Vtu:
         return read_vtu(path, merge_points=self.merge_points)
 
     def write(
-        self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody
+        self,
+        path: Path,
+        mesh: Mesh,
+        hierarchy: Hierarchy | None = None,
+        level_values: LevelValues | None = None,
+        tell: Tell = to_nobody,
     ) -> None:
-        """Write the mesh, and each coarse mesh beside it; raises FileError or MeshError."""
+        """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
         from agglo_core.io.vtu_write import write_vtu
 
-        write_vtu(path, mesh, hierarchy, tell)
+        write_vtu(path, mesh, hierarchy, level_values, tell)

@@ -13,7 +13,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.soup import Soup, mesh_from_soup, with_repairs
 from agglo_core.io.tags import BRIDGES, note_left_out, tag_values
-from agglo_core.io.vtu_arrays import TYPES, Document, parse
+from agglo_core.io.vtu_arrays import TYPES, Document, is_derived, parse
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate, gather, take_cells
 
@@ -35,13 +35,14 @@ def read_vtu(path: Path, *, merge_points: bool) -> Mesh:
     pieces = [_piece(document, piece) for piece in (grid.findall("Piece") if grid is not None else [])]
     soup = _join([piece for piece in pieces if len(piece.types)] or pieces)
     soup, ghosts = _without_ghosts(soup)
-    weak = BRIDGES in soup.tags and bool((soup.types == 7).all())
+    weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
     mesh = mesh_from_soup(soup, merge_points=merge_points, weak=weak, name=path.stem)
     mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
     data = grid.iterfind("Piece/CellData/DataArray") if grid is not None else ()
-    return note_left_out(mesh, (each.get("Name", "") for each in data if not _is_tag(each)))
+    left = (each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each))
+    return note_left_out(mesh, left)
 
 
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
@@ -93,7 +94,9 @@ def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, I
 
 
 def _is_tag(element: ElementTree.Element) -> bool:
-    """Whether cell data are named integers of one component."""
+    """Whether cell data are named integers of one component, and not what agglo derived from the mesh."""
+    if is_derived(element):
+        return False
     kind = element.get("type", "")
     single = element.get("NumberOfComponents", "1").strip() in ("0", "1")
     return bool(element.get("Name")) and kind.startswith(("Int", "UInt")) and kind in TYPES and single

@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
+from agglo_core.io.file_checks import naming
+from agglo_core.io.level_values import under_free_names
+from agglo_core.io.tags import check_names
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 
@@ -27,23 +30,24 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     """Write a sampled function to a ``.vtu`` file that ParaView and VTK open.
 
     No two cells share points, so jumps stay visible and holes empty. Cell data: ``cell``, the number of the
-    cell in the mesh, and the mesh's cell tags.
+    cell in the mesh, and the mesh's cell tags; ``agglo_cell`` if one of them is called ``cell``.
 
     Raises
     ------
     FileError
         For another suffix, or a file that cannot be written.
+    MeshError
+        For a cell tag whose name files cannot hold.
     """
     path = Path(path)
     if path.suffix.lower() != ".vtu":
         raise FileError(f"{path}: a solution is written as .vtu")
     owners = samples.cells[samples.simplices[:, 0]]
-    data = {"cell": owners, **{tag: each[owners] for tag, each in mesh.cell_tags.items()}}
-    try:
-        with staging(path) as folder:
-            (folder / path.name).write_text(_document(samples, {name: samples.values}, data))
-    except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from error
+    tags = {tag: each[owners] for tag, each in mesh.cell_tags.items()}
+    data = under_free_names({"cell": owners}, tags) | tags
+    with naming(path), staging(path) as folder:
+        check_names(tags)
+        (folder / path.name).write_text(_document(samples, {name: samples.values}, data), encoding="utf-8")
 
 
 def _document(samples: Samples, fields: Mapping[str, NDArray[Any]], data: Mapping[str, NDArray[Any]]) -> str:

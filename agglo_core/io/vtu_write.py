@@ -1,4 +1,4 @@
-"""Writing VTU: polygons or polyhedra, zlib in base64, version 1.0, which every VTK since 6 opens."""
+"""Writing VTU: zlib in base64, version 1.0, which every VTK since 6 opens."""
 
 from __future__ import annotations
 
@@ -14,12 +14,19 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.io.atomic import staging
-from agglo_core.io.bridges import single_loops
+from agglo_core.io.level_values import (
+    LevelValues,
+    about_agglomerates,
+    check_level_values,
+    under_free_names,
+)
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
+from agglo_core.io.vtu_arrays import DERIVED
+from agglo_core.io.vtu_cells import POLYHEDRON, Cells, cells_of
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.elements import gather
+from agglo_core.mesh.elements import take_cells
 from agglo_core.progress import Tell, part, to_nobody
 
 if TYPE_CHECKING:
@@ -37,35 +44,58 @@ _HEAD = (
 _log = logging.getLogger("agglo")
 
 
-def write_vtu(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell = to_nobody) -> None:
+def write_vtu(
+    path: Path,
+    mesh: Mesh,
+    hierarchy: Hierarchy | None,
+    level_values: LevelValues | None = None,
+    tell: Tell = to_nobody,
+) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.vtu``, ….
 
-    The fine mesh carries its cell tags and the labels of every level (``level_0``, …). A cell of
-    several boundary loops (a hole) is one polygon that traverses a bridge between them both ways; then
-    integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
+    The fine mesh carries its cell tags and the labels of every level (``level_0``, …), a coarse mesh its
+    tags and what is known of each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``,
+    ``diameter`` and the ``level_values``. These are marked as derived, so that reading does not take
+    them for tags; one whose name a tag has is written with ``agglo_`` before it.
+
+    A cell of several boundary loops (a hole) is one polygon that traverses a bridge between them both ways;
+    then integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
     its triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
 
     With a hierarchy of k levels, tags ``level_<number>`` of an earlier one are not written, and files
     ``NAME_level<number>.vtu`` with a number of k or more are removed from the folder if they begin as
     this writer's files do.
 
+    Parameters
+    ----------
+    path : Path
+    mesh : Mesh
+    hierarchy : Hierarchy or None
+    level_values : sequence of mappings of name to (k,) float, optional
+        What was measured on the k agglomerates of each level, finest first; NaN and infinities are kept.
+
     Raises
     ------
     MeshError
-        For a cell tag of the name ``agglo_loops``, or of one that XML cannot hold.
+        For a cell tag of the name ``agglo_loops``, or a name that XML cannot hold.
+    OptionError
+        If the values do not fit the levels.
     """
     levels = list(hierarchy.levels) if hierarchy is not None else []
+    values = check_level_values(hierarchy, [{}] * len(levels) if level_values is None else level_values)
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
+    taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
         own = part(tell, 0, 1 + len(levels))
-        (folder / path.name).write_bytes(_document(mesh, tags, own))
+        (folder / path.name).write_bytes(_document(mesh, tags, {}, own))
         for i, labels in enumerate(levels):
             own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
             coarse = mesh.coarsen(labels)
+            kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
+            derived = under_free_names(about_agglomerates(levels, i, coarse, values[i]), taken)
             name = f"{path.stem}_level{i}{path.suffix}"
-            kept = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}
-            (folder / name).write_bytes(_document(coarse, kept, own))
+            (folder / name).write_bytes(_document(coarse, kept, derived, own))
     if levels:
         _remove_stale(path, len(levels))
 
@@ -88,18 +118,11 @@ def _remove_stale(path: Path, count: int) -> None:
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 
-def _document(mesh: Mesh, tags: Mapping[str, Int], tell: Tell) -> bytes:
-    data = dict(tags)
-    if mesh.dim == 2:
-        offsets, vertices, loops = single_loops(mesh)
-        points, vertices = _used(mesh, vertices)
-        cells = _cells(offsets, vertices, 7)
-        if (loops > 1).any():
-            data[BRIDGES] = loops
-    else:
-        offsets, vertices = mesh.cell_vertices
-        points, vertices = _used(mesh, frozen_int(vertices))
-        cells = {**_cells(offsets, vertices, 42), **_face_stream(mesh)}
+def _document(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[Any]], tell: Tell) -> bytes:
+    cells, data = cells_of(mesh), dict(tags)
+    if (cells.loops > 1).any():
+        data[BRIDGES] = cells.loops
+    points, number = _used(mesh)
     lines = [
         *_HEAD,
         "<UnstructuredGrid>",
@@ -108,10 +131,11 @@ def _document(mesh: Mesh, tags: Mapping[str, Int], tell: Tell) -> bytes:
         _array("Points", points, components=3),
         "</Points>",
         "<Cells>",
-        *_arrays(cells, part(tell, 1, 3)),
+        *_arrays(_cell_arrays(cells, number), part(tell, 1, 4)),
         "</Cells>",
         "<CellData>",
-        *_arrays(data, part(tell, 2, 3)),
+        *_arrays(data, part(tell, 2, 4)),
+        *_arrays(derived, part(tell, 3, 4), DERIVED),
         "</CellData>",
         "</Piece>",
         "</UnstructuredGrid>",
@@ -121,53 +145,46 @@ def _document(mesh: Mesh, tags: Mapping[str, Int], tell: Tell) -> bytes:
     return "\n".join(lines).encode()
 
 
-def _cells(offsets: Int, vertices: Int, kind: int) -> dict[str, NDArray[Any]]:
-    types = np.full(len(offsets) - 1, kind, np.uint8)
-    return {"connectivity": vertices, "offsets": offsets[1:], "types": types}
-
-
-def _point_numbers(mesh: Mesh) -> tuple[NDArray[Any], Int]:
-    """Which points the faces use (a coarse mesh keeps all points), and their new numbers."""
+def _used(mesh: Mesh) -> tuple[Float, Int]:
+    """Points that faces use (a coarse mesh keeps all) as ``(n, 3)``, and the new number of each point."""
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True
-    return used, frozen_int(np.cumsum(used) - 1)
-
-
-def _used(mesh: Mesh, vertices: Int) -> tuple[NDArray[Any], Int]:
-    """Points in use as ``(n, 3)``, and the vertices renumbered to them."""
-    used, number = _point_numbers(mesh)
     points = np.zeros((int(used.sum()), 3))
     points[:, : mesh.dim] = mesh.points[used]
-    return points, frozen_int(number[vertices])
+    return points, frozen_int(np.cumsum(used) - 1)
 
 
-def _face_stream(mesh: Mesh) -> dict[str, NDArray[Any]]:
-    """Per cell: number of faces, then each face's size and vertices, seen from outside the cell."""
-    offsets, faces = mesh.cell_faces
-    cells = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
-    number = _point_numbers(mesh)[1]
-    loop_offsets, places = gather(mesh.face_offsets, faces)
-    sizes = np.diff(loop_offsets)
-    ends = np.repeat(mesh.face_offsets[faces] + mesh.face_offsets[faces + 1] - 1, sizes)
-    inward = np.repeat(mesh.face_cells[faces, 0] != cells, sizes)
-    vertices = number[mesh.face_vertices[np.where(inward, ends - places, places)]]
-    with_sizes = np.insert(vertices, loop_offsets[:-1], sizes)
+def _cell_arrays(cells: Cells, number: Int) -> dict[str, NDArray[Any]]:
+    faces = _face_stream(cells, number) if (cells.types == POLYHEDRON).any() else {}
+    corners = {"connectivity": number[cells.vertices], "offsets": cells.offsets[1:]}
+    return {**corners, "types": cells.types, **faces}
+
+
+def _face_stream(cells: Cells, number: Int) -> dict[str, NDArray[Any]]:
+    """Per polyhedron: number of faces, then each face's size and vertices, seen from outside the cell.
+
+    Other cells end nowhere in the stream, which is -1.
+    """
+    own = np.flatnonzero(cells.types == POLYHEDRON)
+    offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(own))
+    with_sizes = np.insert(number[vertices], loop_offsets[:-1], np.diff(loop_offsets))
     face_starts = loop_offsets[offsets] + offsets  # places in the stream that has the sizes
-    stream = np.insert(with_sizes, face_starts[:-1], np.diff(offsets))
-    return {"faces": stream, "faceoffsets": face_starts[1:] + np.arange(1, mesh.n_cells + 1)}
+    ends = np.full(len(cells.types), -1)
+    ends[own] = face_starts[1:] + np.arange(1, len(own) + 1)
+    return {"faces": np.insert(with_sizes, face_starts[:-1], np.diff(offsets)), "faceoffsets": ends}
 
 
-def _arrays(arrays: Mapping[str, NDArray[Any]], tell: Tell) -> Iterator[str]:
+def _arrays(arrays: Mapping[str, NDArray[Any]], tell: Tell, mark: str = "") -> Iterator[str]:
     for place, (name, values) in enumerate(arrays.items()):
         part(tell, place, len(arrays), name)
-        yield _array(name, values)
+        yield _array(name, values, mark=mark)
 
 
-def _array(name: str, values: NDArray[Any], components: int = 1) -> str:
+def _array(name: str, values: NDArray[Any], components: int = 1, mark: str = "") -> str:
     kind = _NAMES[values.dtype.str[1:]]
-    size = f' NumberOfComponents="{components}"' if components > 1 else ""
+    more = (f' NumberOfComponents="{components}"' if components > 1 else "") + (mark and f" {mark}")
     content = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
-    head = f'<DataArray type="{kind}" Name={quoteattr(name)}{size} format="binary">'
+    head = f'<DataArray type="{kind}" Name={quoteattr(name)}{more} format="binary">'
     return f"{head}{_encode(content)}</DataArray>"
 
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from command_line import Agglo
+from vtu_by_hand import cell_data_of
 
 from agglo_core import io, samples
 from agglo_core.errors import MeshError
@@ -83,6 +84,8 @@ def test_sizes_are_shares_of_the_diameter(agglo: Agglo, few: None, tmp_path: Pat
     assert all(Path(file).is_file() for file in data["files"])
     _, stored = io.read_hierarchy(tmp_path / "here" / "kmeans.vtu")
     assert stored is not None
+    coarse = cell_data_of(tmp_path / "here" / "kmeans_level0.vtu")
+    assert coarse["UF"].mean() == pytest.approx(data["runs"][0]["levels"][0]["UF"])
     assert [level.max() + 1 for level in stored.levels] == [
         level["parts"] for level in data["runs"][0]["levels"]
     ]

@@ -408,6 +408,23 @@ def test_formats_that_stage_their_files_are_given_the_path_itself(
     assert len(os.listdir(tmp_path)) == 4
 
 
+def test_values_of_levels_go_to_those_who_keep_them(tmp_path: Path) -> None:
+    def four(self: object, path: Path, mesh: Mesh, hierarchy: Hierarchy, values: Any = "none") -> None:
+        path.write_text(str(values))
+
+    mesh = squares(2)
+    levels = Hierarchy(mesh, mesh.graph, [np.array([0, 0, 1, 1])], [{"parts": 2}], nested=True)
+    keeping = type("Keeping", (Toy,), {"write": four, "keeps_level_values": True})
+    for atomic in (True, False):
+        registry = having(toy=type("Either", (keeping,), {"atomic": atomic}))
+        write(tmp_path / "a.toy", mesh, levels, level_values=[{"UF": [1, 2]}], registry=registry)
+        assert (tmp_path / "a.toy").read_text() == "[{'UF': [1, 2]}]"
+    write(tmp_path / "a.toy", mesh, levels, registry=registry)
+    assert (tmp_path / "a.toy").read_text() == "none"
+    write(tmp_path / "a.toy", mesh, levels, level_values=[{"UF": [1, 2]}], registry=having(toy=Toy))
+    assert (tmp_path / "a.toy").read_text() == "2\n0 0 1 1"
+
+
 # -- no formats --------------------------------------------------------------------------------
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from agglo_core import FileError, Mesh, OptionError, read, samples
+from agglo_core import FileError, Mesh, MeshError, OptionError, read, samples
 from agglo_core.io.vtu_arrays import parse
 from agglo_core.io.vtu_solution import write_solution
 from agglo_core.problems import Diffusion
@@ -136,6 +137,19 @@ def test_a_file_holds_the_function(tmp_path: Path) -> None:
     assert pieces.cell_measures.sum() == pytest.approx(mesh.cell_measures.sum())
     shares = np.bincount(pieces.cell_tags["cell"], pieces.cell_measures)
     np.testing.assert_allclose(shares, mesh.cell_measures, rtol=1e-10)
+
+
+def test_a_tag_called_cell_leaves_the_numbers_of_the_cells(tmp_path: Path) -> None:
+    mesh = samples.squares(2)
+    basis = Basis(mesh, 1)
+    found = samples_of(basis, np.zeros(basis.n))
+    write_solution(tmp_path / "u.vtu", replace(mesh, cell_tags={"cell": np.full(4, 9)}), found)
+    tags = read(tmp_path / "u.vtu").cell_tags
+    assert set(tags["cell"]) == {9}
+    assert set(tags["agglo_cell"]) == {0, 1, 2, 3}
+    with pytest.raises(MeshError, match=r"v\.vtu: .*control characters"):
+        write_solution(tmp_path / "v.vtu", replace(mesh, cell_tags={"\x02": np.full(4, 9)}), found)
+    assert [file.name for file in tmp_path.iterdir()] == ["u.vtu"]
 
 
 def test_files_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
