@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from agglo_core.moved import watch_for_moved
 
 if TYPE_CHECKING:
-    from agglo_core import conformance, errors, interchange, io, problems, registry, samples
+    from agglo_core import conformance, errors, interchange, io, problems, progress, registry, samples
     from agglo_core import registry as plugins
     from agglo_core.agglomeration import Pipeline, agglomerate
     from agglo_core.draw import plot
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from agglo_core.measure import quality
     from agglo_core.mesh import Mesh
     from agglo_core.problems import Diffusion, Linear, Solution
+    from agglo_core.progress import Progress
     from agglo_core.protocols import Target
     from agglo_core.registry import Command, Component, Registry, hookimpl
 
@@ -47,6 +48,7 @@ __all__ = [
     "OptionError",
     "Pipeline",
     "PluginError",
+    "Progress",
     "Registry",
     "Solution",
     "Target",
@@ -61,6 +63,7 @@ __all__ = [
     "plot",
     "plugins",
     "problems",
+    "progress",
     "quality",
     "read",
     "read_hierarchy",
@@ -78,6 +81,7 @@ _HOME = {
     "measure": ("quality",),
     "mesh": ("Mesh",),
     "problems": ("Diffusion", "Linear", "Solution"),
+    "progress": ("Progress",),
     "protocols": ("Target",),
     "registry": ("Command", "Component", "Registry", "hookimpl"),
 }
@@ -90,6 +94,7 @@ _MODULES = {
     "plot": "draw.plot",
     "plugins": "registry",
     "problems": "problems",
+    "progress": "progress",
     "registry": "registry",
     "samples": "samples",
 }

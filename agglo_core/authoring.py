@@ -90,7 +90,14 @@ if TYPE_CHECKING:
         Solution,
         System,
     )
-    from agglo_core.problems.conjugate_gradients import MET, History, conjugate_gradients, relative_size
+    from agglo_core.problems.conjugate_gradients import (
+        MET,
+        History,
+        conjugate_gradients,
+        iterated,
+        relative_size,
+    )
+    from agglo_core.progress import Listener, Progress, Tell, labelled, phase, to_nobody
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
     from agglo_core.registry.attribution import Member, attributed
@@ -119,7 +126,8 @@ agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
 registry.code_options: ImportPath
-problems.conjugate_gradients: MET History conjugate_gradients relative_size
+problems.conjugate_gradients: MET History conjugate_gradients iterated relative_size
+progress: Listener Progress Tell labelled phase to_nobody
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
 kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
@@ -171,6 +179,7 @@ __all__ = [
     "InterfaceRefiner",
     "LevelBisector",
     "Linear",
+    "Listener",
     "Mask",
     "Member",
     "Mesh",
@@ -182,6 +191,7 @@ __all__ = [
     "Pipeline",
     "PluginError",
     "Problem",
+    "Progress",
     "Record",
     "Registry",
     "Run",
@@ -193,6 +203,7 @@ __all__ = [
     "SweepBisection",
     "System",
     "Target",
+    "Tell",
     "UInt64",
     "__version__",
     "agglomerate",
@@ -225,11 +236,14 @@ __all__ = [
     "halvings",
     "hookimpl",
     "integer_shares",
+    "iterated",
     "kernel",
+    "labelled",
     "load_mesh",
     "metrics_option",
     "numbered_parts",
     "parse_spec",
+    "phase",
     "planar_frame",
     "principal_frames",
     "print_lines",
@@ -245,6 +259,7 @@ __all__ = [
     "staging",
     "sweep",
     "sweep_arrays",
+    "to_nobody",
     "turned",
     "write",
     "write_sides",

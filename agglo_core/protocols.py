@@ -193,7 +193,9 @@ class Format(Protocol):
 class WritableFormat(Protocol):
     """Optional: a format that is also written.
 
-    Whatever files ``write`` leaves beside ``path`` move with it to where the user wants them.
+    Whatever files ``write`` leaves beside ``path`` move with it to where the user wants them. One with the
+    attribute ``tells_progress = True`` takes the keyword ``tell``, a function ``tell(fraction, text)``, and
+    calls it as it goes.
     """
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
@@ -287,7 +289,9 @@ class Solver(Protocol):
     ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
-    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``.
+    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``. One that says
+    ``tells_progress = True`` takes the keyword ``progress``, None or a callable that is told of its phases
+    (:func:`agglo_core.progress.phase`).
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

@@ -7,6 +7,7 @@ from typing import Any
 
 from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.progress import Listener
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
@@ -27,6 +28,7 @@ def new_run(
     post_refiners: Sequence[Choice],
     fixer: Choice,
     seed: int,
+    progress: Listener | None = None,
 ) -> Run:
     """The run of these components; in a k-way run the bisector must have ``partition``.
 
@@ -49,6 +51,7 @@ def new_run(
         partitioner=member if kway else None,
         listen=registry.level_done,
         seed=seed,
+        progress=progress,
     )
 
 

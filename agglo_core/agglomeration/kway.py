@@ -15,6 +15,7 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
+from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
 
 __all__ = ["kway_levels"]
@@ -29,8 +30,9 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
     result: list[Int] = []
     current, fine_to_current = graph, frozen_int(np.arange(graph.n))
     for stage, goal in enumerate(goals):
-        labels = _one_level(current, goal.estimate(graph), goal, run, stage)
-        labels = post.apply(current, current.components(), labels, goal, run, stage)
+        own = run.on_level(stage, len(goals))
+        labels = _one_level(current, goal.estimate(graph), goal, own, stage)
+        labels = post.apply(current, current.components(), labels, goal, own, stage)
         result.append(by_first_cell(labels[fine_to_current]))
         if nested:
             fine_to_current = result[-1]
@@ -45,8 +47,8 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
         parts = int(np.clip(parts, pieces.n_blocks, graph.n))
     quotas = share_out(parts, pieces.measures, pieces.offsets)
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
-    with statistics.timed("partition"):
-        local = _partition_components(pieces, quotas, run, seeds)
+    with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
+        local = _partition_components(pieces, quotas, run, seeds, tell)
     target = Target(parts=parts, h_star=goal.target.h_star)
     with statistics.timed("refine"):
         local = run.refine(pieces, local, seeds, target)
@@ -59,12 +61,13 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
 
 
-def _partition_components(pieces: Graph, quotas: Int, run: Run, seeds: UInt64) -> Int:
+def _partition_components(pieces: Graph, quotas: Int, run: Run, seeds: UInt64, tell: Tell) -> Int:
     """Labels local to each component, gaps closed."""
     local = np.zeros(pieces.n, np.int64)
     for b in np.flatnonzero(quotas > 1):
         nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
         local[nodes] = run.partition(pieces[int(b)], int(quotas[b]), int(seeds[b]))
+        tell(nodes.stop / pieces.n, f"{b + 1:,} of {pieces.n_blocks:,} components")
     return frozen_int(local)
 
 

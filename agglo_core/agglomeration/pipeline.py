@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
@@ -12,10 +11,10 @@ from typing import Literal, TypeVar
 
 from agglo_core.agglomeration.choices import Choice, chosen, new_run, short_name
 from agglo_core.agglomeration.constraints import constrained
-from agglo_core.agglomeration.goals import TARGETS, Goal, Numbers, SizeGoal, check_targets, resolve_goals
+from agglo_core.agglomeration.goals import TARGETS, Goal, Numbers, check_targets, resolve_goals
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import recursive_levels
+from agglo_core.agglomeration.recursion import recursive_levels, warn_of_large_cells
 from agglo_core.agglomeration.run import Run
 from agglo_core.agglomeration.run_file import RunFile
 from agglo_core.arrays import Int, frozen_int
@@ -24,13 +23,13 @@ from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.hierarchy import Hierarchy, by_first_cell
 from agglo_core.mesh import Mesh
+from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 
 __all__ = ["Choice", "Pipeline", "agglomerate"]
 
 Method = Literal["recursive", "kway"]
 _T = TypeVar("_T")
-_log = logging.getLogger("agglo")
 
 
 @dataclass(frozen=True)
@@ -124,11 +123,21 @@ class Pipeline:
         except OptionError as error:
             raise OptionError(f"{path}: {error}") from error
 
-    def run(self, mesh: Mesh | Graph, registry: Registry | None = None) -> Hierarchy:
+    def run(
+        self,
+        mesh: Mesh | Graph,
+        registry: Registry | None = None,
+        progress: Listener | None = None,
+        verbose: bool = False,
+    ) -> Hierarchy:
         """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`agglomerate`."""
-        registry = default() if registry is None else registry
-        graph = mesh.graph if isinstance(mesh, Mesh) else mesh
-        graph.ensure_valid()
+        with followed(progress, verbose) as listen:
+            return self._hierarchy(mesh, default() if registry is None else registry, listen)
+
+    def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
+        with phase(listen, "building the graph"):
+            graph = mesh.graph if isinstance(mesh, Mesh) else mesh
+            graph.ensure_valid()
         goals = self._goals(mesh, graph)
         run = new_run(
             registry,
@@ -138,10 +147,11 @@ class Pipeline:
             post_refiners=self.post_refiners,
             fixer=self.fixer,
             seed=self.seed,
+            progress=listen,
         )
         members = [chosen("constraint", each, registry)[0] for each in self.constraints]
         levels = self._levels_in_order(constrained(graph, members, goals), goals, run)
-        _warn_of_large_cells(goals, run)
+        warn_of_large_cells(goals, run)
         return Hierarchy(
             mesh if isinstance(mesh, Mesh) else None,
             graph,
@@ -165,7 +175,7 @@ class Pipeline:
 
     def _levels_in_order(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
         """Labels of each level, found with the cells along a curve: neighbours are near in memory."""
-        with run.statistics.timed("order"):
+        with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
             order = curve_order(graph.centroids)
             ordered = graph.subgraph(order, frozen_int([0, graph.n]))
         result = []
@@ -181,7 +191,11 @@ class Pipeline:
             return kway_levels(graph, goals, self.nested, run, post)
         if self.nested:
             return recursive_levels(graph, goals, run, post)
-        return [recursive_levels(graph, [goal], run, post)[0] for goal in goals]
+        count = len(goals)
+        return [
+            recursive_levels(graph, [goal], run.on_level(place, count), post)[0]
+            for place, goal in enumerate(goals)
+        ]
 
 
 def agglomerate(
@@ -203,6 +217,8 @@ def agglomerate(
     constraints: Sequence[Choice] | None = None,
     registry: Registry | None = None,
     allow_code: bool = False,
+    progress: Listener | None = None,
+    verbose: bool = False,
 ) -> Hierarchy:
     """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
 
@@ -235,6 +251,11 @@ def agglomerate(
         installed plugins.
     allow_code : bool, optional
         Whether options in ``config`` may name code, which is then imported and run. Default False.
+    progress : callable, optional
+        Told of each phase, and how much of it is done: an :class:`~agglo_core.progress.Progress`, at most
+        20 times a second. What it raises ends the run and passes through unchanged.
+    verbose : bool, optional
+        Show the same on stderr: a bar on a terminal, else lines.
 
     Returns
     -------
@@ -268,15 +289,7 @@ def agglomerate(
         n_parts=n_parts if own else base.n_parts,
         cells_per_part=cells_per_part if own else base.cells_per_part,
         constraints=_given(constraints, base.constraints),
-    ).run(mesh, registry)
-
-
-def _warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
-    """Say once in a run how many single cells are larger than the smallest size."""
-    count, finest = run.statistics.oversized_cells, goals[0]
-    if count and isinstance(finest, SizeGoal):
-        cells = "1 cell is" if count == 1 else f"{count} cells are"
-        _log.warning("%s larger than h* = %g; such cells stay alone", cells, finest.h_star)
+    ).run(mesh, registry, progress, verbose)
 
 
 def _given(argument: _T | None, otherwise: _T) -> _T:

@@ -15,6 +15,7 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
+from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
 
 __all__ = ["PostPass", "merge_parts"]
@@ -35,20 +36,22 @@ class PostPass:
     def apply(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
         """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
         if self.merge and isinstance(goal, SizeGoal):
-            with run.statistics.timed("merge"):
-                labels = merge_parts(graph, blocks, labels, goal.limit)
+            with run.statistics.timed("merge"), phase(run.progress, "merging") as tell:
+                labels = merge_parts(graph, blocks, labels, goal.limit, tell)
         if self.polish:
-            with run.statistics.timed("polish"):
+            with run.statistics.timed("polish"), phase(run.progress, "polishing"):
                 labels = _polish(graph, blocks, labels, goal, run, stage)
         return labels
 
 
-def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float) -> Int:
+def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell) -> Int:
     """Merge neighbours whose union has a diameter of at most ``limit``, roundest unions first.
 
     The larger the share of its parts' boundary that becomes interior, the rounder a union is. In each round
-    every part proposes its best neighbour; mutual proposals merge.
+    every part proposes its best neighbour; mutual proposals merge. What is told is how many of the pairs
+    that could merge at first can do so no more.
     """
+    most = 0
     while True:
         parts = graph.coarsen(labels)
         owner = np.empty(parts.n, np.int64)
@@ -61,6 +64,8 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float) -> Int:
         row, column, shared = row[fits], column[fits], parts.interface[inside][fits]
         if len(row) == 0:
             return labels
+        most = max(most, len(row))
+        tell(1.0 - len(row) / most, f"{parts.n:,} parts")
         outline = parts.boundary + np.bincount(everywhere, parts.interface, parts.n)
         chosen = _mutual(row, column, shared / (outline[row] + outline[column]), parts.n)
         target = np.arange(parts.n)

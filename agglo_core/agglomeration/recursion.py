@@ -7,6 +7,7 @@ phase keeps the label set, every piece is connected, the number of pieces strict
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,9 +19,10 @@ from agglo_core.agglomeration.run import Run, splitmix
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
+from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
 
-__all__ = ["grow", "recursive_levels"]
+__all__ = ["grow", "recursive_levels", "warn_of_large_cells"]
 
 
 @dataclass
@@ -34,6 +36,7 @@ class _Growth:
     stop: list[Int] = field(default_factory=list)
     diameter: list[Float] = field(default_factory=list)
     count: int = 0
+    placed: int = 0
 
     def __post_init__(self) -> None:
         self.cells = np.full(self.n, -1, np.int64)
@@ -56,6 +59,18 @@ class _Growth:
         take, counts = _rows(offsets, chosen)
         place = np.repeat(start[chosen] - (np.cumsum(counts) - counts), counts)
         self.cells[np.arange(len(take)) + place] = cells[order[take]]
+        self.placed += len(take)
+
+    def reached(self, expected: float) -> tuple[float, str]:
+        """Share of the growth that is done, and its details; a root is to become ``expected`` leaves.
+
+        Depths cost about the same until pieces are finished; the depth is the logarithm of the leaves.
+        """
+        roots = len(self.start[0])
+        leaves = (self.count + roots) // 2
+        depth = np.log(leaves / roots) / np.log(max(expected, 2.0))
+        share = max(self.placed / self.n, min(float(depth), 0.99))
+        return share, f"depth {len(self.start) - 1}, {leaves:,} pieces"
 
     def tree(self) -> Tree:
         """The tree, once every cell has its place."""
@@ -77,6 +92,11 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
     Seeds follow from that of the run, the number of the ``stage`` and the place in the tree.
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.
     """
+    with phase(run.progress, "agglomerating") as tell:
+        return _grown(graph, labels, goal, run, stage, tell)
+
+
+def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Tell) -> tuple[Tree, Int]:
     growth = _Growth(graph.n, goal)
     run, statistics = run.for_target(goal.target), run.statistics
     with statistics.timed("split"):
@@ -87,9 +107,11 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
     seeds = run.seeds(stage, len(start))
     leaves: list[Int] = []
+    expected = goal.estimate(graph) / len(start)
     while True:
         leaves.append(nodes[finished])
         growth.write(start, finished, cells, order, offsets)
+        tell(*growth.reached(expected))
         if finished.all():
             return growth.tree(), frozen_int(np.concatenate(leaves))
         going = np.flatnonzero(~finished)
@@ -159,10 +181,11 @@ def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPa
     labels = graph.components()
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):
-        tree, leaves = grow(graph, labels, goal, run, stage)
+        own = run.on_level(stage, len(goals))
+        tree, leaves = grow(graph, labels, goal, own, stage)
         if goal is goals[0]:
-            note_oversized(tree, leaves, goal, run)
-        labels = post.apply(graph, labels, tree.labels(leaves), goal, run, stage)
+            note_oversized(tree, leaves, goal, own)
+        labels = post.apply(graph, labels, tree.labels(leaves), goal, own, stage)
         result.append(labels)
     return result[::-1]
 
@@ -185,3 +208,12 @@ def note_oversized(tree: Tree, leaves: Int, goal: Goal, run: Run) -> None:
     if isinstance(goal, SizeGoal):
         count = int((tree.diameter[leaves] > goal.limit).sum())
         run.statistics.oversized_cells = max(count, run.statistics.oversized_cells)
+
+
+def warn_of_large_cells(goals: Sequence[Goal], run: Run) -> None:
+    """Say once in a run how many single cells are larger than the smallest size."""
+    count, finest = run.statistics.oversized_cells, goals[0]
+    if count and isinstance(finest, SizeGoal):
+        cells = "1 cell is" if count == 1 else f"{count} cells are"
+        message = "%s larger than h* = %g; such cells stay alone"
+        logging.getLogger("agglo").warning(message, cells, finest.h_star)

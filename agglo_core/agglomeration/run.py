@@ -20,6 +20,7 @@ from agglo_core.agglomeration.border import (
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
+from agglo_core.progress import Listener, labelled
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 
@@ -84,9 +85,11 @@ class Run:
     partitioner : Member, optional
         Makes direct k-way partitions.
     listen : callable, optional
-        Called with the progress of the run after each depth of a recursion.
+        Called with the progress of the run after each depth of a recursion: the plugins that watch.
     seed : int
     statistics : Statistics
+    progress : callable, optional
+        Told of each phase (:class:`~agglo_core.progress.Progress`): the caller.
     """
 
     bisector: Member
@@ -98,6 +101,13 @@ class Run:
     listen: Callable[[dict[str, Any]], None] | None = None
     seed: int = 0
     statistics: Statistics = field(default_factory=Statistics)
+    progress: Listener | None = None
+
+    def on_level(self, place: int, count: int) -> Run:
+        """The run, telling its progress as that of coarse level number ``place`` of ``count``."""
+        if self.progress is None or count == 1:
+            return self
+        return replace(self, progress=labelled(self.progress, f"level {place + 1} of {count}"))
 
     def for_target(self, target: Target) -> Run:
         """The run with its bisector for this target; the run itself if the target makes no difference."""

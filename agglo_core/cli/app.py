@@ -98,7 +98,7 @@ def _unknown(name: str, known: list[str]) -> str:
 def app(context: click.Context) -> None:
     """Agglomerate polygonal and polyhedral meshes into nested hierarchies.
 
-    Exit codes: 0 done, 2 bad input, 3 not converged or a law failed, 130 Ctrl-C, 143 SIGTERM.
+    Exit codes: 0 done, 2 bad input, 3 not converged, a law failed or no picture, 130 Ctrl-C, 143 SIGTERM.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())

@@ -21,9 +21,10 @@ from agglo_core.cli.arguments import (
     refuse_duplicates,
 )
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import check_report, refuse_3d_meshes
-from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show
+from agglo_core.cli.outputs import Outputs, check_report, draw_runs, refuse_3d_meshes
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.progress import phase
 from agglo_core.registry import default
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
 
 __all__ = ["compare"]
 
@@ -79,24 +81,26 @@ def compare(
     plans = _plans(specs or all_bisectors(), words or [_configured_method(agglomeration)])
     if report is not None:
         check_report(report)
-    mesh = load_mesh(source)
-    refuse_3d_meshes(mesh, source, {"--report": report})
-    refuse_metrics(mesh, metrics)
-    if not quiet:
-        explain_compilation()
-    runs = [_carry_out(mesh, plan, agglomeration, quiet, metrics) for plan in plans]
+    with watched(quiet) as progress:
+        with phase(progress, "reading", source):
+            mesh = load_mesh(source)
+        refuse_3d_meshes(mesh, source, {"--report": report})
+        refuse_metrics(mesh, metrics)
+        if not quiet:
+            explain_compilation()
+        runs = [_carry_out(mesh, plan, agglomeration, metrics, progress) for plan in plans]
     refuse_all_failed(runs)
-    if report is not None:
-        from agglo_core.draw.webpage import write_page
-
-        write_page(report, mesh, runs)
     if as_json:
         done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
         print_json(data(mesh, source, done))
     elif not quiet:
         title = f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
-        show(title, runs, [report] if report else [])
-    return 3 if any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True)) else 0
+        show(title, runs)
+    outputs = Outputs()
+    with watched(quiet) as progress:
+        draw_runs(outputs, mesh, runs, None, report, metrics, progress)
+    failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
+    return outputs.finish(say=not (as_json or quiet)) or (3 if failed else 0)
 
 
 def _configured_method(given: Mapping[str, Any]) -> str:
@@ -134,11 +138,15 @@ def _lacking(spec: str) -> dict[str, str]:
 
 
 def _carry_out(
-    mesh: Mesh, plan: _Plan, given: Mapping[str, Any], quiet: bool, metrics: list[Any] | None
+    mesh: Mesh,
+    plan: _Plan,
+    given: Mapping[str, Any],
+    metrics: list[Any] | None,
+    progress: Listener | None,
 ) -> RunResult:
     from agglo_core.measure.comparison import RunResult
 
     if plan.lacks:
         return RunResult(plan.name, None, error=plan.lacks)
     chosen = {"bisector": choice("bisector", plan.spec), "method": plan.method}
-    return attempt(mesh, plan.name, {**given, **chosen}, quiet, metrics)
+    return attempt(mesh, plan.name, {**given, **chosen}, metrics, progress)

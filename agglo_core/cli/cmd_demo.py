@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,16 +14,18 @@ import click
 from agglo_core.cli.arguments import FILE, bisectors_option, choice
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import as_file_name
-from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show
+from agglo_core.cli.outputs import Outputs, as_file_name, draw_runs
+from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
 from agglo_core.errors import FileError, PluginError
+from agglo_core.progress import phase
 from agglo_core.registry import default
 
 if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
 
 __all__ = ["demo"]
 
@@ -42,7 +45,7 @@ _FIRST = ("kmeans", "metis")
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
-def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, quiet: bool) -> None:
+def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, quiet: bool) -> int:
     """Agglomerate a coronal section of a human brain with every bisector, or those chosen.
 
     The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
@@ -60,21 +63,31 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         explain_compilation()
     factors = [factor * times for times in (1, 2, 4) if times == 1 or factor * times < 1.0]
     sizes = tuple(diameter * each for each in factors)
-    runs = [
-        attempt(mesh, spec, {"bisector": bisector, "h_star": sizes}, quiet)
-        for spec, bisector in chosen.items()
-    ]
-    refuse_all_failed(runs)
-    size = f"diameter D = {number(diameter)}"
-    note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
-    title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
-    written = [*_page_and_meshes(output, mesh, runs, note), *_pictures(output, mesh, runs, title, quiet)]
+    with watched(quiet) as progress:
+        runs = [
+            attempt(mesh, spec, {"bisector": bisector, "h_star": sizes}, progress=progress)
+            for spec, bisector in chosen.items()
+        ]
+        refuse_all_failed(runs)
+        size = f"diameter D = {number(diameter)}"
+        note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
+        title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
+        output.mkdir(exist_ok=True)
+        outputs = Outputs()
+        _meshes(outputs, output, mesh, runs, progress)
+        page = output / "report.html"
+        with phase(progress, "writing", page.name):
+            outputs.picture(page, lambda: _page(page, mesh, runs, note))
+        _pictures(outputs, output, mesh, runs, title, quiet, progress)
     if as_json:
         done = [run_data(run, run.name, "recursive") for run in runs]
-        print_json(data(mesh, "brain", done) | {"files": [str(file) for file in written]})
+        files = sorted(outputs.written, key=lambda file: file != page)
+        print_json(data(mesh, "brain", done) | {"files": [str(file) for file in files]})
     elif not quiet:
         show(title, runs, only_finest=True)
-        print_lines(f"wrote {len(written)} files to {output}: open {output / 'report.html'} in a browser")
+        hint = f": open {page} in a browser" if page in outputs.written else ""
+        print_lines(f"wrote {len(outputs.written)} files to {output}{hint}")
+    return outputs.finish(say=False)
 
 
 def _bisectors(quiet: bool) -> list[str]:
@@ -98,27 +111,38 @@ def _check_folder(folder: Path) -> None:
         raise FileError(f"{folder}: the folder is not writable")
 
 
-def _page_and_meshes(folder: Path, mesh: Mesh, runs: Sequence[RunResult], note: str) -> list[Path]:
-    """The report, and mesh and levels of each run for ParaView; each file appears whole or not at all."""
-    from agglo_core.draw.webpage import write_page
+def _meshes(
+    outputs: Outputs, folder: Path, mesh: Mesh, runs: Sequence[RunResult], progress: Listener | None
+) -> None:
+    """Mesh and levels of each run for ParaView."""
     from agglo_core.io import write
 
-    folder.mkdir(exist_ok=True)
-    page = folder / "report.html"
-    write_page(page, mesh, runs, note)
-    written = [page]
     for run in runs:
         if run.hierarchy is not None:
-            name = as_file_name(run.name)
-            fine = folder / f"{name}.vtu"
-            write(fine, mesh, run.hierarchy)
-            levels = range(len(run.levels))
-            written += [fine, *(folder / f"{name}_level{place}.vtu" for place in levels)]
-    return written
+            fine = folder / f"{as_file_name(run.name)}.vtu"
+            values = [level.values for level in run.levels]
+            make = partial(write, fine, mesh, run.hierarchy, level_values=values, progress=progress)
+            if outputs.result(fine, make):
+                levels = range(len(run.levels))
+                outputs.written += [fine.with_name(f"{fine.stem}_level{place}.vtu") for place in levels]
 
 
-def _pictures(folder: Path, mesh: Mesh, runs: Sequence[RunResult], title: str, quiet: bool) -> list[Path]:
-    """One of each run, and the box plots; none without matplotlib, which is said."""
+def _page(page: Path, mesh: Mesh, runs: Sequence[RunResult], note: str) -> None:
+    from agglo_core.draw.webpage import write_page
+
+    write_page(page, mesh, runs, note)
+
+
+def _pictures(
+    outputs: Outputs,
+    folder: Path,
+    mesh: Mesh,
+    runs: Sequence[RunResult],
+    title: str,
+    quiet: bool,
+    progress: Listener | None,
+) -> None:
+    """The box plots, and one of each run; none without matplotlib, which is said."""
     if find_spec("matplotlib") is None:
         if not quiet:
             click.echo(
@@ -126,13 +150,14 @@ def _pictures(folder: Path, mesh: Mesh, runs: Sequence[RunResult], title: str, q
                 "pip install 'agglo[plot]'",
                 err=True,
             )
-        return []
+        return
     from agglo_core.draw.boxplot import draw_boxes
-    from agglo_core.draw.plot import draw
 
-    hierarchies = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
+    values = {run.name: run.levels[0].values for run in runs if run.levels}
     boxes = folder / "boxplots.png"
-    draw_boxes({run.name: run.levels[0].values for run in runs if run.levels}, boxes, title=title)
-    for name, hierarchy in hierarchies.items():
-        draw(mesh, {name: hierarchy}, folder / f"{as_file_name(name)}.png")
-    return [boxes, *(folder / f"{as_file_name(name)}.png" for name in hierarchies)]
+    with phase(progress, "drawing", boxes.name):
+        outputs.picture(boxes, lambda: draw_boxes(values, boxes, title=title))
+    for run in runs:
+        if run.hierarchy is not None:
+            picture = folder / f"{as_file_name(run.name)}.png"
+            draw_runs(outputs, mesh, [run], picture, None, None, progress)

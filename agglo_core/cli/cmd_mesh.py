@@ -8,8 +8,10 @@ import click
 
 from agglo_core.cli.arguments import FILE
 from agglo_core.cli.console import quieten
+from agglo_core.cli.runs import watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
+from agglo_core.progress import phase
 
 __all__ = ["mesh"]
 
@@ -25,7 +27,9 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     from agglo_core import io, samples
 
     io.check_writable(output)
-    made = samples.from_spec(sample)
-    io.write(output, made)
+    with watched(quiet) as progress:
+        with phase(progress, "making the mesh", sample):
+            made = samples.from_spec(sample)
+        io.write(output, made, progress=progress)
     if not quiet:
         print_lines(f"wrote {output}: {made.n_cells:,} cells, {made.n_points:,} points")

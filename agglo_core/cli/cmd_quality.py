@@ -9,9 +9,10 @@ import click
 
 from agglo_core.cli.arguments import FILE, metrics_option
 from agglo_core.cli.console import number, print_json, quieten
-from agglo_core.cli.runs import level_data, single_level
+from agglo_core.cli.runs import level_data, single_level, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_table
+from agglo_core.progress import phase
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -36,9 +37,11 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
     from agglo_core.io import read_hierarchy
     from agglo_core.measure.agglomerates import measure_levels
 
-    mesh, stored = read_hierarchy(file)
-    names, hierarchy = _levels(mesh, stored)
-    levels = measure_levels(mesh, hierarchy, metrics=metrics)
+    with watched(quiet) as progress:
+        with phase(progress, "reading", file.name):
+            mesh, stored = read_hierarchy(file)
+        names, hierarchy = _levels(mesh, stored)
+        levels = measure_levels(mesh, hierarchy, metrics=metrics, progress=progress)
     rows = [{"level": name} | level_data(level) for name, level in zip(names, levels, strict=True)]
     for row in rows:
         del row["target"]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
+from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +13,22 @@ import click
 
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import check_outputs, refuse_3d_meshes, write_outputs
-from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show
+from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs, refuse_3d_meshes
+from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.progress import phase
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from agglo_core.measure.comparison import RunResult
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure import Level, RunResult
     from agglo_core.mesh import Mesh
+    from agglo_core.progress import Listener
 
 __all__ = ["run"]
+
+_log = logging.getLogger("agglo")
 
 
 @click.command(cls=OwnCommand, short_help="Agglomerate a mesh: measure, draw, write.")
@@ -42,7 +50,7 @@ def run(
     report: Path | None,
     as_json: bool,
     quiet: bool,
-) -> None:
+) -> int:
     """Agglomerate a mesh file, or a sample: squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …
 
     Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each.
@@ -50,27 +58,55 @@ def run(
     if quiet:
         quieten()
     files = check_outputs(output, plot, report, bisectors)
-    chosen = {spec: choice("bisector", spec) for spec in bisectors}
-    mesh = load_mesh(source)
-    refuse_3d_meshes(mesh, source, {"--plot": plot, "--report": report})
-    refuse_metrics(mesh, metrics)
-    if not quiet:
-        explain_compilation()
-    runs = [
-        execute(mesh, spec, {**agglomeration, "bisector": chosen[spec]}, quiet, metrics) for spec in bisectors
-    ]
-    runs = runs or [_configured(mesh, agglomeration, quiet, metrics)]
-    written = write_outputs(mesh, runs, files, plot, report, metrics)
+    plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
+    outputs = Outputs()
+    with watched(quiet) as progress:
+        with phase(progress, "reading", source):
+            mesh = load_mesh(source)
+        refuse_3d_meshes(mesh, source, {"--plot": plot, "--report": report})
+        refuse_metrics(mesh, metrics)
+        if not quiet:
+            explain_compilation()
+        try:
+            runs = [
+                _carry_out(mesh, spec, {**agglomeration, **given}, metrics, outputs, file, progress)
+                for (spec, given), file in zip_longest(plans.items(), files)
+            ]
+        except BaseException:
+            outputs.finish(say=False)  # what could not be written so far is told as well
+            raise
     if as_json:
         print_json(data(mesh, source, [_plain(each) for each in runs]))
     elif not quiet:
-        show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs, written)
+        show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
+    with watched(quiet) as progress:
+        draw_runs(outputs, mesh, runs, plot, report, metrics, progress)
+    return outputs.finish(say=not (as_json or quiet))
 
 
-def _configured(mesh: Mesh, given: Mapping[str, Any], quiet: bool, metrics: list[Any] | None) -> RunResult:
-    """The run with the bisector of the configuration, or the default one, under its name."""
-    made = execute(mesh, "agglomerating", given, quiet, metrics)
-    return replace(made, name=str(made.hierarchy.statistics["bisector"])) if made.hierarchy else made
+def _carry_out(
+    mesh: Mesh,
+    spec: str,
+    given: Mapping[str, Any],
+    metrics: list[Any] | None,
+    outputs: Outputs,
+    file: Path | None,
+    progress: Listener | None,
+) -> RunResult:
+    """One run, written as soon as it is made; without ``spec`` that of the configuration, or the default."""
+
+    def save(hierarchy: Hierarchy, levels: Sequence[Level]) -> None:
+        from agglo_core.io import write
+
+        if file is None:
+            return
+        values = [level.values for level in levels] or None
+        make = partial(write, file, mesh, hierarchy, level_values=values, progress=progress)
+        if outputs.result(file, make) and not levels:
+            _log.warning("%s is written, but could not be measured", file)
+
+    made = execute(mesh, spec, given, metrics, progress, save)
+    return made if spec or not made.hierarchy else replace(made, name=made.hierarchy.statistics["bisector"])
 
 
 def _plain(run: RunResult) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,17 +12,19 @@ import click
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import check_picture, refuse_3d_meshes
+from agglo_core.cli.outputs import Outputs, check_picture, refuse_3d_meshes
+from agglo_core.cli.runs import watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.progress import Listener, phase
 from agglo_core.registry import default, describe
 from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
-    from agglo_core.problems import Discretisation, Problem, Solution
+    from agglo_core.problems import Discretisation, Problem, Samples, Solution
 
 __all__ = ["solve"]
 
@@ -62,35 +65,45 @@ def solve(
 
     The problem is −∇·(κ∇u) = f with u = 0 on the boundary: constant is f = 8, sine f = 2π² sin πx sin πy; a
     TOML file holds numbers by cell tag and boundary tag, or names the matrix of a linear system. Exit code
-    3: not converged.
+    3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = _solver(solver, _given(options))
     _check_files(output, plot, tool, solver)
     explain_compilation()
-    mesh = load_mesh(source)
-    refuse_3d_meshes(mesh, source, {"--plot": plot})
-    title = describe(default().record("solver", as_typed(solver)[0]))
-    trusted = bool(agglomeration.get("allow_code"))
-    asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot), allow_code=trusted)
-    from agglo_core.problems.solving import solved_by
+    outputs = Outputs()
+    with watched() as progress:
+        with phase(progress, "reading", source):
+            mesh = load_mesh(source)
+        refuse_3d_meshes(mesh, source, {"--plot": plot})
+        title = describe(default().record("solver", as_typed(solver)[0]))
+        trusted = bool(agglomeration.get("allow_code"))
+        asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot), allow_code=trusted)
+        from agglo_core.problems.solving import solved_by
 
-    plain = bool(getattr(tool, "plain_cg", False))  # needs no levels, but what is asked of them is checked
-    hierarchy = _levelless(mesh) if plain and not agglomeration else _levels(mesh, agglomeration)
-    solution = solved_by(Member(tool, title), asked, hierarchy)
-    counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
-    from agglo_core.problems.solution_report import report, text
+        # plain CG needs no levels, but what is asked of them is checked
+        plain = bool(getattr(tool, "plain_cg", False))
+        levelless = plain and not agglomeration
+        hierarchy = _levelless(mesh) if levelless else _levels(mesh, agglomeration, progress)
+        solution = solved_by(Member(tool, title), asked, hierarchy, progress)
+        sampled = _sampler(mesh, solution, how, title)
+        if output is not None:
+            _write(outputs, output, mesh, sampled, progress)
+        counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
+        from agglo_core.problems.solution_report import report, text
 
-    with attributed(title, spare=(AggloError,)):  # asks the discretisation
-        data = report(mesh, asked, solution, how, counted)
-    written = _write(mesh, solution, how, title, output, plot)
+        with attributed(title, spare=(AggloError,)):  # asks the discretisation
+            data = report(mesh, asked, solution, how, counted, progress)
     if as_json:
         if cg and plain and solution.converged:
             data["cg_iterations"] = solution.iterations
         print_json(data)
     else:
-        print_lines("\n".join([text(f"{mesh.name or source}, {solver}", data), *written]))
-    return 0 if solution.converged else _NOT_CONVERGED
+        print_lines(text(f"{mesh.name or source}, {solver}", data))
+    if plot is not None:
+        with watched() as progress:
+            _draw(outputs, plot, sampled, progress)
+    return outputs.finish(say=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -154,31 +167,35 @@ def _levelless(mesh: Mesh) -> Hierarchy:
     return Hierarchy(mesh, mesh.graph, [], [], nested=True)
 
 
-def _levels(mesh: Mesh, agglomeration: Mapping[str, Any]) -> Hierarchy:
+def _levels(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener | None) -> Hierarchy:
     from agglo_core.agglomeration import agglomerate
 
-    return agglomerate(mesh, **agglomeration)
+    return agglomerate(mesh, **agglomeration, progress=progress)
+
+
+def _sampler(mesh: Mesh, solution: Solution, how: Discretisation | None, title: str) -> Callable[[], Samples]:
+    """Samples the solution when first called: for file and picture."""
+
+    @cache
+    def sampled() -> Samples:
+        assert how is not None  # checked before, where a file or a picture is wanted
+        with attributed(title, spare=(AggloError,)):
+            return how.sample(mesh, solution.x)
+
+    return sampled
 
 
 def _write(
-    mesh: Mesh,
-    solution: Solution,
-    how: Discretisation | None,
-    title: str,
-    output: Path | None,
-    plot: Path | None,
-) -> list[str]:
-    """Write the files asked for, the picture first: if it fails no other file is left behind."""
-    if how is None or (output is None and plot is None):
-        return []
-    with attributed(title, spare=(AggloError,)):
-        samples = how.sample(mesh, solution.x)
-    if plot is not None:
-        from agglo_core.draw.solution_picture import draw_solution
+    outputs: Outputs, output: Path, mesh: Mesh, sampled: Callable[[], Samples], progress: Listener | None
+) -> None:
+    from agglo_core.io.vtu_solution import write_solution
 
-        draw_solution(plot, samples)
-    if output is not None:
-        from agglo_core.io.vtu_solution import write_solution
+    with phase(progress, "writing", output.name):
+        outputs.result(output, lambda: write_solution(output, mesh, sampled()))
 
-        write_solution(output, mesh, samples)
-    return [f"wrote {path}" for path in (output, plot) if path is not None]
+
+def _draw(outputs: Outputs, plot: Path, sampled: Callable[[], Samples], progress: Listener | None) -> None:
+    from agglo_core.draw.solution_picture import draw_solution
+
+    with phase(progress, "drawing", plot.name):
+        outputs.picture(plot, lambda: draw_solution(plot, sampled()))

@@ -7,16 +7,12 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from agglo_core.cli.stdout import stdout
-from agglo_core.registry import default, hookimpl
 from agglo_core.registry.containment import printable
-
-if TYPE_CHECKING:
-    from rich.status import Status
 
 __all__ = [
     "explain_compilation",
@@ -24,7 +20,6 @@ __all__ = [
     "number",
     "plain",
     "print_json",
-    "progress",
     "quieten",
 ]
 
@@ -69,35 +64,6 @@ def explain_compilation() -> None:
 
     if first_use():
         click.echo("note: compiling the numerical kernels, once on this machine (about a minute)", err=True)
-
-
-class _Watcher:
-    """Shows how far a run has come, as a plugin that is told after each depth."""
-
-    def __init__(self, status: Status, label: str) -> None:
-        self._status, self._label = status, label
-
-    @hookimpl
-    def agglo_level_done(self, info: Mapping[str, Any]) -> None:
-        self._status.update(f"{self._label}: depth {info['depth']}, {info['pieces']:,} pieces")
-
-
-@contextmanager
-def progress(label: str, quiet: bool) -> Iterator[None]:
-    """A spinner on stderr that shows depth and number of pieces; nothing if quiet or not on a terminal."""
-    if quiet:
-        yield
-        return
-    from rich.console import Console
-    from rich.markup import escape
-
-    registry, name = default(), "progress of the command line"
-    with Console(stderr=True).status(escape(label)) as status:
-        registry.register(_Watcher(status, escape(label)), name)
-        try:
-            yield
-        finally:
-            registry.unregister(name)
 
 
 def plain(value: Any) -> Any:

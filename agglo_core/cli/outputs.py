@@ -1,31 +1,92 @@
-"""Output files of the commands: checked before anything is computed, written at the end."""
+"""Output files of the commands: checked before anything is computed, and none of them costs another."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.errors import FileError, OptionError
+from agglo_core.cli.stopping import stopped_by
+from agglo_core.cli.tables import print_lines
+from agglo_core.errors import AggloError, FileError, OptionError
+from agglo_core.progress import Listener, phase
+from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised
 
 if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
     from agglo_core.mesh import Mesh
 
 __all__ = [
+    "Outputs",
     "as_file_name",
     "check_outputs",
     "check_picture",
     "check_report",
+    "draw_runs",
     "refuse_3d_meshes",
-    "write_outputs",
 ]
 
 _PICTURES = (".png", ".pdf", ".svg")
+_NO_RESULT, _NO_PICTURE = 2, 3
+
+
+@dataclass
+class Outputs:
+    """The output files of a command: each is made on its own, so that one that fails costs no other.
+
+    Attributes
+    ----------
+    written : list of Path
+    failures : list of (path, error)
+        What could not be made, and why.
+    code : int
+        Exit code: 2 if a result is missing, else 3 if a picture or a report is, else 0.
+    """
+
+    written: list[Path] = field(default_factory=list)
+    failures: list[tuple[Path, BaseException]] = field(default_factory=list)
+    code: int = 0
+
+    def result(self, path: Path, make: Callable[[], object]) -> bool:
+        """Make a file of results; whether it was made. An interrupt passes through."""
+        return self._attempt(path, make, _NO_RESULT)
+
+    def picture(self, path: Path, make: Callable[[], object]) -> bool:
+        """Make a picture or a report; whether it was made. An interrupt passes through."""
+        return self._attempt(path, make, _NO_PICTURE)
+
+    def _attempt(self, path: Path, make: Callable[[], object], code: int) -> bool:
+        try:
+            make()
+        except PLUGIN_FAILURES as error:
+            if stopped_by(error) is not None:
+                raise
+            self.failures.append((path, error))
+            self.code = min(code, self.code or code)
+            return False
+        self.written.append(path)
+        return True
+
+    def finish(self, *, say: bool) -> int:
+        """The exit code. Says on stderr what is missing, with a traceback where that is a bug.
+
+        ``say``: list on stdout what is written.
+        """
+        for path in self.written if say else ():
+            print_lines(f"wrote {path}")
+        for path, error in self.failures:
+            if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
+                click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+            why = str(error) if isinstance(error, AggloError) else raised(error)
+            text = why if str(path) in why else f"{path}: {why}"
+            click.echo(f"error: {printable(' '.join(text.split()))}", err=True)
+        return self.code
 
 
 def check_outputs(
@@ -52,6 +113,28 @@ def check_outputs(
     for file in files:
         check_writable(file)
     return files
+
+
+def draw_runs(
+    outputs: Outputs,
+    mesh: Mesh,
+    runs: Sequence[RunResult],
+    plot: Path | None,
+    report: Path | None,
+    metrics: list[Any] | None,
+    progress: Listener | None,
+) -> None:
+    """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles."""
+    if plot is not None:
+        from agglo_core.draw.plot import draw
+
+        done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
+        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress))
+    if report is not None:
+        from agglo_core.draw.webpage import write_page
+
+        with phase(progress, "writing", report.name):
+            outputs.picture(report, lambda: write_page(report, mesh, runs))
 
 
 def check_report(report: Path) -> None:
@@ -81,6 +164,9 @@ def check_picture(plot: Path) -> None:
         raise FileError(f"{plot}: pictures end in {', '.join(_PICTURES)}, not {plot.suffix!r}")
     if not plot.parent.is_dir():
         raise FileError(f"{plot}: there is no folder {plot.parent}")
+    from agglo_core.io.atomic import check_replaceable
+
+    check_replaceable(plot)
     if find_spec("matplotlib") is None:
         raise OptionError("--plot needs matplotlib, which is not installed: pip install 'agglo[plot]'")
 
@@ -96,37 +182,3 @@ def _one_each(output: Path, bisectors: Sequence[str]) -> list[Path]:
     if len(set(names)) < len(names):
         raise click.UsageError(f"{' and '.join(bisectors)} would be written to files of the same name")
     return [output.with_name(f"{output.stem}_{name}{output.suffix}") for name in names]
-
-
-def write_outputs(
-    mesh: Mesh,
-    runs: Sequence[RunResult],
-    files: Sequence[Path],
-    plot: Path | None,
-    report: Path | None,
-    metrics: list[Any] | None = None,
-) -> list[Path]:
-    """Write what was asked for and return the paths; a failed picture leaves no mesh file behind.
-
-    ``metrics`` are those whose means stand in the titles of the picture.
-    """
-    written = []
-    done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
-    if plot is not None:
-        from agglo_core.draw.plot import draw
-
-        draw(mesh, done, plot, metrics)
-        written.append(plot)
-    if report is not None:
-        from agglo_core.draw.webpage import write_page
-
-        write_page(report, mesh, runs)
-        written.append(report)
-    if files:
-        from agglo_core.io import write
-
-        finished = [run for run in runs if run.hierarchy is not None]
-        for file, run in zip(files, finished, strict=True):
-            write(file, mesh, run.hierarchy, level_values=[level.values for level in run.levels])
-            written.append(file)
-    return written

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
-from agglo_core.cli.console import number, progress
+from agglo_core.cli.console import number
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError, OptionError
+from agglo_core.progress import Listener, labelled, phase, shown
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -27,6 +29,7 @@ __all__ = [
     "run_data",
     "show",
     "single_level",
+    "watched",
 ]
 
 Metrics = list[Any] | None
@@ -34,27 +37,58 @@ Metrics = list[Any] | None
 _RATIO = "mean diam/h*"
 
 
+def watched(quiet: bool = False) -> AbstractContextManager[Listener | None]:
+    """A bar on stderr for as long as the context lasts; nothing if quiet, or where there is no terminal."""
+    return nullcontext() if quiet else shown(lines=False)
+
+
 def execute(
-    mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool, metrics: Metrics = None
+    mesh: Mesh,
+    name: str,
+    given: Mapping[str, Any],
+    metrics: Metrics = None,
+    progress: Listener | None = None,
+    save: Callable[[Hierarchy, Sequence[Level]], object] | None = None,
 ) -> RunResult:
-    """Warm up, agglomerate with the arguments ``given``, and measure; errors pass through."""
+    """Warm up, agglomerate with the arguments ``given``, measure, and save; errors pass through.
+
+    What was agglomerated is saved even if measuring fails, without levels then; not after an interrupt.
+    """
     from agglo_core.agglomeration.pipeline import agglomerate
     from agglo_core.measure.comparison import timed_run
 
-    with progress(f"{name}: loading", quiet):
+    listen = labelled(progress, name)
+    with phase(listen, "loading"):
         _warm_up(given)
-    with progress(name, quiet):
-        return timed_run(mesh, name, lambda: agglomerate(mesh, **given), metrics)
+    found: list[Hierarchy] = []
+
+    def agglomerated() -> Hierarchy:
+        found.append(agglomerate(mesh, **given, progress=listen))
+        return found[0]
+
+    try:
+        made = timed_run(mesh, name, agglomerated, metrics, progress=listen)
+    except PLUGIN_FAILURES as error:
+        if save is not None and found and stopped_by(error) is None:
+            save(found[0], ())
+        raise
+    if save is not None:
+        save(found[0], made.levels)
+    return made
 
 
 def attempt(
-    mesh: Mesh, name: str, given: Mapping[str, Any], quiet: bool, metrics: Metrics = None
+    mesh: Mesh,
+    name: str,
+    given: Mapping[str, Any],
+    metrics: Metrics = None,
+    progress: Listener | None = None,
 ) -> RunResult:
     """The same for one run among others: its failure is a result."""
     from agglo_core.measure.comparison import RunResult
 
     try:
-        return execute(mesh, name, given, quiet, metrics)
+        return execute(mesh, name, given, metrics, progress)
     except AggloError as error:
         if stopped_by(error) is not None:
             raise
@@ -137,10 +171,8 @@ def single_level(mesh: Mesh) -> Hierarchy:
     return Hierarchy(mesh, mesh.graph, [np.arange(mesh.n_cells)], [{}], nested=True)
 
 
-def show(
-    title: str, runs: Sequence[RunResult], written: Sequence[Path] = (), only_finest: bool = False
-) -> None:
-    """Print one line per level, why runs failed, and the files written."""
+def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> None:
+    """Print one line per level, and why runs failed."""
     measured = next(level for run in runs for level in run.levels)
     heads = ["target", "K", *measured.metrics, "connected", *_last(measured).values(), "seconds"]
     rows = []
@@ -153,8 +185,7 @@ def show(
             rows.append([run.name, *["–"] * len(heads)])
     spare = ["connected", "seconds", _RATIO]
     print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
-    errors = [f"{run.name}: {run.error}" for run in runs if run.error]
-    print_lines("\n".join([*errors, *(f"wrote {path}" for path in written)]))
+    print_lines("\n".join(f"{run.name}: {run.error}" for run in runs if run.error))
 
 
 def _last(level: Level) -> dict[str, str]:

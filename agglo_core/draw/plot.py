@@ -13,6 +13,7 @@ from agglo_core.arrays import Int
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.measure.agglomerates import Level, measure_levels
 from agglo_core.mesh import Mesh
+from agglo_core.progress import Listener, part, phase
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -45,6 +46,7 @@ def draw(
     path: str | os.PathLike[str],
     metrics: Iterable[Metric] | None = None,
     registry: Registry | None = None,
+    progress: Listener | None = None,
 ) -> None:
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
@@ -59,7 +61,7 @@ def draw(
         At least one.
     path : path
         The suffix chooses the format: .png, .pdf, .svg, …
-    metrics, registry : optional
+    metrics, registry, progress : optional
         As for :func:`agglo_core.measure.measure_levels`.
 
     Raises
@@ -90,14 +92,18 @@ def draw(
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(hierarchies), columns, squeeze=False)
-    for row, (name, hierarchy) in zip(axes, hierarchies.items(), strict=True):
-        _draw_fine(row[0], mesh, name)
-        measured = measure_levels(mesh, hierarchy, registry, wanted)
-        for axis, level in zip(row[1:], measured, strict=False):
-            _draw_level(axis, mesh, level.labels, _title(level))
-        for axis in row[1 + len(hierarchy.levels) :]:
-            axis.set_axis_off()
-    save_figure(figure, Path(path))
+    with phase(progress, "drawing") as tell:
+        for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
+            own = part(tell, place, 1 + len(hierarchies), name)
+            _draw_fine(row[0], mesh, name)
+            measured = measure_levels(mesh, hierarchy, registry, wanted)
+            for number, (axis, level) in enumerate(zip(row[1:], measured, strict=False)):
+                part(own, 1 + number, columns, f"level {number}")
+                _draw_level(axis, mesh, level.labels, _title(level))
+            for axis in row[1 + len(hierarchy.levels) :]:
+                axis.set_axis_off()
+        part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)
+        save_figure(figure, Path(path))
 
 
 def colouring(mesh: Mesh, n_colours: int) -> Int:
@@ -159,7 +165,8 @@ def _fill(axis: Any, mesh: Mesh, colours: Int, palette: tuple[str, ...]) -> None
         mine = colour == k
         if mine.any():
             outline = Outline(mesh.local_points[vertices[mine]], codes[mine])
-            axis.add_patch(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
+            # not add_patch: it walks every edge in Python to find limits, which _frame sets
+            axis.add_artist(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
 
 
 def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:

@@ -18,6 +18,7 @@ from agglo_core.io.formats import Formats, KnownFormat
 from agglo_core.io.meshlane_format import Meshlane, OpenFoam
 from agglo_core.io.npz_format import Npz
 from agglo_core.io.vtu_format import Vtu
+from agglo_core.progress import Listener, followed, labelled, phase, unwrapped
 from agglo_core.registry import Registry, default
 
 if TYPE_CHECKING:
@@ -118,6 +119,8 @@ def write(
     *,
     level_values: LevelValues | None = None,
     registry: Registry | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
 ) -> None:
     """Write a mesh, and the hierarchy if given; the suffix chooses the format.
 
@@ -140,6 +143,8 @@ def write(
         ``.vtu`` and by formats that say ``keeps_level_values``; others hold no coarse meshes.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
+    progress, verbose : optional
+        As for :func:`agglo_core.agglomerate`; files are whole or absent if ``progress`` raises.
 
     Raises
     ------
@@ -154,7 +159,7 @@ def write(
     """
     target = _checked_path("write", path)
     _check_written(mesh, hierarchy)
-    with naming(target):
+    with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
         known = _writer(target, registry)
         if hierarchy is not None:
             from agglo_core.io.level_tags import check_belongs
@@ -164,7 +169,8 @@ def write(
             from agglo_core.io.level_values import check_level_values
 
             check_level_values(hierarchy, level_values)
-        write_by(known, target, mesh, hierarchy, level_values)
+        with phase(labelled(listen, target.name), "writing") as tell:
+            write_by(known, target, mesh, hierarchy, tell, level_values)
 
 
 def check_writable(path: str | PathLike[str], *, registry: Registry | None = None) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
 from agglo_core.io.atomic import staging
 from agglo_core.io.formats import KnownFormat
+from agglo_core.progress import Tell
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import raised, shown
 
@@ -57,9 +58,10 @@ def write_by(
     path: Path,
     mesh: Mesh,
     hierarchy: Hierarchy | None,
+    tell: Tell,
     level_values: LevelValues | None = None,
 ) -> None:
-    """Write by one format, so that files appear whole or not at all; the values only if it keeps such.
+    """Write by one format, so that files appear whole or not at all; it gets what it says it takes.
 
     Raises
     ------
@@ -68,15 +70,16 @@ def write_by(
     PluginError
         If it raises anything else, or writes nothing.
     """
-    more = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
+    values = (level_values,) if level_values is not None and known.has("keeps_level_values") else ()
+    told = {"tell": tell} if known.has("tells_progress") else {}
     if known.has("atomic"):
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(path, mesh, hierarchy, *more)
+            known.tool.write(path, mesh, hierarchy, *values, **told)
         return
     with staging(path) as folder:
         target = folder / path.name
         with attributed(known.title, spare=_ON_PURPOSE):
-            known.tool.write(target, mesh, hierarchy, *more)
+            known.tool.write(target, mesh, hierarchy, *values, **told)
         if not target.is_file():
             raise PluginError(f"{known.title}: write() left no file of the name it was given")
 

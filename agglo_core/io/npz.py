@@ -7,12 +7,14 @@ statistics. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) 
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from agglo_core.arrays import frozen_float, frozen_int
@@ -22,6 +24,7 @@ from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.conforming import warn_of_gaps
+from agglo_core.progress import Tell, part
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -34,8 +37,8 @@ _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
 _META = 1 << 24  # bytes of JSON: thousands of levels
 
 
-def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
-    """Write mesh and hierarchy, losslessly."""
+def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
+    """Write mesh and hierarchy, losslessly, and ``tell`` after each array."""
     arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
     meta: dict[str, Any] = {
         "format": _FORMAT,
@@ -58,8 +61,15 @@ def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     text = json.dumps(meta, default=_plain).encode()
     if len(text) > _META:
         raise FileError(f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit")
-    with staging(path) as folder, open(folder / path.name, "wb") as file:
-        np.savez_compressed(file, allow_pickle=False, meta=np.frombuffer(text, np.uint8), **arrays)
+    arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
+    with (
+        staging(path) as folder,
+        zipfile.ZipFile(folder / path.name, "w", zipfile.ZIP_DEFLATED) as archive,
+    ):
+        for place, (name, values) in enumerate(arrays.items()):  # as np.savez_compressed does
+            part(tell, place, len(arrays), name)
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                npy.write_array(entry, values, allow_pickle=False)
 
 
 def _plain(value: Any) -> Any:

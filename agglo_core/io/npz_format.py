@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.progress import Tell, to_nobody
+
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
@@ -26,6 +28,7 @@ class Npz:
     suffixes: tuple[str, ...] = (".npz",)
     lossless: bool = True
     atomic: bool = True
+    tells_progress: bool = True
 
     def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
         self.merge_points = merge_points
@@ -41,8 +44,10 @@ class Npz:
 
         return read_npz(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
-    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+    def write(
+        self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody
+    ) -> None:
         """Write mesh and hierarchy; raises FileError."""
         from agglo_core.io.npz import write_npz
 
-        write_npz(path, mesh, hierarchy)
+        write_npz(path, mesh, hierarchy, tell)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.progress import Tell, to_nobody
+
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io.level_values import LevelValues
@@ -27,6 +29,7 @@ class Vtu:
     suffixes: tuple[str, ...] = (".vtu",)
     lossless: bool = False
     atomic: bool = True
+    tells_progress: bool = True
     keeps_level_values: bool = True
 
     def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
@@ -45,8 +48,9 @@ class Vtu:
         mesh: Mesh,
         hierarchy: Hierarchy | None = None,
         level_values: LevelValues | None = None,
+        tell: Tell = to_nobody,
     ) -> None:
         """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
         from agglo_core.io.vtu_write import write_vtu
 
-        write_vtu(path, mesh, hierarchy, level_values)
+        write_vtu(path, mesh, hierarchy, level_values, tell)

@@ -6,7 +6,7 @@ import base64
 import logging
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
@@ -27,6 +27,7 @@ from agglo_core.io.vtu_arrays import DERIVED
 from agglo_core.io.vtu_cells import POLYHEDRON, Cells, cells_of
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
+from agglo_core.progress import Tell, part, to_nobody
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -44,7 +45,11 @@ _log = logging.getLogger("agglo")
 
 
 def write_vtu(
-    path: Path, mesh: Mesh, hierarchy: Hierarchy | None, level_values: LevelValues | None = None
+    path: Path,
+    mesh: Mesh,
+    hierarchy: Hierarchy | None,
+    level_values: LevelValues | None = None,
+    tell: Tell = to_nobody,
 ) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.vtu``, ….
 
@@ -82,13 +87,15 @@ def write_vtu(
     check_names(tags)
     taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
-        (folder / path.name).write_bytes(_document(mesh, tags, {}))
+        own = part(tell, 0, 1 + len(levels))
+        (folder / path.name).write_bytes(_document(mesh, tags, {}, own))
         for i, labels in enumerate(levels):
+            own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
             coarse = mesh.coarsen(labels)
             kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
             derived = under_free_names(about_agglomerates(levels, i, coarse, values[i]), taken)
             name = f"{path.stem}_level{i}{path.suffix}"
-            (folder / name).write_bytes(_document(coarse, kept, derived))
+            (folder / name).write_bytes(_document(coarse, kept, derived, own))
     if levels:
         _remove_stale(path, len(levels))
 
@@ -111,7 +118,7 @@ def _remove_stale(path: Path, count: int) -> None:
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 
-def _document(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[Any]]) -> bytes:
+def _document(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[Any]], tell: Tell) -> bytes:
     cells, data = cells_of(mesh), dict(tags)
     if (cells.loops > 1).any():
         data[BRIDGES] = cells.loops
@@ -124,11 +131,11 @@ def _document(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray
         _array("Points", points, components=3),
         "</Points>",
         "<Cells>",
-        *(_array(name, values) for name, values in _cell_arrays(cells, number).items()),
+        *_arrays(_cell_arrays(cells, number), part(tell, 1, 4)),
         "</Cells>",
         "<CellData>",
-        *(_array(name, values) for name, values in data.items()),
-        *(_array(name, values, mark=DERIVED) for name, values in derived.items()),
+        *_arrays(data, part(tell, 2, 4)),
+        *_arrays(derived, part(tell, 3, 4), DERIVED),
         "</CellData>",
         "</Piece>",
         "</UnstructuredGrid>",
@@ -165,6 +172,12 @@ def _face_stream(cells: Cells, number: Int) -> dict[str, NDArray[Any]]:
     ends = np.full(len(cells.types), -1)
     ends[own] = face_starts[1:] + np.arange(1, len(own) + 1)
     return {"faces": np.insert(with_sizes, face_starts[:-1], np.diff(offsets)), "faceoffsets": ends}
+
+
+def _arrays(arrays: Mapping[str, NDArray[Any]], tell: Tell, mark: str = "") -> Iterator[str]:
+    for place, (name, values) in enumerate(arrays.items()):
+        part(tell, place, len(arrays), name)
+        yield _array(name, values, mark=mark)
 
 
 def _array(name: str, values: NDArray[Any], components: int = 1, mark: str = "") -> str:

@@ -14,6 +14,7 @@ from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.selection import RATIOS, Metric, Selection, built_metrics, select
 from agglo_core.mesh import Mesh
+from agglo_core.progress import Listener, Tell, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
@@ -80,6 +81,8 @@ def quality(
     labels: ArrayLike,
     metrics: Iterable[Metric] = RATIOS,
     registry: Registry | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
 ) -> dict[str, Float]:
     """Quality of every agglomerate.
 
@@ -92,6 +95,8 @@ def quality(
         Names, ``(name, options)`` pairs or metric objects (keyed by class name).
     registry : Registry, optional
         Where names are looked up; by default the installed plugins.
+    progress, verbose : optional
+        As for :func:`agglo_core.agglomerate`.
 
     Returns
     -------
@@ -112,8 +117,9 @@ def quality(
     """
     if not isinstance(mesh, Mesh):
         raise OptionError(f"quality needs a Mesh and its labels, given {type(mesh).__name__}")
-    labels = mesh.check_labels(labels)
-    return _measured(mesh, mesh.coarsen(labels), labels, built_metrics(metrics, registry))
+    labels, chosen = mesh.check_labels(labels), built_metrics(metrics, registry)
+    with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
+        return _measured(mesh, mesh.coarsen(labels), labels, chosen, tell)
 
 
 def measure_levels(
@@ -121,6 +127,8 @@ def measure_levels(
     hierarchy: Hierarchy,
     registry: Registry | None = None,
     metrics: Iterable[Metric] | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
 ) -> list[Level]:
     """Measure every level of a hierarchy of ``mesh``, finest first.
 
@@ -133,6 +141,8 @@ def measure_levels(
     metrics : iterable, optional
         As for :func:`quality`; names of objectives are accepted as well. By default UF, CR and
         CRc, for 3-D meshes UF alone.
+    progress, verbose : optional
+        As for :func:`agglo_core.agglomerate`.
 
     Raises
     ------
@@ -143,18 +153,20 @@ def measure_levels(
         misbehaves.
     """
     chosen, shown = _chosen(mesh, registry, metrics)
-    components = built_metrics(["components"], registry)
+    measured = {**chosen.metrics, **built_metrics(["components"], registry)}
     levels = []
-    for labels, target in zip(hierarchy.levels, hierarchy.targets, strict=True):
-        coarse = mesh.coarsen(labels)
-        values = {
-            "cells": np.bincount(labels).astype(float),
-            "diameter": coarse.cell_diameters,
-            "measure": coarse.cell_measures,
-            **_measured(mesh, coarse, labels, {**chosen.metrics, **components}),
-        }
-        objectives = {each.name: each.value(hierarchy.graph, labels) for each in chosen.objectives}
-        levels.append(Level(target, labels, coarse, values, shown, objectives))
+    with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
+        for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
+            own = part(tell, place, len(hierarchy.levels), f"level {place}")
+            coarse = mesh.coarsen(labels)
+            values = {
+                "cells": np.bincount(labels).astype(float),
+                "diameter": coarse.cell_diameters,
+                "measure": coarse.cell_measures,
+                **_measured(mesh, coarse, labels, measured, own),
+            }
+            objectives = {each.name: each.value(hierarchy.graph, labels) for each in chosen.objectives}
+            levels.append(Level(target, labels, coarse, values, shown, objectives))
     return levels
 
 
@@ -178,11 +190,14 @@ def summary(
     return [level.line for level in measure_levels(mesh, hierarchy, registry, metrics)]
 
 
-def _measured(mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member]) -> dict[str, Float]:
+def _measured(
+    mesh: Mesh, coarse: Mesh, labels: Int, metrics: Mapping[str, Member], tell: Tell
+) -> dict[str, Float]:
     """Values by name; metrics of the shape alone share the coarse mesh and what it caches."""
     own = np.arange(coarse.n_cells)
     values = {}
-    for name, metric in metrics.items():
+    for place, (name, metric) in enumerate(metrics.items()):
+        part(tell, place, len(metrics), name)
         given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
         with attributed(metric.title, spare=(MeshError,)):  # a metric may refuse a mesh, such as one in 3-D
             result = np.asarray(metric.tool.measure(*given), dtype=float)

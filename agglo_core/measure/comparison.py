@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from agglo_core.measure.agglomerates import Level, measure_levels
 from agglo_core.measure.selection import Metric
 from agglo_core.mesh import Mesh
+from agglo_core.progress import Listener, phase
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -60,6 +61,7 @@ def timed_run(
     agglomerated: Callable[[], Hierarchy],
     metrics: Iterable[Metric] | None = None,
     registry: Registry | None = None,
+    progress: Listener | None = None,
 ) -> RunResult:
     """Agglomerate on the clock, then measure the levels.
 
@@ -69,14 +71,15 @@ def timed_run(
     name : str
     agglomerated : callable
         Agglomerates ``mesh``; what it raises passes through.
-    metrics, registry : optional
-        As for :func:`measure_levels`.
+    metrics, registry, progress : optional
+        As for :func:`measure_levels`; ``agglomerated`` tells its own progress.
     """
-    _ = mesh.graph  # shared by all runs: not on the first one's clock
+    with phase(progress, "building the graph"):
+        _ = mesh.graph  # shared by all runs: not on the first one's clock
     start = time.perf_counter()
     hierarchy = agglomerated()
     seconds = time.perf_counter() - start
-    return RunResult(name, hierarchy, measure_levels(mesh, hierarchy, registry, metrics), seconds)
+    return RunResult(name, hierarchy, measure_levels(mesh, hierarchy, registry, metrics, progress), seconds)
 
 
 def wanted(target: Mapping[str, Any]) -> str:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.progress import Tell, to_nobody
 
-__all__ = ["MET", "History", "conjugate_gradients", "relative_size", "relative_to"]
+__all__ = ["MET", "History", "conjugate_gradients", "iterated", "relative_size", "relative_to"]
 
 MET = "tolerance met"
 """The reason of an iteration that converged."""
@@ -49,7 +50,12 @@ def relative_to(b: Float) -> Measure:
 
 
 def conjugate_gradients(
-    A: Any, b: Float, tolerance: float = 1e-6, most: int = 10_000, measure: Measure | None = None
+    A: Any,
+    b: Float,
+    tolerance: float = 1e-6,
+    most: int = 10_000,
+    measure: Measure | None = None,
+    tell: Tell = to_nobody,
 ) -> History:
     """Plain conjugate gradients from 0 until ``measure`` says ``tolerance`` or less.
 
@@ -62,6 +68,8 @@ def conjugate_gradients(
         Iterations.
     measure : callable, optional
         Of residuals; by default ‖r‖ / ‖b‖.
+    tell : callable, optional
+        Told how far the iteration has come, see :func:`iterated`.
 
     Notes
     -----
@@ -88,10 +96,29 @@ def conjugate_gradients(
         sizes.append(_confirmed(measure, tolerance, r, A, b, x))
         if sizes[-1] < sizes[smallest]:
             best, smallest = x, len(sizes) - 1
+        tell(*iterated(len(residuals) - 1, sizes[-1], tolerance))
     converged, done = sizes[smallest] <= tolerance, len(sizes) - 1
     reason = f"{why}smallest relative residual {sizes[smallest]:.1e} in iteration {smallest} of {done}"
     reason = MET if converged else f"{reason}, wanted {tolerance:.1e}"
     return History(frozen_float(best), frozen_float(residuals[: smallest + 1]), converged, reason)
+
+
+def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
+    """How far an iteration has come, for ``tell``: digits won over those wanted, and its details.
+
+    Parameters
+    ----------
+    iterations : int
+        Done so far.
+    size : float
+        Of the residual, relative to the first one.
+    tolerance : float
+        Size wanted, below 1.
+    """
+    text = f"iteration {iterations}, relative residual {size:.1e}"
+    if not 0.0 < tolerance < size < 1.0:
+        return (1.0 if size <= tolerance else 0.0), text
+    return float(np.log(size) / np.log(tolerance)), text
 
 
 def _confirmed(measure: Measure, tolerance: float, r: Float, A: Any, b: Float, x: Float) -> float:

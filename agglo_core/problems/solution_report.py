@@ -13,6 +13,7 @@ from agglo_core.problems.conjugate_gradients import conjugate_gradients, relativ
 from agglo_core.problems.discretisation import Discretisation
 from agglo_core.problems.problem import Problem
 from agglo_core.problems.solution import Solution
+from agglo_core.progress import Listener, phase
 
 __all__ = ["operator_complexity", "report", "text"]
 
@@ -25,6 +26,7 @@ def report(
     solution: Solution,
     how: Discretisation | None = None,
     cg_tolerance: float | None = None,
+    progress: Listener | None = None,
 ) -> dict[str, Any]:
     """Plain data of a solution.
 
@@ -36,6 +38,8 @@ def report(
     cg_tolerance : float, optional
         If given, the iterations of plain conjugate gradients from 0 to this tolerance, with the same test;
         None if 10,000 do not suffice.
+    progress : callable, optional
+        Told of the phases; plain conjugate gradients are the long one.
 
     Returns
     -------
@@ -47,8 +51,9 @@ def report(
     """
     dofs = [A.shape[0] for A in _matrices(solution)]
     measure = how.residual_measure(problem, mesh, solution.b) if how else relative_to(solution.b)
-    norms = how.errors(problem, mesh, solution.x) if how else {}
-    load = how.load(problem, mesh, solution.b) if how else solution.b
+    with phase(progress, "measuring", "errors"):
+        norms = how.errors(problem, mesh, solution.x) if how else {}
+        load = how.load(problem, mesh, solution.b) if how else solution.b
     return {
         "dofs": dofs[0],
         "levels": [{"cells": n * mesh.n_cells // dofs[0], "dofs": n} for n in dofs],
@@ -61,7 +66,7 @@ def report(
         **{f"error_{name}": float(value) for name, value in norms.items()},
         "energy": float(load @ solution.x),
         "operator_complexity": operator_complexity(solution),
-        "cg_iterations": _plain_cg(solution, cg_tolerance, measure),
+        "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
         "seconds": dict(solution.seconds),
     }
 
@@ -77,10 +82,16 @@ def _matrices(solution: Solution) -> list[Any]:
     return [A for A, _ in solution.operators] or [solution.A]
 
 
-def _plain_cg(solution: Solution, tolerance: float | None, measure: Callable[[Float], float]) -> int | None:
+def _plain_cg(
+    solution: Solution,
+    tolerance: float | None,
+    measure: Callable[[Float], float],
+    progress: Listener | None,
+) -> int | None:
     if tolerance is None:
         return None
-    history = conjugate_gradients(solution.A, solution.b, tolerance, measure=measure)
+    with phase(progress, "counting iterations of plain CG") as tell:
+        history = conjugate_gradients(solution.A, solution.b, tolerance, measure=measure, tell=tell)
     return history.iterations if history.converged else None
 
 

@@ -12,8 +12,8 @@ from agglo_gnn import model_file
 from agglo_gnn.custom import architecture_of, arrays_of, network_class
 from agglo_gnn.paper_data import CELLS, FAMILIES
 from agglo_gnn.paper_network import FEATURES
-from agglo_gnn.progress import reporter
 from agglo_gnn.training import Epoch, Recipe, Training, choose_device, one_thread
+from agglo_gnn.training_report import reporter
 
 __all__ = ["train_paper"]
 

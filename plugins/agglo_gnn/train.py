@@ -143,7 +143,7 @@ def _train_fast(
     from agglo_gnn.fast_train import train_fast
     from agglo_gnn.features import FEATURES
     from agglo_gnn.pieces import RECIPE
-    from agglo_gnn.progress import reporter
+    from agglo_gnn.training_report import reporter
 
     given = {} if steps is None else {"steps": steps}
     total = given.get("steps") or signature(train_fast).parameters["steps"].default

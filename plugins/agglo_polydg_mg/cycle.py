@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import MET, Float, History, frozen_float
+from agglo_core.authoring import MET, Float, History, Tell, frozen_float, iterated, to_nobody
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import Smooth, Solve
 
@@ -57,6 +57,7 @@ def stationary(
     tolerance: float,
     max_iterations: int,
     measure: ResidualMeasure | None = None,
+    tell: Tell = to_nobody,
 ) -> History:
     """Repeat ``x = step(b, x)`` from 0 until the residual is small, at most ``max_iterations`` times.
 
@@ -66,7 +67,8 @@ def stationary(
     measure = measure or ResidualMeasure(b)
     x, r, reason = np.zeros(len(b)), b, ""
     residuals = [float(np.linalg.norm(b))]
-    while not (converged := measure(r) <= tolerance) and len(residuals) <= max_iterations:
+    while not (converged := (size := measure(r)) <= tolerance) and len(residuals) <= max_iterations:
+        tell(*iterated(len(residuals) - 1, size, tolerance))
         try:
             x = step(b, x)
         except np.linalg.LinAlgError as error:
@@ -79,7 +81,7 @@ def stationary(
             break
     if not (converged or reason):
         done = len(residuals) - 1
-        reason = f"relative residual {measure(r):.1e} after {done} iterations, wanted {tolerance:.1e}"
+        reason = f"relative residual {size:.1e} after {done} iterations, wanted {tolerance:.1e}"
     return History(frozen_float(x), frozen_float(residuals), converged, reason or MET)
 
 

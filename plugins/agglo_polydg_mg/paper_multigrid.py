@@ -11,12 +11,15 @@ import numpy as np
 from agglo_core.authoring import (
     Hierarchy,
     Int,
+    Listener,
     MultigridLevel,
     Problem,
     Registry,
     Smoother,
     Solution,
+    Tell,
     frozen_int,
+    phase,
 )
 from agglo_polydg_mg.cycle import SmoothedLevel, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import LevelOperators, level_operators
@@ -72,6 +75,7 @@ class PaperMultigrid:
     """
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    tells_progress: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -105,8 +109,8 @@ class PaperMultigrid:
         self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
         self.schwarz_coarse = schwarz_coarse
 
-    def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
-        """Solve by V-cycles; ``converged`` and ``reason`` say how it ended.
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Solve by V-cycles; ``converged`` and ``reason`` say how it ended; ``progress`` is told the phases.
 
         Raises
         ------
@@ -117,17 +121,20 @@ class PaperMultigrid:
         """
         times = [time.perf_counter()]
         labels = chosen_levels(hierarchy, self.levels)
-        operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
+        with phase(progress, "assembling"):
+            operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
         times.append(time.perf_counter())
         try:
-            step = self._cycle(operators, labels)
+            with phase(progress, "setting up the levels") as tell:
+                step = self._cycle(operators, labels, tell)
         except np.linalg.LinAlgError as error:
             times.append(time.perf_counter())
             history = unsolved(operators.b, str(error))
         else:
             times.append(time.perf_counter())
             how_long = (self.tolerance, self.max_iterations)
-            history = stationary(operators.finest, operators.b, step, *how_long, operators.measure)
+            with phase(progress, "solving") as tell:
+                history = stationary(operators.finest, operators.b, step, *how_long, operators.measure, tell)
         times.append(time.perf_counter())
         return Solution(
             x=history.x,
@@ -141,10 +148,13 @@ class PaperMultigrid:
             seconds=dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True)),
         )
 
-    def _cycle(self, operators: LevelOperators, labels: Sequence[Int]) -> Step:
+    def _cycle(self, operators: LevelOperators, labels: Sequence[Int], tell: Tell) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""
         parts = [frozen_int(np.arange(operators.finest.shape[0] // operators.width)), *labels]
-        levels = [self._level(operators, level, parts[level]) for level in range(len(operators.P))]
+        levels = []
+        for level in range(len(operators.P)):
+            tell(level / len(parts), f"level {level}")
+            levels.append(self._level(operators, level, parts[level]))
         coarsest = self.coarse_solver(operators.A[-1])
         return lambda b, x: v_cycle(levels, coarsest, b, x)
 

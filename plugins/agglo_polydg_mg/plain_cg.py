@@ -7,7 +7,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from agglo_core.authoring import Hierarchy, Problem, Solution, conjugate_gradients
+from agglo_core.authoring import (
+    Hierarchy,
+    Listener,
+    Problem,
+    Solution,
+    conjugate_gradients,
+    phase,
+)
 from agglo_polydg_mg.operators import fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
 from agglo_polydg_mg.polydg import PolyDG
@@ -38,6 +45,7 @@ class PlainCG:
 
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
     plain_cg: ClassVar[bool] = True
+    tells_progress: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -52,8 +60,8 @@ class PlainCG:
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.tolerance, self.max_iterations = tolerance, max_iterations
 
-    def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
-        """Iterate; ``converged`` and ``reason`` say how it ended.
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Iterate; ``converged`` and ``reason`` say how it ended, ``progress`` is told of each phase.
 
         Raises
         ------
@@ -63,9 +71,11 @@ class PlainCG:
             For a mesh in 3-D, or of cells that overlap themselves.
         """
         times = [time.perf_counter()]
-        A, b, _, measure = fine_system(problem, hierarchy, self.discretisation)
+        with phase(progress, "assembling"):
+            A, b, _, measure = fine_system(problem, hierarchy, self.discretisation)
         times.append(time.perf_counter())
-        history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, measure)
+        with phase(progress, "solving") as tell:
+            history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, measure, tell)
         times.append(time.perf_counter())
         assemble, solve = np.diff(times).tolist()
         return Solution(

@@ -127,15 +127,15 @@ def test_an_interrupted_run_is_no_failed_one(monkeypatch: pytest.MonkeyPatch) ->
         raise errors.pop(0)
 
     monkeypatch.setattr(pipeline, "agglomerate", agglomerate)
-    assert attempt(samples.squares(2), "mine", {}, True).error == "plain"
+    assert attempt(samples.squares(2), "mine", {}).error == "plain"
     stop = caused(PluginError("it raised SystemError"), SystemError(), KeyboardInterrupt())
     assert isinstance(stop, PluginError)
     errors[:] = [stop, OptionError("never reached")]
     with pytest.raises(PluginError, match="SystemError"):
-        attempt(samples.squares(2), "mine", {}, True)
+        attempt(samples.squares(2), "mine", {})
     errors[:] = [OptionError("in the warm-up"), stop]
     with pytest.raises(PluginError, match="SystemError"):
-        attempt(samples.squares(2), "mine", {}, True)
+        attempt(samples.squares(2), "mine", {})
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")

@@ -19,13 +19,14 @@ ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(folder.name for folder in (ROOT / "plugins").glob("agglo_*") if folder.is_dir())
 FILES = sorted([*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 
-EVERYBODY = {"arrays", "errors"}
+EVERYBODY = {"arrays", "errors", "progress"}
 """Words that all but the registry may use; the registry uses the errors alone, so that it starts light."""
 
 MAY_IMPORT = {
     "arrays": set(),
     "errors": set(),
     "moved": set(),
+    "progress": set(),
     "registry": {"errors"},
     "kernels": EVERYBODY,
     "mesh": EVERYBODY | {"kernels"},

@@ -90,7 +90,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
     assert "wrote u.vtu" in done.out
     assert Path("u.png").read_bytes().startswith(b"\x89PNG")
     document = parse(Path("u.vtu").read_bytes())
-    arrays = {each.get("Name"): document.array(each) for each in document.root.iter("DataArray")}
+    arrays = {each.get("Name"): document.array(each, 1 << 20) for each in document.root.iter("DataArray")}
     mesh = samples.squares(6)
     solution = Fluxes().solve(Diffusion(source=8.0), agglomerate(mesh, n_parts=4))
     assert len(arrays["cell"]) == 2 * 36  # two triangles each

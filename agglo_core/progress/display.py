@@ -1,0 +1,98 @@
+"""Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from agglo_core.progress.phases import Listener, Progress
+
+__all__ = ["followed", "shown"]
+
+_SECONDS = 10.0
+"""Between two lines about one phase."""
+
+
+@contextmanager
+def shown(*, lines: bool = True) -> Iterator[Listener | None]:
+    """A listener that shows what it is told on stderr for as long as the context lasts.
+
+    Parameters
+    ----------
+    lines : bool
+        Whether to write lines where stderr is no terminal: when a phase begins and ends, and every ten
+        seconds. If not, there is no listener there.
+    """
+    if _on_terminal():
+        with _bar() as listen:
+            yield listen
+    else:
+        yield _in_lines() if lines else None
+
+
+@contextmanager
+def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | None]:
+    """The listener of a public function: ``progress``, and with ``verbose`` what :func:`shown` gives."""
+    if not verbose:
+        yield progress
+        return
+    with shown() as show:
+        listeners = [each for each in (show, progress) if each is not None]
+
+        def both(now: Progress) -> None:
+            for each in listeners:
+                each(now)
+
+        yield both
+
+
+def _on_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
+def _in_lines() -> Listener:
+    last, written = Progress("", 1.0), 0.0
+
+    def listen(now: Progress) -> None:
+        nonlocal last, written
+        at_end = 1.0 in (last.fraction, now.fraction)  # of a phase, or of the one before
+        if at_end or now.phase != last.phase or time.monotonic() - written >= _SECONDS:
+            sys.stderr.write(f"agglo: {now.phase} {now.fraction:.0%} {now.text}".rstrip() + "\n")
+            written = time.monotonic()
+        last = now
+
+    return listen
+
+
+@contextmanager
+def _bar() -> Iterator[Listener]:
+    from rich.console import Console
+    from rich.progress import BarColumn, SpinnerColumn, TaskProgressColumn, TextColumn
+    from rich.progress import Progress as Bar
+    from rich.table import Column
+
+    details = TextColumn(
+        "{task.fields[text]}", markup=False, table_column=Column(no_wrap=True, overflow="ellipsis")
+    )
+    name = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True))
+    columns = SpinnerColumn(), name, BarColumn(20), TaskProgressColumn(), details
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0, text="", visible=False)
+        last = ""
+
+        def listen(now: Progress) -> None:
+            nonlocal last
+            bar.update(
+                task,
+                description=now.phase,
+                completed=now.fraction,
+                text=now.text,
+                visible=True,
+                refresh=now.phase != last,  # what follows may keep the thread that redraws waiting
+            )
+            last = now.phase
+
+        yield listen

@@ -1,0 +1,188 @@
+"""No output costs another: what cannot be made is told, and all else is written."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from command_line import Agglo
+
+from agglo_core import io, samples
+from agglo_core.errors import FileError
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+from agglo_core.registry import Component, default, hookimpl
+
+DRAW, PAGE = "agglo_core.draw.plot.draw", "agglo_core.draw.webpage.write_page"
+WRITE = "agglo_core.io.write"
+SMALL = 16
+"""Cells of the mesh that warms components up; the breakable ones below fail on larger meshes."""
+
+
+class Moody:
+    """Measures the warm-up alone."""
+
+    better, bounds, homogeneity = "high", (0.0, 1.0), 0
+
+    def measure(self, mesh: Mesh, labels: np.ndarray) -> np.ndarray:
+        if mesh.n_cells > SMALL:
+            raise RuntimeError("after an hour")
+        return np.ones(labels.max() + 1)
+
+
+class Weak:
+    """Bisects the warm-up alone."""
+
+    def bisect(self, graph: Graph, rng: np.random.Generator) -> np.ndarray:
+        if graph.n > SMALL:
+            raise RuntimeError("too much for me")
+        return np.arange(graph.n) % 2
+
+
+@pytest.fixture
+def breakable(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    home = SimpleNamespace(Moody=Moody, Weak=Weak)
+    monkeypatch.setitem(__import__("sys").modules, "breakable_home", home)
+    offered = [
+        Component("metric", "moody", "breakable_home:Moody"),
+        Component("bisector", "weak", "breakable_home:Weak"),
+    ]
+    default().register(SimpleNamespace(agglo_components=hookimpl(lambda: offered)), "breakable")
+    yield
+    default().unregister("breakable")
+
+
+def raising(error: BaseException) -> Callable[..., None]:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def levels(file: str) -> int:
+    hierarchy = io.read_hierarchy(file)[1]
+    assert hierarchy is not None
+    return len(hierarchy.levels)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        FileError("a.png: cannot be written: No space left on device"),
+        ImportError("no module named matplotlib"),
+        MemoryError(),
+        ValueError("a bug of a library"),
+        SystemExit(1),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_a_picture_that_fails_costs_nothing_else(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(DRAW, raising(error))
+    wanted = ["-o", "a.npz", "--plot", "a.png", "--report", "a.html", "--parts", "4"]
+    code, out, err = agglo("run", "squares:n=8", *wanted, "--json")
+    assert code == 3
+    assert json.loads(out)["runs"][0]["levels"][0]["parts"] == 4
+    assert (levels("a.npz"), Path("a.html").exists(), Path("a.png").exists()) == (1, True, False)
+    assert [line for line in err.splitlines() if line.startswith("error: ")] == [err.splitlines()[-1]]
+    assert "a.png" in err.splitlines()[-1]
+    assert ("Traceback" in err) == (type(error) in (ValueError, SystemExit))
+
+
+def test_every_failure_is_named_and_the_table_comes_first(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(DRAW, raising(OSError(28, "No space left on device")))
+    monkeypatch.setattr(PAGE, raising(FileError("a.html: cannot be written")))
+    code, out, err = agglo("run", "squares:n=8", "-o", "a.npz", "--plot", "a.png", "--report", "a.html")
+    assert code == 3
+    assert out.index("mean diam/h*") < out.index("wrote a.npz")
+    assert "wrote a.png" not in out
+    assert [line[: line.rindex(":")] for line in err.splitlines()[-2:]] == [
+        "error: a.png: OSError",
+        "error: a.html",
+    ]
+
+
+def test_results_are_written_before_anything_is_drawn(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(DRAW, raising(KeyboardInterrupt()))
+    code, out, _ = agglo("run", "squares:n=8", "-o", "a.npz", "--plot", "a.png")
+    assert (code, levels("a.npz")) == (130, 3)
+    assert "mean diam/h*" in out
+
+
+def test_a_result_that_fails_costs_neither_table_nor_picture(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(WRITE, raising(FileError("a.vtu: No space left on device")))
+    code, out, err = agglo("run", "squares:n=8", "-o", "a.vtu", "--plot", "a.png", "--parts", "4")
+    assert (code, err.splitlines()[-1]) == (2, "error: a.vtu: No space left on device")
+    assert "4 parts" in out
+    assert Path("a.png").exists()
+
+
+def test_a_metric_that_fails_costs_no_hierarchy(agglo: Agglo, breakable: None) -> None:
+    code, out, err = agglo("run", "squares:n=8", "--metrics", "moody", "-o", "a.npz", "--parts", "4")
+    assert (code, out, levels("a.npz")) == (2, "", 1)
+    assert "note: a.npz is written, but could not be measured" in err
+    assert "after an hour" in err.splitlines()[-1]
+
+
+def test_a_run_that_fails_costs_no_earlier_one(
+    agglo: Agglo, breakable: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two = ["--bisector", "inertial", "--bisector", "weak", "--parts", "4", "-o", "a.npz"]
+    code, _, err = agglo("run", "squares:n=8", *two)
+    assert (code, levels("a_inertial.npz")) == (2, 1)
+    assert "too much for me" in err
+    monkeypatch.setattr(WRITE, raising(FileError("a_inertial.npz: disk full")))
+    errors = [line for line in agglo("run", "squares:n=8", *two).err.splitlines() if line[:5] == "error"]
+    assert errors[0] == "error: a_inertial.npz: disk full"
+    assert "too much for me" in errors[1]
+
+
+def test_a_report_that_fails_does_not_hide_a_comparison(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(PAGE, raising(FileError("a.html: cannot be written")))
+    code, out, err = agglo("compare", "squares:n=8", "--bisector", "inertial", "--report", "a.html", "--json")
+    assert (code, err) == (3, "error: a.html: cannot be written\n")
+    assert json.loads(out)["runs"][0]["levels"]
+
+
+def test_the_demo_leaves_what_it_can(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    mesh = samples.ring(16)
+    monkeypatch.setattr(samples, "brain", lambda: mesh)
+    monkeypatch.setattr("agglo_core.draw.boxplot.draw_boxes", raising(ValueError("no whiskers")))
+    code, out, err = agglo("demo", "--bisector", "inertial", "--json")
+    assert code == 3
+    assert "error: agglo-demo/boxplots.png: ValueError: no whiskers" in err
+    files = json.loads(out)["files"]
+    assert files[0] == "agglo-demo/report.html"
+    assert "agglo-demo/inertial.png" in files
+    assert "agglo-demo/boxplots.png" not in files
+    assert all(Path(file).is_file() for file in files)
+
+
+def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("agglo_core.agglomeration.pipeline.agglomerate", raising(AssertionError("it ran")))
+    for command in ("run", "solve"):
+        code, out, err = agglo(command, "boxes:n=2", "--plot", "a.png")
+        assert (code, out) == (2, "")
+        assert "--plot draws plane meshes" in err
+    os.mkfifo("a.png")
+    for command in ("run", "solve"):
+        done = agglo(command, "squares:n=4", "--plot", "a.png")
+        assert (done.code, done.err) == (2, "error: a.png: exists and is not a regular file\n")
