@@ -81,6 +81,7 @@ if TYPE_CHECKING:
         Diffusion,
         Discretisation,
         Field,
+        Lifting,
         Linear,
         MultigridLevel,
         Problem,
@@ -88,7 +89,13 @@ if TYPE_CHECKING:
         Solution,
         System,
     )
-    from agglo_core.problems.conjugate_gradients import MET, History, conjugate_gradients, relative_size
+    from agglo_core.problems.conjugate_gradients import (
+        MET,
+        History,
+        conjugate_gradients,
+        energy_of_solution,
+        relative_size,
+    )
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
     from agglo_core.registry.attribution import Member, attributed
@@ -101,7 +108,7 @@ mesh: Mesh
 graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
-problems: Diffusion Discretisation Field Linear MultigridLevel Problem Samples Solution System
+problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Problem Samples Solution System
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -115,7 +122,7 @@ agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
-problems.conjugate_gradients: MET History conjugate_gradients relative_size
+problems.conjugate_gradients: MET History conjugate_gradients energy_of_solution relative_size
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
 kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
@@ -163,6 +170,7 @@ __all__ = [
     "Int",
     "InterfaceRefiner",
     "LevelBisector",
+    "Lifting",
     "Linear",
     "Mask",
     "Member",
@@ -207,6 +215,7 @@ __all__ = [
     "describe",
     "edge_room",
     "edges_of_block",
+    "energy_of_solution",
     "frozen",
     "frozen_float",
     "frozen_index",

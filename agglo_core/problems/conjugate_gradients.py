@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.problems.ritz import RitzValue
 
-__all__ = ["MET", "History", "conjugate_gradients", "relative_size", "relative_to"]
+__all__ = ["MET", "History", "conjugate_gradients", "energy_of_solution", "relative_size", "relative_to"]
 
 MET = "tolerance met"
 """The reason of an iteration that converged."""
 
 Measure = Callable[[Float], float]
-"""Residual ``(n,)`` to its size relative to the right-hand side."""
+"""Vector ``(n,)`` to a size."""
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration."""
+    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
+
+    ``energy_error`` is an estimate of the error of x in the energy norm, relative to x; None if there is none.
+    """
 
     x: Float
     residuals: Float
     converged: bool
     reason: str
+    energy_error: float | None = None
 
     @property
     def iterations(self) -> int:
@@ -36,10 +41,13 @@ class History:
 
 def relative_size(r: Float, size: float) -> float:
     """‖r‖ over a size; 0 where both are 0."""
-    length = float(np.linalg.norm(r))
+    return _ratio(float(np.linalg.norm(r)), size)
+
+
+def _ratio(length: float, size: float) -> float:
     if size > 0.0:
         return length / size
-    return float("inf") if length > 0.0 else 0.0
+    return 0.0 if length == 0.0 else float("inf")
 
 
 def relative_to(b: Float) -> Measure:
@@ -48,10 +56,20 @@ def relative_to(b: Float) -> Measure:
     return lambda r: relative_size(r, size)
 
 
+def energy_of_solution(b: Float) -> Measure:
+    """The energy norm (x·Ax)^½ of an x with A x = b nearly, as (b·x)^½."""
+    return lambda x: float(np.sqrt(max(float(b @ x), 0.0)))
+
+
 def conjugate_gradients(
-    A: Any, b: Float, tolerance: float = 1e-6, most: int = 10_000, measure: Measure | None = None
+    A: Any,
+    b: Float,
+    tolerance: float = 1e-6,
+    most: int = 10_000,
+    measure: Measure | None = None,
+    energy: Measure | None = None,
 ) -> History:
-    """Plain conjugate gradients from 0 until ``measure`` says ``tolerance`` or less.
+    """Plain conjugate gradients from 0 until residual and energy error are ``tolerance`` or less.
 
     Parameters
     ----------
@@ -62,39 +80,116 @@ def conjugate_gradients(
         Iterations.
     measure : callable, optional
         Of residuals; by default ‖r‖ / ‖b‖.
+    energy : callable, optional
+        Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
 
     Notes
     -----
-    The recursion's residual is tested, and where it is small enough b − A x as well. As in MATLAB's
-    ``pcg``, an iteration that does not converge returns the iterate of smallest residual, whose number is
-    the length of the history; ``reason`` says how many iterations were done.
+    Where the recursion's residual is small enough ‖e‖_A is estimated from the coefficients of the iteration,
+    and b − A x is computed. If it turns out to be another vector the iteration starts afresh from it, and is
+    given up once that gains nothing. As in MATLAB's ``pcg``, an iteration that does not converge returns the
+    iterate of smallest residual, whose number is the length of the history; ``reason`` says how many
+    iterations were done.
     """
-    measure = measure or relative_to(b)
-    x, r = np.zeros(len(b)), b.copy()
-    p, rho, why = r, float(r @ r), ""
-    residuals, sizes, best = [float(np.sqrt(rho))], [measure(r)], x
-    smallest = 0
-    while sizes[-1] > tolerance and len(residuals) <= most:
-        Ap = A @ p
-        curvature = float(p @ Ap)
-        if not curvature > 0.0:
-            why = "the matrix is not positive definite: "
+    claim = _Claim(A, b, tolerance, measure or relative_to(b), energy or energy_of_solution(b))
+    run = _Run(A, np.zeros(len(b)), b.copy())
+    residuals, sizes = [float(np.sqrt(run.rho))], [claim.measure(run.r)]
+    best, smallest = run.x, 0
+    claim.met = run.rho == 0.0
+    while not (claim.met or claim.why) and len(residuals) <= most:
+        if not run.step():
+            claim.why = "the matrix is not positive definite: "
             break
-        alpha = rho / curvature
-        x, r = x + alpha * p, r - alpha * Ap
-        rho, before = float(r @ r), rho
-        p = r + (rho / before) * p
-        residuals.append(float(np.sqrt(rho)))
-        sizes.append(_confirmed(measure, tolerance, r, A, b, x))
-        if sizes[-1] < sizes[smallest]:
-            best, smallest = x, len(sizes) - 1
-    converged, done = sizes[smallest] <= tolerance, len(sizes) - 1
-    reason = f"{why}smallest relative residual {sizes[smallest]:.1e} in iteration {smallest} of {done}"
-    reason = MET if converged else f"{reason}, wanted {tolerance:.1e}"
-    return History(frozen_float(best), frozen_float(residuals[: smallest + 1]), converged, reason)
+        residuals.append(float(np.sqrt(run.rho)))
+        sizes.append(claim.check(run))
+        if sizes[-1] < sizes[smallest] or claim.met:
+            best, smallest = run.x, len(sizes) - 1
+    return History(
+        frozen_float(best),
+        frozen_float(residuals[: smallest + 1]),
+        claim.met,
+        MET if claim.met else claim.failed(sizes[smallest], smallest, len(sizes) - 1),
+        claim.error if claim.met else None,
+    )
 
 
-def _confirmed(measure: Measure, tolerance: float, r: Float, A: Any, b: Float, x: Float) -> float:
-    """Size of the recursion's residual; of b − A x where that would end the iteration."""
-    size = measure(r)
-    return size if size > tolerance else max(size, measure(b - A @ x))
+@dataclass(eq=False)
+class _Run:
+    """The recursion: iterate, its residual, direction, r·r."""
+
+    A: Any
+    x: Float
+    r: Float
+    ritz: RitzValue = field(default_factory=RitzValue)
+
+    def __post_init__(self) -> None:
+        self.p, self.rho = self.r, float(self.r @ self.r)
+
+    def step(self) -> bool:
+        """One iteration; False if the matrix is found not to be positive definite."""
+        Ap = self.A @ self.p
+        curvature = float(self.p @ Ap)
+        if not curvature > 0.0:
+            return False
+        alpha = self.rho / curvature
+        self.x, self.r = self.x + alpha * self.p, self.r - alpha * Ap
+        self.rho, before = float(self.r @ self.r), self.rho
+        self.p = self.r + (self.rho / before) * self.p
+        self.ritz.add(alpha, self.rho / before)
+        return True
+
+    def restart(self, r: Float) -> None:
+        """Go on from another residual of the same iterate."""
+        self.r = self.p = r
+        self.rho = float(r @ r)
+        self.ritz.restart()
+
+    def energy_error(self) -> float:
+        """‖e‖_A ≤ r·r / (θ p·p)^½, θ the smallest eigenvalue (Meurant, Tichý, Numer. Algorithms 82, 2019)."""
+        return self.rho / float(np.sqrt(self.ritz.least * (self.p @ self.p))) if self.rho else 0.0
+
+
+@dataclass(eq=False)
+class _Claim:
+    """Whether an iteration may be called converged: ``met`` says so, ``why`` says that it never will."""
+
+    A: Any
+    b: Float
+    tolerance: float
+    measure: Measure
+    energy: Measure
+    met: bool = False
+    why: str = ""
+    error: float = 0.0
+    _scale: float = np.inf
+    _replaced: float = np.inf
+
+    def check(self, run: _Run) -> float:
+        """Size of the residual of a run, the true one where that decides."""
+        size = self.measure(run.r)
+        if not size <= self.tolerance:
+            return size
+        self.error = _ratio(run.energy_error(), self._scale)
+        if not self.error <= self.tolerance:  # even by a Ritz value and a norm from before
+            return size
+        run.ritz.refresh()
+        self._scale = self.energy(run.x)
+        self.error = _ratio(run.energy_error(), self._scale)
+        if not self.error <= self.tolerance:
+            return size
+        true = self.b - self.A @ run.x
+        drift = float(np.linalg.norm(true - run.r))
+        self.error += _ratio(drift / float(np.sqrt(run.ritz.least)), self._scale)
+        size = max(size, self.measure(true))
+        self.met = size <= self.tolerance and self.error <= self.tolerance
+        if not self.met:
+            self.why = "rounding lets b − A x fall no further: " if size > 0.5 * self._replaced else ""
+            self._replaced = size
+            run.restart(true)
+        return size
+
+    def failed(self, size: float, at: int, done: int) -> str:
+        """The reason of an iteration that has not converged."""
+        near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
+        wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
+        return f"{self.why}{wanted}, wanted {self.tolerance:.1e}"

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.authoring import MET, Float, History, frozen_float
+from agglo_polydg_mg.corrections import Corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import Smooth, Solve
 
@@ -58,29 +59,46 @@ def stationary(
     max_iterations: int,
     measure: ResidualMeasure | None = None,
 ) -> History:
-    """Repeat ``x = step(b, x)`` from 0 until the residual is small, at most ``max_iterations`` times.
+    """Repeat ``x = step(b, x)`` from 0 until x is found to be right, at most ``max_iterations`` times.
 
-    It is small when ``measure`` says ``tolerance`` or less; by default that is ‖b − A x‖ ≤ tolerance ‖b‖. A
-    matrix that is found not to be positive definite ends the iteration, with the reason.
+    It is right when two things are ``tolerance`` or less: what ``measure`` says of b − A x, by default ‖b − A
+    x‖ / ‖b‖, and the :class:`~agglo_polydg_mg.corrections.Corrections`' estimate of the energy error over the
+    energy norm of x. The latter takes one more step, which is not counted. A matrix that is found not to be
+    positive definite ends the iteration, with the reason.
     """
     measure = measure or ResidualMeasure(b)
-    x, r, reason = np.zeros(len(b)), b, ""
-    residuals = [float(np.linalg.norm(b))]
-    while not (converged := measure(r) <= tolerance) and len(residuals) <= max_iterations:
-        try:
-            x = step(b, x)
-        except np.linalg.LinAlgError as error:
-            reason = f"{error} (iteration {len(residuals)})"
+    x, r, reason, error = np.zeros(len(b)), b, "", None
+    residuals, corrections = [float(np.linalg.norm(b))], Corrections()
+    while True:
+        small = measure(r) <= tolerance
+        if small and not r.any():
+            error = 0.0
             break
-        r = b - A @ x
+        if not small and len(residuals) > max_iterations:
+            break
+        try:
+            better = step(b, x)
+        except np.linalg.LinAlgError as failure:
+            reason = f"{failure} (iteration {len(residuals)})"
+            break
+        rest = b - A @ better
+        corrections.add(better - x, r - rest)
+        if small:
+            error = corrections.error(r) / measure.energy(x)
+            if error <= tolerance:
+                break
+        if len(residuals) > max_iterations:
+            break
+        x, r = better, rest
         residuals.append(float(np.linalg.norm(r)))
         if not residuals[-1] <= _DIVERGED * residuals[0]:
             reason = f"diverged: residual {residuals[-1]:.1e} after {len(residuals) - 1} iterations"
             break
+    converged = error is not None and error <= tolerance
     if not (converged or reason):
         done = len(residuals) - 1
         reason = f"relative residual {measure(r):.1e} after {done} iterations, wanted {tolerance:.1e}"
-    return History(frozen_float(x), frozen_float(residuals), converged, reason or MET)
+    return History(frozen_float(x), frozen_float(residuals), converged, reason or MET, error)
 
 
 def unsolved(b: Float, reason: str) -> History:

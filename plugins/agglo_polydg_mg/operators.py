@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,12 +14,16 @@ from agglo_core.authoring import (
     Diffusion,
     Float,
     Hierarchy,
+    History,
     Int,
+    Lifting,
     Linear,
     Mesh,
     MeshError,
     OptionError,
     Problem,
+    Solution,
+    frozen_float,
 )
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
@@ -29,36 +33,62 @@ from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, par
 __all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
 
 
+class FineSystem(NamedTuple):
+    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.
+
+    ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b is full − A offset.
+    """
+
+    A: Any
+    b: Float
+    width: int
+    measure: ResidualMeasure
+    full: Float
+    offset: Float | None = None
+
+    def solution(
+        self, history: History, operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
+    ) -> Solution:
+        """The solution of A x = full that a history on A x = b leads to."""
+        x, lifting = history.x, None
+        if self.offset is not None:
+            x, lifting = frozen_float(self.offset + history.x), Lifting(self.offset, history.x, self.b)
+        return Solution(
+            x=x,
+            A=self.A,
+            b=self.full,
+            operators=operators,
+            residuals=history.residuals,
+            converged=history.converged,
+            reason=history.reason,
+            iterations=history.iterations,
+            seconds=seconds,
+            energy_error=history.energy_error,
+            lifting=lifting,
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class LevelOperators:
-    """Right-hand side, and matrices and prolongations of the levels, finest first.
+    """System of the mesh, and matrices and prolongations of the levels, finest first.
 
     Attributes
     ----------
-    b : (n,) float
-    finest : sparse
-        Matrix of the finest level.
+    fine : FineSystem
     P : list of sparse
         To each level except the coarsest from the next coarser one.
-    width : int
-        Unknowns of a cell.
     rediscretised : list of sparse, optional
         Matrices of the coarse levels where they are rediscretised.
-    measure : ResidualMeasure, optional
-        Measure of its residuals; by default their 2-norm.
     """
 
-    b: Float
-    finest: Any
+    fine: FineSystem
     P: list[Any]
-    width: int
     rediscretised: list[Any] | None = None
-    measure: ResidualMeasure | None = None
 
     @cached_property
     def inherited(self) -> list[Any]:
         """Matrices B_1 = A_1, B_{k+1} = P_kᵀ B_k P_k of every level."""
-        chain = [self.finest]
+        chain = [self.fine.A]
         for P in self.P:
             chain.append(P.T @ chain[-1] @ P)
         return chain
@@ -66,16 +96,7 @@ class LevelOperators:
     @property
     def A(self) -> list[Any]:
         """Matrices of every level."""
-        return self.inherited if self.rediscretised is None else [self.finest, *self.rediscretised]
-
-
-class FineSystem(NamedTuple):
-    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals."""
-
-    A: Any
-    b: Float
-    width: int
-    measure: ResidualMeasure
+        return self.inherited if self.rediscretised is None else [self.fine.A, *self.rediscretised]
 
 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSystem:
@@ -91,18 +112,20 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSyst
     """
     if isinstance(problem, Diffusion):
         mesh = _own_mesh(hierarchy)
-        system = how.assemble(problem, mesh)
-        A, b, width = system.A, system.b, int(system.block_offsets[1])
+        (system, b, offset) = how.lifted(problem, mesh)
+        A, full, width = system.A, system.b, int(system.block_offsets[1])
         measure = how.residual_measure(problem, mesh, b)
+        offset = offset if offset.any() else None
     elif isinstance(problem, Linear):
         width = _width(problem, hierarchy.graph.n)
         A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
+        full, offset = b, None
         measure = ResidualMeasure(b)
     else:
         raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
     if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    return FineSystem(A, b, width, measure)
+    return FineSystem(A, b, width, measure, full, offset)
 
 
 def _own_mesh(hierarchy: Hierarchy) -> Mesh:
@@ -163,9 +186,9 @@ def level_operators(
     MeshError
         For a mesh in 3-D; for cells or, unless ``inherited``, agglomerates that overlap themselves.
     """
-    A, b, width, measure = fine_system(problem, hierarchy, how)
+    fine = fine_system(problem, hierarchy, how)
     if isinstance(problem, Linear):
-        return LevelOperators(b, A, _constant_prolongations(hierarchy, labels, width), width)
+        return LevelOperators(fine, _constant_prolongations(hierarchy, labels, fine.width))
     mesh = _own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
     P = _polydg_prolongations([how.basis(each) for each in (mesh, *meshes)], labels)
@@ -173,7 +196,7 @@ def level_operators(
     if not inherited:
         problems = [corrections(problem, mesh, each) for each in labels]
         rediscretised = [_coarse_matrix(how, *each) for each in zip(problems, meshes, strict=True)]
-    return LevelOperators(b, A, P, width, rediscretised, measure)
+    return LevelOperators(fine, P, rediscretised)
 
 
 def _coarse_matrix(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Any:

@@ -118,32 +118,23 @@ class PaperMultigrid:
         times = [time.perf_counter()]
         labels = chosen_levels(hierarchy, self.levels)
         operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
+        fine = operators.fine
         times.append(time.perf_counter())
         try:
             step = self._cycle(operators, labels)
         except np.linalg.LinAlgError as error:
             times.append(time.perf_counter())
-            history = unsolved(operators.b, str(error))
+            history = unsolved(fine.b, str(error))
         else:
             times.append(time.perf_counter())
-            how_long = (self.tolerance, self.max_iterations)
-            history = stationary(operators.finest, operators.b, step, *how_long, operators.measure)
+            history = stationary(fine.A, fine.b, step, self.tolerance, self.max_iterations, fine.measure)
         times.append(time.perf_counter())
-        return Solution(
-            x=history.x,
-            A=operators.finest,
-            b=operators.b,
-            operators=list(zip(operators.A, [*operators.P, None], strict=True)),
-            residuals=history.residuals,
-            converged=history.converged,
-            reason=history.reason,
-            iterations=history.iterations,
-            seconds=dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True)),
-        )
+        seconds = dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True))
+        return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), seconds)
 
     def _cycle(self, operators: LevelOperators, labels: Sequence[Int]) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""
-        parts = [frozen_int(np.arange(operators.finest.shape[0] // operators.width)), *labels]
+        parts = [frozen_int(np.arange(operators.fine.A.shape[0] // operators.fine.width)), *labels]
         levels = [self._level(operators, level, parts[level]) for level in range(len(operators.P))]
         coarsest = self.coarse_solver(operators.A[-1])
         return lambda b, x: v_cycle(levels, coarsest, b, x)
@@ -152,7 +143,7 @@ class PaperMultigrid:
         A, P = operators.A[level], operators.P[level]
         wanted = self.schwarz_coarse and getattr(self.smoother, "uses_coarse", True)
         coarse = correction(P, self.coarse_solver(operators.inherited[level + 1])) if wanted else None
-        offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.width))
+        offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.fine.width))
         B = operators.inherited[level]
         own = MultigridLevel(A, B, offsets, labels, P, coarse, self.smoothing_steps)
         return SmoothedLevel(A, P, set_up(self.smoother, self._smoother_title, own))

@@ -63,19 +63,10 @@ class PlainCG:
             For a mesh in 3-D, or of cells that overlap themselves.
         """
         times = [time.perf_counter()]
-        A, b, _, measure = fine_system(problem, hierarchy, self.discretisation)
+        fine = fine_system(problem, hierarchy, self.discretisation)
         times.append(time.perf_counter())
-        history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, measure)
+        how_long = (self.tolerance, self.max_iterations)
+        history = conjugate_gradients(fine.A, fine.b, *how_long, fine.measure, fine.measure.energy)
         times.append(time.perf_counter())
         assemble, solve = np.diff(times).tolist()
-        return Solution(
-            x=history.x,
-            A=A,
-            b=b,
-            operators=[(A, None)],
-            residuals=history.residuals,
-            converged=history.converged,
-            reason=history.reason,
-            iterations=history.iterations,
-            seconds={"assemble": assemble, "setup": 0.0, "solve": solve},
-        )
+        return fine.solution(history, [(fine.A, None)], {"assemble": assemble, "setup": 0.0, "solve": solve})

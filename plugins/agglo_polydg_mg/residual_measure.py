@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from agglo_core.authoring import Float, relative_size
+from agglo_core.authoring import Float, energy_of_solution, relative_size
 
 __all__ = ["ResidualMeasure"]
 
@@ -31,11 +32,18 @@ class ResidualMeasure:
         Coefficient of the cell of each unknown; None where it is constant.
     load : (n,) float, optional
         b without the terms of Dirichlet data; None if there are none.
+    norm : callable, optional
+        Energy norm of a solution with the jumps from its Dirichlet data; None if there are none.
     """
 
     b: Float
     kappa: Float | None = None
     load: Float | None = None
+    norm: Callable[[Float], float] | None = None
+
+    def energy(self, x: Float) -> float:
+        """What the energy norm of the error of ``x (n,)`` is compared with: the energy norm of x."""
+        return energy_of_solution(self.b)(x) if self.norm is None else self.norm(x)
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
