@@ -91,9 +91,11 @@ if TYPE_CHECKING:
     )
     from agglo_core.problems.conjugate_gradients import (
         MET,
+        TESTS,
         History,
         conjugate_gradients,
         energy_of_solution,
+        relative,
         relative_size,
     )
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
@@ -122,7 +124,7 @@ agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
-problems.conjugate_gradients: MET History conjugate_gradients energy_of_solution relative_size
+problems.conjugate_gradients: MET TESTS History conjugate_gradients energy_of_solution relative relative_size
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
 kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
@@ -151,6 +153,7 @@ __all__ = [
     "NO_CUT",
     "OBJECTIVES",
     "PALETTE",
+    "TESTS",
     "TIE",
     "AggloError",
     "Bisector",
@@ -236,6 +239,7 @@ __all__ = [
     "quality",
     "read",
     "read_hierarchy",
+    "relative",
     "relative_size",
     "samples",
     "save_figure",

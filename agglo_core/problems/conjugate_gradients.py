@@ -11,10 +11,22 @@ import numpy as np
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.problems.ritz import RitzValue
 
-__all__ = ["MET", "History", "conjugate_gradients", "energy_of_solution", "relative_size", "relative_to"]
+__all__ = [
+    "MET",
+    "TESTS",
+    "History",
+    "conjugate_gradients",
+    "energy_of_solution",
+    "relative",
+    "relative_size",
+    "relative_to",
+]
 
 MET = "tolerance met"
 """The reason of an iteration that converged."""
+TESTS = ("residual", "energy error")
+"""What has to be small for that."""
+_INDEFINITE = "the matrix is not positive definite: "
 
 Measure = Callable[[Float], float]
 """Vector ``(n,)`` to a size."""
@@ -24,7 +36,8 @@ Measure = Callable[[Float], float]
 class History:
     """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
 
-    ``energy_error`` is an estimate of the error of x in the energy norm, relative to x; None if there is none.
+    ``energy_error`` is an estimate of the error of x in the energy norm, relative to that of x, None if there
+    is none; ``tests`` are those of ``"residual"`` and ``"energy error"`` that x has passed.
     """
 
     x: Float
@@ -32,6 +45,7 @@ class History:
     converged: bool
     reason: str
     energy_error: float | None = None
+    tests: tuple[str, ...] = ()
 
     @property
     def iterations(self) -> int:
@@ -41,10 +55,11 @@ class History:
 
 def relative_size(r: Float, size: float) -> float:
     """‖r‖ over a size; 0 where both are 0."""
-    return _ratio(float(np.linalg.norm(r)), size)
+    return relative(float(np.linalg.norm(r)), size)
 
 
-def _ratio(length: float, size: float) -> float:
+def relative(length: float, size: float) -> float:
+    """A length over a size; 0 where both are 0."""
     if size > 0.0:
         return length / size
     return 0.0 if length == 0.0 else float("inf")
@@ -98,7 +113,7 @@ def conjugate_gradients(
     claim.met = run.rho == 0.0
     while not (claim.met or claim.why) and len(residuals) <= most:
         if not run.step():
-            claim.why = "the matrix is not positive definite: "
+            claim.why = _INDEFINITE
             break
         residuals.append(float(np.sqrt(run.rho)))
         sizes.append(claim.check(run))
@@ -110,6 +125,7 @@ def conjugate_gradients(
         claim.met,
         MET if claim.met else claim.failed(sizes[smallest], smallest, len(sizes) - 1),
         claim.error if claim.met else None,
+        TESTS if claim.met else TESTS[:1] if sizes[smallest] <= tolerance else (),
     )
 
 
@@ -169,17 +185,19 @@ class _Claim:
         size = self.measure(run.r)
         if not size <= self.tolerance:
             return size
-        self.error = _ratio(run.energy_error(), self._scale)
+        self.error = relative(run.energy_error(), self._scale)
         if not self.error <= self.tolerance:  # even by a Ritz value and a norm from before
             return size
-        run.ritz.refresh()
+        if not run.ritz.refresh() > 0.0:
+            self.why = _INDEFINITE
+            return size
         self._scale = self.energy(run.x)
-        self.error = _ratio(run.energy_error(), self._scale)
+        self.error = relative(run.energy_error(), self._scale)
         if not self.error <= self.tolerance:
             return size
         true = self.b - self.A @ run.x
         drift = float(np.linalg.norm(true - run.r))
-        self.error += _ratio(drift / float(np.sqrt(run.ritz.least)), self._scale)
+        self.error += relative(drift / float(np.sqrt(run.ritz.least)), self._scale)
         size = max(size, self.measure(true))
         self.met = size <= self.tolerance and self.error <= self.tolerance
         if not self.met:

@@ -31,8 +31,9 @@ class Solution:
     ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
     after each iteration, the first one before any.
 
-    Optional are ``energy_error``, an estimate of the error in the energy norm relative to the solution, and
-    ``lifting``, if an offset was taken out of x; ``residuals`` are then those of the rest.
+    What a solver need not tell: ``tests``, which of the tests ``"residual"`` and ``"energy error"`` x has
+    passed; ``energy_error``, an estimate of the error in the energy norm relative to that of the solution;
+    ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest).
     """
 
     x: Float
@@ -45,4 +46,5 @@ class Solution:
     iterations: int
     seconds: Mapping[str, float]
     energy_error: float | None = None
+    tests: tuple[str, ...] = ()
     lifting: Lifting | None = None

@@ -106,22 +106,26 @@ def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Fl
     )
 
 
-def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
-    """What Dirichlet data have in common, in each cell ``(n_cells,)``: 0 if they change sign.
+def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
+    """What Dirichlet data have in common, in each cell ``(n_cells,)``.
 
     In each component of the domain it is the number nearest to 0 between the least and the largest of the
-    data. A constant added to them is added to the solution, whatever κ, and alters nothing else.
+    data: 0 if they change sign. Data where κ is below a hundredth of its largest value on the faces of data do
+    not count, since those where it is large decide what rounding does. A constant added to the data is added
+    to the solution, whatever κ, and alters nothing else. ``kappa (n_faces, 1 or q)`` is the coefficient in
+    the owner.
     """
-    mesh = basis.mesh
-    g = dirichlet_values(basis, problem, boundary)
+    mesh, faces = basis.mesh, boundary.dirichlet
+    g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
     if not g.any():
         return np.zeros(mesh.n_cells)
-    component = mesh.graph.components()
-    of_face = component[mesh.face_cells[boundary.dirichlet, 0]]
+    of_face, of_kappa = component[mesh.face_cells[faces, 0]], kappa[faces].max(axis=1)
     n = int(component.max()) + 1
-    least, most = np.full(n, np.inf), np.full(n, -np.inf)
-    np.minimum.at(least, of_face, g.min(axis=1))
-    np.maximum.at(most, of_face, g.max(axis=1))
+    largest, least, most = np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf)
+    np.maximum.at(largest, of_face, of_kappa)
+    counts = of_kappa >= 0.01 * largest[of_face]
+    np.minimum.at(least, of_face[counts], g[counts].min(axis=1))
+    np.maximum.at(most, of_face[counts], g[counts].max(axis=1))
     return np.asarray(np.clip(0.0, least, most)[component])
 
 

@@ -64,6 +64,7 @@ class FineSystem(NamedTuple):
             iterations=history.iterations,
             seconds=seconds,
             energy_error=history.energy_error,
+            tests=history.tests,
             lifting=lifting,
         )
 

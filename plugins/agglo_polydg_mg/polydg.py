@@ -24,7 +24,7 @@ from agglo_polydg_mg.assembly import Lifted, cell_means, discretise, lifted, loa
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.evaluate import evaluate
-from agglo_polydg_mg.jumps import energy_norm
+from agglo_polydg_mg.jumps import EnergyNorm
 from agglo_polydg_mg.norms import errors
 from agglo_polydg_mg.option_checks import require_count, require_positive, require_truth
 from agglo_polydg_mg.quadrature import sample
@@ -117,7 +117,7 @@ class PolyDG:
         asked = _diffusion(problem)
         kappa = cell_means(mesh, asked.kappa)
         basis = self.basis(mesh)
-        norm = energy_norm(basis, asked, self.penalty) if asked.dirichlet else None
+        norm = EnergyNorm(basis, asked, self.penalty) if asked.dirichlet else None
         if kappa.min() == kappa.max():
             return ResidualMeasure(b, norm=norm)
         source = load(basis, asked) if asked.dirichlet else None
