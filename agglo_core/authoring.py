@@ -89,15 +89,9 @@ if TYPE_CHECKING:
         Solution,
         System,
     )
-    from agglo_core.problems.conjugate_gradients import (
-        MET,
-        TESTS,
-        History,
-        conjugate_gradients,
-        energy_of_solution,
-        relative,
-        relative_size,
-    )
+    from agglo_core.problems.conjugate_gradients import MET, TESTS, History, conjugate_gradients
+    from agglo_core.problems.real_system import symmetric_system
+    from agglo_core.problems.sizes import energy_of_solution, relative_size, size_ratio, two_norm
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
     from agglo_core.registry.attribution import Member, attributed
@@ -124,7 +118,9 @@ agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
-problems.conjugate_gradients: MET TESTS History conjugate_gradients energy_of_solution relative relative_size
+problems.conjugate_gradients: MET TESTS History conjugate_gradients
+problems.sizes: energy_of_solution relative_size size_ratio two_norm
+problems.real_system: symmetric_system
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
 kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
@@ -239,16 +235,18 @@ __all__ = [
     "quality",
     "read",
     "read_hierarchy",
-    "relative",
     "relative_size",
     "samples",
     "save_figure",
     "scan_thresholds",
+    "size_ratio",
     "split_at_median",
     "staging",
     "sweep",
     "sweep_arrays",
+    "symmetric_system",
     "turned",
+    "two_norm",
     "write",
     "write_sides",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,26 +9,16 @@ import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.problems.ritz import RitzValue
+from agglo_core.problems.sizes import Measure, energy_of_solution, relative_to, size_ratio
 
-__all__ = [
-    "MET",
-    "TESTS",
-    "History",
-    "conjugate_gradients",
-    "energy_of_solution",
-    "relative",
-    "relative_size",
-    "relative_to",
-]
+__all__ = ["MET", "TESTS", "History", "conjugate_gradients"]
 
 MET = "tolerance met"
 """The reason of an iteration that converged."""
 TESTS = ("residual", "energy error")
 """What has to be small for that."""
 _INDEFINITE = "the matrix is not positive definite: "
-
-Measure = Callable[[Float], float]
-"""Vector ``(n,)`` to a size."""
+_UNDERFLOW = "r·r is too small for floating-point numbers, scale b: "
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,29 +40,6 @@ class History:
     def iterations(self) -> int:
         """Number of iterations."""
         return len(self.residuals) - 1
-
-
-def relative_size(r: Float, size: float) -> float:
-    """‖r‖ over a size; 0 where both are 0."""
-    return relative(float(np.linalg.norm(r)), size)
-
-
-def relative(length: float, size: float) -> float:
-    """A length over a size; 0 where both are 0."""
-    if size > 0.0:
-        return length / size
-    return 0.0 if length == 0.0 else float("inf")
-
-
-def relative_to(b: Float) -> Measure:
-    """The measure ‖r‖ / ‖b‖."""
-    size = float(np.linalg.norm(b))
-    return lambda r: relative_size(r, size)
-
-
-def energy_of_solution(b: Float) -> Measure:
-    """The energy norm (x·Ax)^½ of an x with A x = b nearly, as (b·x)^½."""
-    return lambda x: float(np.sqrt(max(float(b @ x), 0.0)))
 
 
 def conjugate_gradients(
@@ -110,7 +76,7 @@ def conjugate_gradients(
     run = _Run(A, np.zeros(len(b)), b.copy())
     residuals, sizes = [float(np.sqrt(run.rho))], [claim.measure(run.r)]
     best, smallest = run.x, 0
-    claim.met = run.rho == 0.0
+    claim.met, claim.why = not b.any(), "" if run.rho or not b.any() else _UNDERFLOW
     while not (claim.met or claim.why) and len(residuals) <= most:
         if not run.step():
             claim.why = _INDEFINITE
@@ -177,7 +143,7 @@ class _Claim:
     met: bool = False
     why: str = ""
     error: float = 0.0
-    _scale: float = np.inf
+    _scale: float = 0.0
     _replaced: float = np.inf
 
     def check(self, run: _Run) -> float:
@@ -185,19 +151,18 @@ class _Claim:
         size = self.measure(run.r)
         if not size <= self.tolerance:
             return size
-        self.error = relative(run.energy_error(), self._scale)
-        if not self.error <= self.tolerance:  # even by a Ritz value and a norm from before
-            return size
+        if self._scale and not size_ratio(run.energy_error(), self._scale) <= self.tolerance:
+            return size  # even by a Ritz value from before
         if not run.ritz.refresh() > 0.0:
             self.why = _INDEFINITE
             return size
         self._scale = self.energy(run.x)
-        self.error = relative(run.energy_error(), self._scale)
+        self.error = size_ratio(run.energy_error(), self._scale)
         if not self.error <= self.tolerance:
             return size
         true = self.b - self.A @ run.x
         drift = float(np.linalg.norm(true - run.r))
-        self.error += relative(drift / float(np.sqrt(run.ritz.least)), self._scale)
+        self.error += size_ratio(drift / float(np.sqrt(run.ritz.least)), self._scale)
         size = max(size, self.measure(true))
         self.met = size <= self.tolerance and self.error <= self.tolerance
         if not self.met:

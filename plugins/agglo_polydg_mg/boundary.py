@@ -101,19 +101,16 @@ def boundary_values(
 def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Dirichlet data ``(f, q)`` at the Gauss points of ``boundary.dirichlet (f,)``."""
     points = face_points(basis.mesh, boundary.dirichlet, basis.degree + 2)
-    return boundary_values(
-        basis.mesh, boundary, problem.dirichlet, boundary.dirichlet, points, "dirichlet"
-    )
+    return boundary_values(basis.mesh, boundary, problem.dirichlet, boundary.dirichlet, points, "dirichlet")
 
 
 def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
     """What Dirichlet data have in common, in each cell ``(n_cells,)``.
 
     In each component of the domain it is the number nearest to 0 between the least and the largest of the
-    data: 0 if they change sign. Data where κ is below a hundredth of its largest value on the faces of data do
-    not count, since those where it is large decide what rounding does. A constant added to the data is added
-    to the solution, whatever κ, and alters nothing else. ``kappa (n_faces, 1 or q)`` is the coefficient in
-    the owner.
+    data: 0 if they change sign. Only faces count whose κ is at least a hundredth of the largest: they decide
+    what rounding does. A constant added to the data is added to the solution, whatever κ, and alters nothing
+    else. ``kappa (n_faces, 1 or q)`` is the coefficient in the owner.
     """
     mesh, faces = basis.mesh, boundary.dirichlet
     g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
@@ -129,9 +126,7 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
     return np.asarray(np.clip(0.0, least, most)[component])
 
 
-def dirichlet_load(
-    basis: Basis, boundary: Boundary, kappa: Float, sigma: Float
-) -> Callable[[Float], Float]:
+def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
     """Map from data g ``(f, q)`` to its right-hand side ``(n_cells, n_local)``: ∫ σκ g v − κ g ∂v/∂n.
 
     g is given as by :func:`dirichlet_values`; ``kappa (n_faces, 1 or q)`` is the coefficient in the owner,

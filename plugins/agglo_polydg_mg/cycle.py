@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import MET, TESTS, Float, History, frozen_float, relative
+from agglo_core.authoring import MET, TESTS, Float, History, frozen_float, size_ratio
 from agglo_polydg_mg.corrections import Corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import Smooth, Solve
@@ -111,7 +111,7 @@ class _Run:
         r = self.b - self.A @ x
         self.corrections.add(x - self.x, self.r - r)
         if self.small:
-            self.error = relative(self.corrections.error(self.r), self.measure.energy(self.x))
+            self.error = size_ratio(self.corrections.error(self.r), self.measure.energy(self.x))
             self.reason = MET if self.error <= self.tolerance else ""
         return x, r
 

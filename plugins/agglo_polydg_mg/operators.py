@@ -24,10 +24,12 @@ from agglo_core.authoring import (
     Problem,
     Solution,
     frozen_float,
+    symmetric_system,
 )
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
+from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
 __all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
@@ -36,7 +38,8 @@ __all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
 class FineSystem(NamedTuple):
     """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.
 
-    ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b is full − A offset.
+    ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
+    All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow.
     """
 
     A: Any
@@ -45,20 +48,23 @@ class FineSystem(NamedTuple):
     measure: ResidualMeasure
     full: Float
     offset: Float | None = None
+    factor: float = 1.0
 
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
     ) -> Solution:
         """The solution of A x = full that a history on A x = b leads to."""
-        x, lifting = history.x, None
+        x = rest = unscaled(history.x, self.factor)
+        lifting = None
         if self.offset is not None:
-            x, lifting = frozen_float(self.offset + history.x), Lifting(self.offset, history.x, self.b)
+            offset = unscaled(self.offset, self.factor)
+            x, lifting = frozen_float(offset + rest), Lifting(offset, rest, unscaled(self.b, self.factor))
         return Solution(
             x=x,
             A=self.A,
-            b=self.full,
+            b=unscaled(self.full, self.factor),
             operators=operators,
-            residuals=history.residuals,
+            residuals=frozen_float(history.residuals / self.factor),
             converged=history.converged,
             reason=history.reason,
             iterations=history.iterations,
@@ -109,24 +115,34 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSyst
     ------
     OptionError
         If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
-        values are not finite; as :func:`~agglo_polydg_mg.assembly.discretise`.
+        values are not finite; as :func:`~agglo_polydg_mg.assembly.discretise` and
+        :func:`~agglo_core.problems.real_system.symmetric_system`.
     """
     if isinstance(problem, Diffusion):
-        mesh = _own_mesh(hierarchy)
-        (system, b, offset) = how.lifted(problem, mesh)
-        A, full, width = system.A, system.b, int(system.block_offsets[1])
-        measure = how.residual_measure(problem, mesh, b)
-        offset = offset if offset.any() else None
-    elif isinstance(problem, Linear):
-        width = _width(problem, hierarchy.graph.n)
-        A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
-        full, offset = b, None
-        measure = ResidualMeasure(b)
-    else:
-        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
-    if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
+        return _discretised(problem, _own_mesh(hierarchy), how)
+    if isinstance(problem, Linear):
+        return _given(problem, hierarchy.graph.n)
+    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+
+
+def _discretised(problem: Diffusion, mesh: Mesh, how: PolyDG) -> FineSystem:
+    system, load, offset = how.lifted(problem, mesh)
+    factor = factor_for(float(np.abs(load).max()) or data_size(mesh, problem))
+    if factor != 1.0:
+        problem = times(problem, factor)
+        system, load, offset = how.lifted(problem, mesh)
+    if not (np.isfinite(system.b).all() and np.isfinite(system.A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    return FineSystem(A, b, width, measure, full, offset)
+    measure, width = how.residual_measure(problem, mesh, load), int(system.block_offsets[1])
+    return FineSystem(system.A, load, width, measure, system.b, offset if offset.any() else None, factor)
+
+
+def _given(problem: Linear, n: int) -> FineSystem:
+    width = _width(problem, n)
+    matrix, full = symmetric_system(problem)
+    factor = factor_for(float(np.abs(full).max(initial=0.0)))
+    b = frozen_float(factor * full)
+    return FineSystem(block_matrix(matrix, width), b, width, ResidualMeasure(b), b, None, factor)
 
 
 def _own_mesh(hierarchy: Hierarchy) -> Mesh:
@@ -156,12 +172,6 @@ def _width(problem: Linear, n: int) -> int:
     if sizes.min() != sizes.max() or sizes[0] == 0:
         raise OptionError(
             f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
-        )
-    unknowns = int(problem.block_offsets[-1])
-    if np.shape(problem.A) != (unknowns, unknowns) or np.shape(problem.b) != (unknowns,):
-        raise OptionError(
-            f"A has the shape {np.shape(problem.A)} and b {np.shape(problem.b)}; "
-            f"block_offsets are for {unknowns} unknowns"
         )
     return int(sizes[0])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from agglo_core.authoring import (
     Hierarchy,
     Int,
+    Linear,
     MultigridLevel,
     Problem,
     Registry,
@@ -128,9 +130,17 @@ class PaperMultigrid:
         else:
             times.append(time.perf_counter())
             history = stationary(fine.A, fine.b, step, self.tolerance, self.max_iterations, fine.measure)
+        if not history.converged and history.iterations < self.max_iterations:
+            history = replace(history, reason=f"{history.reason}; {self._way_out(problem)}")
         times.append(time.perf_counter())
         seconds = dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True))
         return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), seconds)
+
+    def _way_out(self, problem: Problem) -> str:
+        """What to try where the cycles fail."""
+        rest = "the solver polydg_cg, or a direct solver on A and b of the solution"
+        given = self.inherited or isinstance(problem, Linear)
+        return f"try {rest}" if given else f"try operators=inherited, {rest}"
 
     def _cycle(self, operators: LevelOperators, labels: Sequence[Int]) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from agglo_core.authoring import Float, energy_of_solution, relative_size
+from agglo_core.authoring import Float, energy_of_solution, relative_size, two_norm
 
 __all__ = ["ResidualMeasure"]
 
@@ -49,10 +47,10 @@ class ResidualMeasure:
     def _sizes(self) -> tuple[float, float]:
         """What ‖r‖ and ‖r / κ‖ are compared with."""
         if self.kappa is None:
-            return float(np.linalg.norm(self.b)), 0.0
+            return two_norm(self.b), 0.0
         load = self.b if self.load is None else self.load
         counted = load + (self.b - load) * (self.kappa.min() / self.kappa)
-        return float(np.linalg.norm(counted)), float(np.linalg.norm(self.b / self.kappa))
+        return two_norm(counted), two_norm(self.b / self.kappa)
 
     def __call__(self, r: Float) -> float:
         """Relative size; 0 where r and b are 0."""
