@@ -19,7 +19,8 @@ _SMALL = 1e-140
 
 def two_norm(r: Float) -> float:
     """‖r‖, of numbers of any size."""
-    plain = float(np.linalg.norm(r))
+    with np.errstate(over="ignore"):
+        plain = float(np.linalg.norm(r))
     if _SMALL < plain < 1.0 / _SMALL or not r.any():
         return plain
     largest = float(np.abs(r).max())

@@ -53,6 +53,8 @@ def report(
     measure = how.residual_measure(problem, mesh, b) if how else relative_to(b)
     norms = how.errors(problem, mesh, solution.x) if how else {}
     load = how.load(problem, mesh, solution.b) if how else solution.b
+    with np.errstate(over="ignore", invalid="ignore"):
+        energy = float(load @ solution.x)
     return {
         "dofs": dofs[0],
         "levels": [{"cells": n * mesh.n_cells // dofs[0], "dofs": n} for n in dofs],
@@ -65,7 +67,7 @@ def report(
         "residuals": np.asarray(solution.residuals).tolist(),
         **dict.fromkeys(_USUAL_ERRORS),
         **{f"error_{name}": float(value) for name, value in norms.items()},
-        "energy": float(load @ solution.x),
+        "energy": energy,
         "operator_complexity": operator_complexity(solution),
         "cg_iterations": _plain_cg(solution, cg_tolerance, measure),
         "seconds": dict(solution.seconds),
