@@ -43,7 +43,7 @@ def checked(case: Case, most: int = 300) -> int:
     return len(found)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 5, 8, 10, 17, 24, 27])
+@pytest.mark.parametrize("seed", [1, 4, 6, 11, 14, 19, 23, 25])
 def test_what_is_called_converged_is_right(seed: int) -> None:
     assert checked(random_case(seed, largest=7), most=100) >= 1
 
