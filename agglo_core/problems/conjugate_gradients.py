@@ -76,7 +76,7 @@ def conjugate_gradients(
     run = _Run(A, np.zeros(len(b)), b.copy())
     residuals, sizes = [float(np.sqrt(run.rho))], [claim.measure(run.r)]
     best, smallest = run.x, 0
-    claim.met, claim.why = not b.any(), "" if run.rho or not b.any() else _UNDERFLOW
+    claim.met, claim.why = not b.any(), _UNDERFLOW if b.any() and not run.rho else ""
     while not (claim.met or claim.why) and len(residuals) <= most:
         if not run.step():
             claim.why = _INDEFINITE
@@ -85,14 +85,11 @@ def conjugate_gradients(
         sizes.append(claim.check(run))
         if sizes[-1] < sizes[smallest] or claim.met:
             best, smallest = run.x, len(sizes) - 1
-    return History(
-        frozen_float(best),
-        frozen_float(residuals[: smallest + 1]),
-        claim.met,
-        MET if claim.met else claim.failed(sizes[smallest], smallest, len(sizes) - 1),
-        claim.error if claim.met else None,
-        TESTS if claim.met else TESTS[:1] if sizes[smallest] <= tolerance else (),
-    )
+    kept, passed = frozen_float(residuals[: smallest + 1]), TESTS[: sizes[smallest] <= tolerance]
+    if claim.met:
+        return History(frozen_float(best), kept, True, MET, claim.error, TESTS)
+    reason = claim.failed(sizes[smallest], smallest, len(sizes) - 1)
+    return History(frozen_float(best), kept, False, reason, None, passed)
 
 
 @dataclass(eq=False)

@@ -30,6 +30,7 @@ from agglo_polydg_mg.option_checks import require_count, require_positive, requi
 from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.sampling import samples_of
+from agglo_polydg_mg.scaling import factor_for, times
 
 __all__ = ["PolyDG", "corrections"]
 
@@ -104,8 +105,10 @@ class PolyDG:
         asked = _diffusion(problem)
         if asked.exact is None:
             return {}
-        found = errors(self.basis(mesh), x, asked, penalty=self.penalty)
-        return {"l2": found.l2, "dg": found.dg}
+        factor = factor_for(float(np.abs(x).max(initial=0.0)))
+        asked = asked if factor == 1.0 else times(asked, factor)
+        found = errors(self.basis(mesh), factor * x, asked, penalty=self.penalty)
+        return {"l2": found.l2 / factor, "dg": found.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
         """Load ``(n,)`` of source and Neumann data: b itself where there are no Dirichlet data."""

@@ -125,6 +125,14 @@ def test_components_of_the_domain_have_offsets_of_their_own() -> None:
     assert np.array_equal(moved.lifting.rest, plain.x)
 
 
+def test_error_norms_of_any_size() -> None:
+    mesh, solver = samples.squares(4), PlainCG()
+    hierarchy, size = agglomerate(mesh, n_parts=4), 2.0**-700
+    plain, small = Diffusion(exact=lambda x: x[:, 0]), Diffusion(source=size, exact=lambda x: size * x[:, 0])
+    norms = [solver.discretisation.errors(p, mesh, solver.solve(p, hierarchy).x) for p in (plain, small)]
+    assert norms[1] == {name: size * norm for name, norm in norms[0].items()}
+
+
 @pytest.mark.parametrize("shift", [0.0, 1e4, 1e8])
 def test_error_norms_do_not_lose_digits_to_an_offset(shift: float) -> None:
     mesh, solver = samples.squares(6), PlainCG(degree=2, tolerance=1e-10)
