@@ -18,6 +18,8 @@ MET = "tolerance met"
 TESTS = ("residual", "energy error")
 """What has to be small for that."""
 _INDEFINITE = "the matrix is not positive definite: "
+_AHEAD = 10
+"""Iterations to go on for, and that part of those done, before an iterate is judged."""
 _UNDERFLOW = "r·r is too small for floating-point numbers, scale b: "
 
 
@@ -66,35 +68,37 @@ def conjugate_gradients(
 
     Notes
     -----
-    Where the recursion's residual is small enough ‖e‖_A is estimated from the coefficients of the iteration,
-    and b − A x is computed. If it turns out to be another vector the iteration starts afresh from it, and is
-    given up once that gains nothing. As in MATLAB's ``pcg``, an iteration that does not converge returns the
-    iterate of smallest residual, whose number is the length of the history; ``reason`` says how many
-    iterations were done.
+    Where the recursion's residual is small enough b − A x is computed, and the iteration goes on a little, so
+    that its coefficients tell ‖e‖_A; these further iterations are not counted if x is right. If b − A x turns
+    out to be another vector the iteration starts afresh from it, and is given up once that gains nothing.
+
+    As in MATLAB's ``pcg``, an iteration that does not converge returns the iterate of smallest residual,
+    whose number is the length of the history; ``reason`` says how many iterations were done.
     """
     claim = _Claim(A, b, tolerance, measure or relative_to(b), energy or energy_of_solution(b))
     run = _Run(A, np.zeros(len(b)), b.copy())
-    residuals, sizes = [float(np.sqrt(run.rho))], [claim.measure(run.r)]
-    best, smallest = run.x, 0
+    residuals, sizes, best, smallest = [float(np.sqrt(run.rho))], [claim.measure(run.r)], run.x, 0
     claim.met, claim.why = not b.any(), _UNDERFLOW if b.any() and not run.rho else ""
-    while not (claim.met or claim.why) and len(residuals) <= most:
+    while not (claim.met or claim.why) and (len(residuals) <= most or claim.x is not None):
         if not run.step():
             claim.why = _INDEFINITE
             break
         residuals.append(float(np.sqrt(run.rho)))
         sizes.append(claim.check(run))
-        if sizes[-1] < sizes[smallest] or claim.met:
+        if sizes[-1] < sizes[smallest]:
             best, smallest = run.x, len(sizes) - 1
-    kept, passed = frozen_float(residuals[: smallest + 1]), TESTS[: sizes[smallest] <= tolerance]
     if claim.met:
-        return History(frozen_float(best), kept, True, MET, claim.error, TESTS)
+        x = run.x if claim.x is None else claim.x
+        kept = frozen_float(residuals[: claim.at + 1])
+        return History(frozen_float(x), kept, True, MET, claim.error, TESTS)
     reason = claim.failed(sizes[smallest], smallest, len(sizes) - 1)
+    kept, passed = frozen_float(residuals[: smallest + 1]), TESTS[: sizes[smallest] <= tolerance]
     return History(frozen_float(best), kept, False, reason, None, passed)
 
 
 @dataclass(eq=False)
 class _Run:
-    """The recursion: iterate, its residual, direction, r·r."""
+    """The recursion: iterate, its residual, direction, r·r, what the last step took from ‖e‖_A²."""
 
     A: Any
     x: Float
@@ -102,7 +106,7 @@ class _Run:
     ritz: RitzValue = field(default_factory=RitzValue)
 
     def __post_init__(self) -> None:
-        self.p, self.rho = self.r, float(self.r @ self.r)
+        self.p, self.rho, self.gain, self.done = self.r, float(self.r @ self.r), 0.0, 0
 
     def step(self) -> bool:
         """One iteration; False if the matrix is found not to be positive definite."""
@@ -111,6 +115,7 @@ class _Run:
         if not curvature > 0.0:
             return False
         alpha = self.rho / curvature
+        self.gain, self.done = alpha * self.rho, self.done + 1
         self.x, self.r = self.x + alpha * self.p, self.r - alpha * Ap
         self.rho, before = float(self.r @ self.r), self.rho
         self.p = self.r + (self.rho / before) * self.p
@@ -130,7 +135,10 @@ class _Run:
 
 @dataclass(eq=False)
 class _Claim:
-    """Whether an iteration may be called converged: ``met`` says so, ``why`` says that it never will."""
+    """Whether an iteration may be called converged: ``met`` says so, ``why`` says that it never will.
+
+    An iterate ``x``, the one with the number ``at``, is looked at from some iterations further on.
+    """
 
     A: Any
     b: Float
@@ -139,34 +147,62 @@ class _Claim:
     energy: Measure
     met: bool = False
     why: str = ""
-    error: float = 0.0
+    error: float = np.inf
+    x: Float | None = None
+    at: int = 0
+    _gained: float = 0.0
+    _drift: float = 0.0
     _scale: float = 0.0
     _replaced: float = np.inf
 
     def check(self, run: _Run) -> float:
-        """Size of the residual of a run, the true one where that decides."""
+        """Size of the residual after a step, the true one where that decides."""
         size = self.measure(run.r)
-        if not size <= self.tolerance:
-            return size
+        if self.x is not None:
+            self._gained += run.gain
+            if run.done >= self.at + max(_AHEAD, self.at // _AHEAD) or not run.rho:
+                self._decide(run)
+        elif size <= self.tolerance and self._likely(run):
+            true = self.b - self.A @ run.x
+            size = max(size, self.measure(true))
+            self._drift = float(np.linalg.norm(true - run.r))
+            if size <= self.tolerance:
+                self.x, self.at, self._gained = run.x, run.done, 0.0
+                if not run.rho:
+                    self._decide(run)
+            else:
+                self._replace(run, true)
+        return size
+
+    def _likely(self, run: _Run) -> bool:
         if self._scale and not size_ratio(run.energy_error(), self._scale) <= self.tolerance:
-            return size  # even by a Ritz value from before
+            return False  # even by a Ritz value from before
         if not run.ritz.refresh() > 0.0:
             self.why = _INDEFINITE
-            return size
+            return False
         self._scale = self.energy(run.x)
         self.error = size_ratio(run.energy_error(), self._scale)
-        if not self.error <= self.tolerance:
-            return size
-        true = self.b - self.A @ run.x
-        drift = float(np.linalg.norm(true - run.r))
-        self.error += size_ratio(drift / float(np.sqrt(run.ritz.least)), self._scale)
-        size = max(size, self.measure(true))
-        self.met = size <= self.tolerance and self.error <= self.tolerance
+        return self.error <= self.tolerance
+
+    def _decide(self, run: _Run) -> None:
+        if not run.ritz.refresh() > 0.0:
+            self.why = _INDEFINITE
+            return
+        rounding = self._drift / float(np.sqrt(run.ritz.least))
+        error = float(np.sqrt(self._gained + run.energy_error() ** 2)) + rounding
+        self.error = size_ratio(error, self._scale)
+        self.met = self.error <= self.tolerance
         if not self.met:
-            self.why = "rounding lets b − A x fall no further: " if size > 0.5 * self._replaced else ""
-            self._replaced = size
-            run.restart(true)
-        return size
+            self.x = None
+            if size_ratio(rounding, self._scale) > 0.5 * self.tolerance:
+                self._replace(run, self.b - self.A @ run.x)
+
+    def _replace(self, run: _Run, true: Float) -> None:
+        """Start afresh from the true residual, unless that has been done and gained nothing."""
+        size = self.measure(true)
+        self.why = "rounding lets b − A x fall no further: " if size > 0.5 * self._replaced else ""
+        self._replaced = size
+        run.restart(true)
 
     def failed(self, size: float, at: int, done: int) -> str:
         """The reason of an iteration that has not converged."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,17 +12,17 @@ __all__ = ["RitzValue"]
 
 @dataclass(eq=False)
 class RitzValue:
-    """Smallest Ritz value of a run of conjugate gradients.
+    """Smallest eigenvalue that takes part in a run of conjugate gradients, as the run sees it.
 
-    The coefficients of the iteration are those of the Lanczos process: its smallest Ritz value falls to the
-    smallest eigenvalue that takes part, usually long before the iteration converges.
+    The coefficients of the iteration are those of the Lanczos process, whose smallest Ritz value falls to
+    that eigenvalue. What it fell by in the latter half of the iterations it is taken to fall by once more.
 
     Attributes
     ----------
     steps, ratios : list of float
         Length of each step, and r·r after it over that before.
     least : float
-        The value when it was last :meth:`refresh`-ed; at most too large.
+        The value when it was last asked for by :meth:`refresh`.
     """
 
     steps: list[float] = field(default_factory=list)
@@ -40,12 +41,20 @@ class RitzValue:
 
     def refresh(self) -> float:
         """The value with all iterations so far; infinite without any."""
-        if self.steps and self._at != len(self.steps):
-            from scipy.linalg import eigvalsh_tridiagonal
-
-            inverse, ratios = 1.0 / np.array(self.steps), np.array(self.ratios[:-1])
-            diagonal, beside = inverse.copy(), np.sqrt(ratios) * inverse[:-1]
-            diagonal[1:] += ratios * inverse[:-1]
-            lowest = eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))[0]
-            self.least, self._at = min(self.least, float(lowest)), len(self.steps)
+        count = len(self.steps)
+        if count != self._at:
+            lowest, before = (
+                _lowest(self.steps[:n], self.ratios[: n - 1]) for n in (count, (count + 1) // 2)
+            )
+            self.least, self._at = min(self.least, lowest * min(1.0, lowest / before)), count
         return self.least
+
+
+def _lowest(steps: Sequence[float], ratios: Sequence[float]) -> float:
+    """Smallest eigenvalue of the tridiagonal matrix of some iterations."""
+    from scipy.linalg import eigvalsh_tridiagonal
+
+    inverse, falls = 1.0 / np.array(steps), np.array(ratios)
+    diagonal, beside = inverse.copy(), np.sqrt(falls) * inverse[:-1]
+    diagonal[1:] += falls * inverse[:-1]
+    return float(eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(0, 0))[0])
