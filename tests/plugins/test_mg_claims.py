@@ -50,8 +50,8 @@ def test_what_is_called_converged_is_right(seed: int) -> None:
 
 @pytest.mark.slow
 def test_what_is_called_converged_is_right_on_a_hundred_problems() -> None:
-    """Of the 300 solutions two thirds are called converged; the others are on graded meshes mostly."""
-    assert sum(checked(random_case(seed), most=1000) for seed in range(1000, 1100)) >= 180
+    """Most of the 300 solutions are called converged; the others are on graded meshes mostly."""
+    assert sum(checked(random_case(seed)) for seed in range(1000, 1100)) >= 200
 
 
 @pytest.mark.parametrize(
