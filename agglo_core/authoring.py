@@ -83,6 +83,7 @@ if TYPE_CHECKING:
         Diffusion,
         Discretisation,
         Field,
+        Lifting,
         Linear,
         MultigridLevel,
         Problem,
@@ -90,13 +91,9 @@ if TYPE_CHECKING:
         Solution,
         System,
     )
-    from agglo_core.problems.conjugate_gradients import (
-        MET,
-        History,
-        conjugate_gradients,
-        iterated,
-        relative_size,
-    )
+    from agglo_core.problems.conjugate_gradients import MET, TESTS, History, conjugate_gradients, iterated
+    from agglo_core.problems.real_system import symmetric_system
+    from agglo_core.problems.sizes import energy_of_solution, relative_size, size_ratio, two_norm
     from agglo_core.progress import Listener, Progress, Tell, labelled, phase, to_nobody
     from agglo_core.protocols import Bisector, LevelBisector, Partitioner, Smoother, Target
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
@@ -111,7 +108,7 @@ mesh: Mesh
 graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
-problems: Diffusion Discretisation Field Linear MultigridLevel Problem Samples Solution System
+problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Problem Samples Solution System
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -126,7 +123,9 @@ agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
 registry.code_options: ImportPath
-problems.conjugate_gradients: MET History conjugate_gradients iterated relative_size
+problems.conjugate_gradients: MET TESTS History conjugate_gradients iterated
+problems.sizes: energy_of_solution relative_size size_ratio two_norm
+problems.real_system: symmetric_system
 progress: Listener Progress Tell labelled phase to_nobody
 kernels: kernel
 kernels.axes: half_circle halvings planar_frame turned
@@ -158,6 +157,7 @@ __all__ = [
     "NO_CUT",
     "OBJECTIVES",
     "PALETTE",
+    "TESTS",
     "TIE",
     "AggloError",
     "Bisector",
@@ -178,6 +178,7 @@ __all__ = [
     "Int",
     "InterfaceRefiner",
     "LevelBisector",
+    "Lifting",
     "Linear",
     "Listener",
     "Mask",
@@ -226,6 +227,7 @@ __all__ = [
     "describe",
     "edge_room",
     "edges_of_block",
+    "energy_of_solution",
     "frozen",
     "frozen_float",
     "frozen_index",
@@ -255,12 +257,15 @@ __all__ = [
     "samples",
     "save_figure",
     "scan_thresholds",
+    "size_ratio",
     "split_at_median",
     "staging",
     "sweep",
     "sweep_arrays",
+    "symmetric_system",
     "to_nobody",
     "turned",
+    "two_norm",
     "write",
     "write_sides",
 ]

@@ -6,13 +6,14 @@ from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import MultigridLevel
 from agglo_core.problems.problem import Field, Problem
-from agglo_core.problems.solution import Solution
+from agglo_core.problems.solution import Lifting, Solution
 from agglo_core.problems.system import System
 
 __all__ = [
     "Diffusion",
     "Discretisation",
     "Field",
+    "Lifting",
     "Linear",
     "MultigridLevel",
     "Problem",

@@ -2,51 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.problems.ritz import RitzValue
+from agglo_core.problems.sizes import Measure, energy_of_solution, relative_to, size_ratio
 from agglo_core.progress import Tell, to_nobody
 
-__all__ = ["MET", "History", "conjugate_gradients", "iterated", "relative_size", "relative_to"]
+__all__ = ["MET", "TESTS", "History", "conjugate_gradients", "iterated"]
 
 MET = "tolerance met"
 """The reason of an iteration that converged."""
-
-Measure = Callable[[Float], float]
-"""Residual ``(n,)`` to its size relative to the right-hand side."""
+TESTS = ("residual", "energy error")
+"""What has to be small for that."""
+_INDEFINITE = "the matrix is not positive definite: "
+_AHEAD = 10
+"""Iterations to go on for, and that part of those done, before an iterate is judged."""
+_UNDERFLOW = "r·r is too small for floating-point numbers, scale b: "
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration."""
+    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
+
+    ``energy_error`` is an estimate of the error of x in the energy norm, relative to that of x, None if there
+    is none; ``tests`` are those of ``"residual"`` and ``"energy error"`` that x has passed.
+    """
 
     x: Float
     residuals: Float
     converged: bool
     reason: str
+    energy_error: float | None = None
+    tests: tuple[str, ...] = ()
 
     @property
     def iterations(self) -> int:
         """Number of iterations."""
         return len(self.residuals) - 1
-
-
-def relative_size(r: Float, size: float) -> float:
-    """‖r‖ over a size; 0 where both are 0."""
-    length = float(np.linalg.norm(r))
-    if size > 0.0:
-        return length / size
-    return float("inf") if length > 0.0 else 0.0
-
-
-def relative_to(b: Float) -> Measure:
-    """The measure ‖r‖ / ‖b‖."""
-    size = float(np.linalg.norm(b))
-    return lambda r: relative_size(r, size)
 
 
 def conjugate_gradients(
@@ -55,9 +51,10 @@ def conjugate_gradients(
     tolerance: float = 1e-6,
     most: int = 10_000,
     measure: Measure | None = None,
+    energy: Measure | None = None,
     tell: Tell = to_nobody,
 ) -> History:
-    """Plain conjugate gradients from 0 until ``measure`` says ``tolerance`` or less.
+    """Plain conjugate gradients from 0 until residual and energy error are ``tolerance`` or less.
 
     Parameters
     ----------
@@ -68,39 +65,40 @@ def conjugate_gradients(
         Iterations.
     measure : callable, optional
         Of residuals; by default ‖r‖ / ‖b‖.
+    energy : callable, optional
+        Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
     tell : callable, optional
         Told how far the iteration has come, see :func:`iterated`.
 
     Notes
     -----
-    The recursion's residual is tested, and where it is small enough b − A x as well. As in MATLAB's
-    ``pcg``, an iteration that does not converge returns the iterate of smallest residual, whose number is
-    the length of the history; ``reason`` says how many iterations were done.
+    Where the recursion's residual is small enough b − A x is computed, and the iteration goes on a little, so
+    that its coefficients tell ‖e‖_A; these further iterations are not counted if x is right. If b − A x turns
+    out to be another vector the iteration starts afresh from it, and is given up once that gains nothing.
+
+    As in MATLAB's ``pcg``, an iteration that does not converge returns the iterate of smallest residual,
+    whose number is the length of the history; ``reason`` says how many iterations were done.
     """
-    measure = measure or relative_to(b)
-    x, r = np.zeros(len(b)), b.copy()
-    p, rho, why = r, float(r @ r), ""
-    residuals, sizes, best = [float(np.sqrt(rho))], [measure(r)], x
-    smallest = 0
-    while sizes[-1] > tolerance and len(residuals) <= most:
-        Ap = A @ p
-        curvature = float(p @ Ap)
-        if not curvature > 0.0:
-            why = "the matrix is not positive definite: "
+    claim = _Claim(A, b, tolerance, measure or relative_to(b), energy or energy_of_solution(b))
+    run = _Run(A, np.zeros(len(b)), b.copy())
+    residuals, sizes, best, smallest = [float(np.sqrt(run.rho))], [claim.measure(run.r)], run.x, 0
+    claim.met, claim.why = not b.any(), _UNDERFLOW if b.any() and not run.rho else ""
+    while not (claim.met or claim.why) and (len(residuals) <= most or claim.x is not None):
+        if not run.step():
+            claim.why = _INDEFINITE
             break
-        alpha = rho / curvature
-        x, r = x + alpha * p, r - alpha * Ap
-        rho, before = float(r @ r), rho
-        p = r + (rho / before) * p
-        residuals.append(float(np.sqrt(rho)))
-        sizes.append(_confirmed(measure, tolerance, r, A, b, x))
+        residuals.append(float(np.sqrt(run.rho)))
+        sizes.append(claim.check(run))
         if sizes[-1] < sizes[smallest]:
-            best, smallest = x, len(sizes) - 1
+            best, smallest = run.x, len(sizes) - 1
         tell(*iterated(len(residuals) - 1, sizes[-1], tolerance))
-    converged, done = sizes[smallest] <= tolerance, len(sizes) - 1
-    reason = f"{why}smallest relative residual {sizes[smallest]:.1e} in iteration {smallest} of {done}"
-    reason = MET if converged else f"{reason}, wanted {tolerance:.1e}"
-    return History(frozen_float(best), frozen_float(residuals[: smallest + 1]), converged, reason)
+    if claim.met:
+        x = run.x if claim.x is None else claim.x
+        kept = frozen_float(residuals[: claim.at + 1])
+        return History(frozen_float(x), kept, True, MET, claim.error, TESTS)
+    reason = claim.failed(sizes[smallest], smallest, len(sizes) - 1)
+    kept, passed = frozen_float(residuals[: smallest + 1]), TESTS[: sizes[smallest] <= tolerance]
+    return History(frozen_float(best), kept, False, reason, None, passed)
 
 
 def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
@@ -121,7 +119,116 @@ def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str
     return float(np.log(size) / np.log(tolerance)), text
 
 
-def _confirmed(measure: Measure, tolerance: float, r: Float, A: Any, b: Float, x: Float) -> float:
-    """Size of the recursion's residual; of b − A x where that would end the iteration."""
-    size = measure(r)
-    return size if size > tolerance else max(size, measure(b - A @ x))
+@dataclass(eq=False)
+class _Run:
+    """The recursion: iterate, its residual, direction, r·r, what the last step took from ‖e‖_A²."""
+
+    A: Any
+    x: Float
+    r: Float
+    ritz: RitzValue = field(default_factory=RitzValue)
+
+    def __post_init__(self) -> None:
+        self.p, self.rho, self.gain, self.done = self.r, float(self.r @ self.r), 0.0, 0
+
+    def step(self) -> bool:
+        """One iteration; False if the matrix is found not to be positive definite."""
+        Ap = self.A @ self.p
+        curvature = float(self.p @ Ap)
+        if not curvature > 0.0:
+            return False
+        alpha = self.rho / curvature
+        self.gain, self.done = alpha * self.rho, self.done + 1
+        self.x, self.r = self.x + alpha * self.p, self.r - alpha * Ap
+        self.rho, before = float(self.r @ self.r), self.rho
+        self.p = self.r + (self.rho / before) * self.p
+        self.ritz.add(alpha, self.rho / before)
+        return True
+
+    def restart(self, r: Float) -> None:
+        """Go on from another residual of the same iterate."""
+        self.r = self.p = r
+        self.rho = float(r @ r)
+        self.ritz.restart()
+
+    def energy_error(self) -> float:
+        """‖e‖_A ≤ r·r / (θ p·p)^½, θ the smallest eigenvalue (Meurant, Tichý, Numer. Algorithms 82, 2019)."""
+        return self.rho / float(np.sqrt(self.ritz.least * (self.p @ self.p))) if self.rho else 0.0
+
+
+@dataclass(eq=False)
+class _Claim:
+    """Whether an iteration may be called converged: ``met`` says so, ``why`` says that it never will.
+
+    An iterate ``x``, the one with the number ``at``, is looked at from some iterations further on.
+    """
+
+    A: Any
+    b: Float
+    tolerance: float
+    measure: Measure
+    energy: Measure
+    met: bool = False
+    why: str = ""
+    error: float = np.inf
+    x: Float | None = None
+    at: int = 0
+    _gained: float = 0.0
+    _drift: float = 0.0
+    _scale: float = 0.0
+    _replaced: float = np.inf
+
+    def check(self, run: _Run) -> float:
+        """Size of the residual after a step, the true one where that decides."""
+        size = self.measure(run.r)
+        if self.x is not None:
+            self._gained += run.gain
+            if run.done >= self.at + max(_AHEAD, self.at // _AHEAD) or not run.rho:
+                self._decide(run)
+        elif size <= self.tolerance and self._likely(run):
+            true = self.b - self.A @ run.x
+            size = max(size, self.measure(true))
+            self._drift = float(np.linalg.norm(true - run.r))
+            if size <= self.tolerance:
+                self.x, self.at, self._gained = run.x, run.done, 0.0
+                if not run.rho:
+                    self._decide(run)
+            else:
+                self._replace(run, true)
+        return size
+
+    def _likely(self, run: _Run) -> bool:
+        if self._scale and not size_ratio(run.energy_error(), self._scale) <= self.tolerance:
+            return False  # even by a Ritz value from before
+        if not run.ritz.refresh() > 0.0:
+            self.why = _INDEFINITE
+            return False
+        self._scale = self.energy(run.x)
+        self.error = size_ratio(run.energy_error(), self._scale)
+        return self.error <= self.tolerance
+
+    def _decide(self, run: _Run) -> None:
+        if not run.ritz.refresh() > 0.0:
+            self.why = _INDEFINITE
+            return
+        rounding = self._drift / float(np.sqrt(run.ritz.least))
+        error = float(np.sqrt(self._gained + run.energy_error() ** 2)) + rounding
+        self.error = size_ratio(error, self._scale)
+        self.met = self.error <= self.tolerance
+        if not self.met:
+            self.x = None
+            if size_ratio(rounding, self._scale) > 0.5 * self.tolerance:
+                self._replace(run, self.b - self.A @ run.x)
+
+    def _replace(self, run: _Run, true: Float) -> None:
+        """Start afresh from the true residual, unless that has been done and gained nothing."""
+        size = self.measure(true)
+        self.why = "rounding lets b − A x fall no further: " if size > 0.5 * self._replaced else ""
+        self._replaced = size
+        run.restart(true)
+
+    def failed(self, size: float, at: int, done: int) -> str:
+        """The reason of an iteration that has not converged."""
+        near = f", energy error about {self.error:.1e}" if size <= self.tolerance else ""
+        wanted = f"smallest relative residual {size:.1e} in iteration {at} of {done}{near}"
+        return f"{self.why}{wanted}, wanted {self.tolerance:.1e}"

@@ -8,7 +8,20 @@ from typing import Any
 
 from agglo_core.arrays import Float
 
-__all__ = ["Solution"]
+__all__ = ["Lifting", "Solution"]
+
+
+@dataclass(frozen=True, eq=False)
+class Lifting:
+    """What was solved in place of ``A x = b``: x = offset + rest, ``A rest = load``.
+
+    ``load (n,)`` is b − A offset, and the residual of x is load − A rest: both without the digits that are
+    lost where the offset is far above the rest.
+    """
+
+    offset: Float
+    rest: Float
+    load: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,6 +30,10 @@ class Solution:
 
     ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
     after each iteration, the first one before any.
+
+    What a solver need not tell: ``tests``, which of the tests ``"residual"`` and ``"energy error"`` x has
+    passed; ``energy_error``, an estimate of the error in the energy norm relative to that of the solution;
+    ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest).
     """
 
     x: Float
@@ -28,3 +45,6 @@ class Solution:
     reason: str
     iterations: int
     seconds: Mapping[str, float]
+    energy_error: float | None = None
+    tests: tuple[str, ...] = ()
+    lifting: Lifting | None = None

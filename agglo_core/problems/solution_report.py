@@ -9,9 +9,10 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
-from agglo_core.problems.conjugate_gradients import conjugate_gradients, relative_to
+from agglo_core.problems.conjugate_gradients import conjugate_gradients
 from agglo_core.problems.discretisation import Discretisation
 from agglo_core.problems.problem import Problem
+from agglo_core.problems.sizes import relative_to
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase
 
@@ -44,27 +45,34 @@ def report(
     Returns
     -------
     dict
-        ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x;
+        ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x,
+        without an offset that the solver took out; ``energy_error`` and ``tests_met`` are what the solution
+        says of itself;
         ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
         unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
         finest.
     """
     dofs = [A.shape[0] for A in _matrices(solution)]
-    measure = how.residual_measure(problem, mesh, solution.b) if how else relative_to(solution.b)
+    rest, b = _solved(solution)
+    measure = how.residual_measure(problem, mesh, b) if how else relative_to(b)
     with phase(progress, "measuring", "errors"):
         norms = how.errors(problem, mesh, solution.x) if how else {}
         load = how.load(problem, mesh, solution.b) if how else solution.b
+    with np.errstate(over="ignore", invalid="ignore"):
+        energy = float(load @ solution.x)
     return {
         "dofs": dofs[0],
         "levels": [{"cells": n * mesh.n_cells // dofs[0], "dofs": n} for n in dofs],
         "iterations": solution.iterations,
         "converged": bool(solution.converged),
         "reason": solution.reason,
-        "relative_residual": measure(solution.b - solution.A @ solution.x),
+        "relative_residual": measure(b - solution.A @ rest),
+        "energy_error": solution.energy_error,
+        "tests_met": list(solution.tests),
         "residuals": np.asarray(solution.residuals).tolist(),
         **dict.fromkeys(_USUAL_ERRORS),
         **{f"error_{name}": float(value) for name, value in norms.items()},
-        "energy": float(load @ solution.x),
+        "energy": energy,
         "operator_complexity": operator_complexity(solution),
         "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
         "seconds": dict(solution.seconds),
@@ -82,6 +90,12 @@ def _matrices(solution: Solution) -> list[Any]:
     return [A for A, _ in solution.operators] or [solution.A]
 
 
+def _solved(solution: Solution) -> tuple[Float, Float]:
+    """Unknowns and right-hand side of what was solved: x and b, or what is left without an offset."""
+    lifting = solution.lifting
+    return (solution.x, solution.b) if lifting is None else (lifting.rest, lifting.load)
+
+
 def _plain_cg(
     solution: Solution,
     tolerance: float | None,
@@ -90,25 +104,35 @@ def _plain_cg(
 ) -> int | None:
     if tolerance is None:
         return None
+    b, energy = _solved(solution)[1], getattr(measure, "energy", None)
     with phase(progress, "counting iterations of plain CG") as tell:
-        history = conjugate_gradients(solution.A, solution.b, tolerance, measure=measure, tell=tell)
+        history = conjugate_gradients(solution.A, b, tolerance, measure=measure, energy=energy, tell=tell)
     return history.iterations if history.converged else None
+
+
+def _state(data: Mapping[str, Any]) -> str:
+    """How it ended, and the sizes that decide."""
+    met = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
+    state = f"converged after {data['iterations']} iterations ({data['reason']}{met})"
+    if not data["converged"]:
+        state = f"NOT CONVERGED: {data['reason']}; the solution is that of iteration {data['iterations']}"
+    state = f"{state}, relative residual {data['relative_residual']:.2e}"
+    return state if data["energy_error"] is None else f"{state}, energy error {data['energy_error']:.2e}"
 
 
 def text(title: str, data: Mapping[str, Any]) -> str:
     """A few lines for people to read."""
     levels = " → ".join(f"{level['cells']:,}" for level in data["levels"])
-    state = f"converged after {data['iterations']} iterations ({data['reason']})"
-    if not data["converged"]:
-        state = f"NOT CONVERGED: {data['reason']}; the solution is that of iteration {data['iterations']}"
     lines = [
         f"{title}: {data['dofs']:,} unknowns, cells {levels}",
-        f"{state}, relative residual {data['relative_residual']:.2e}",
+        _state(data),
         f"energy fᵀu {data['energy']:.8g}, operator complexity {data['operator_complexity']:.2f}",
     ]
     if data["cg_iterations"] is not None:
         lines.insert(2, f"plain conjugate gradients: {data['cg_iterations']} iterations")
-    errors = {name.removeprefix("error_").upper(): each for name, each in data.items() if "error_" in name}
+    errors = {
+        name.removeprefix("error_").upper(): each for name, each in data.items() if name.startswith("error_")
+    }
     known = [f"{name} {value:.3e}" for name, value in errors.items() if value is not None]
     if known:
         lines.append(f"error: {', '.join(known)}")

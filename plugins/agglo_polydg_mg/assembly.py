@@ -8,6 +8,8 @@ constants do not depend on the ratio; for κ = 1 averages are arithmetic and γ 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy import sparse
 
@@ -23,11 +25,26 @@ from agglo_core.authoring import (
     frozen_int,
 )
 from agglo_polydg_mg.basis import Basis, products
-from agglo_polydg_mg.boundary import boundary_faces, dirichlet_load, neumann_load
+from agglo_polydg_mg.boundary import (
+    boundary_faces,
+    data_offset,
+    dirichlet_load,
+    dirichlet_values,
+    neumann_load,
+)
 from agglo_polydg_mg.penalty import face_penalty
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
 
-__all__ = ["cell_means", "discretise", "face_coefficients", "load", "positive"]
+__all__ = [
+    "Lifted",
+    "cell_means",
+    "discretise",
+    "face_coefficients",
+    "lifted",
+    "load",
+    "positive",
+    "stiffness",
+]
 
 
 def discretise(
@@ -59,16 +76,46 @@ def discretise(
         shape, tags the boundary does not have, a component of the domain without Dirichlet faces
         (the solution would be known up to a constant only).
     """
+    return lifted(mesh, degree, problem, penalty=penalty, scaled_basis=scaled_basis).system
+
+
+class Lifted(NamedTuple):
+    """A system, and the same for u − c, c being the offset of the Dirichlet data in each cell.
+
+    Attributes
+    ----------
+    system : System
+    load : (n,) float
+        b − A c, from data g − c and so without the rounding of what cancels; b itself if c = 0.
+    offset : (n,) float
+        Coefficients of c.
+    """
+
+    system: System
+    load: Float
+    offset: Float
+
+
+def lifted(
+    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: float = 10.0, scaled_basis: bool = False
+) -> Lifted:
+    """As :func:`discretise`, together with the load that is left without the :func:`data_offset`."""
     basis = Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     sigma = face_penalty(mesh, degree, penalty, boundary.natural)
     kappa = positive(mesh, problem.kappa)
     on_faces = face_coefficients(mesh, kappa, degree + 2)
     A = _matrix(basis, kappa, on_faces, sigma)
-    b = load(basis, problem).reshape(mesh.n_cells, -1)
-    b = b + dirichlet_load(basis, problem, boundary, on_faces[:, 0], sigma)
-    offsets = frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local)
-    return System(A, frozen_float(b.ravel()), offsets, mesh)
+    loads = load(basis, problem).reshape(mesh.n_cells, -1)
+    g = dirichlet_values(basis, problem, boundary)
+    functional = dirichlet_load(basis, boundary, on_faces[:, 0], sigma)
+    b = frozen_float((loads + functional(g)).ravel())
+    system = System(A, b, frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local), mesh)
+    c = data_offset(basis, problem, boundary, on_faces[:, 0])
+    if not c.any():
+        return Lifted(system, b, frozen_float(np.zeros(basis.n)))
+    rest = functional(g - c[mesh.face_cells[boundary.dirichlet, 0], None])
+    return Lifted(system, frozen_float((loads + rest).ravel()), basis.constants(c))
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:
@@ -101,11 +148,16 @@ def _matrix(basis: Basis, kappa: Field, on_faces: Float, sigma: Float) -> sparse
         degree,
         len(indices),
     )
-    integrals = weighted_moments(mesh, kappa, basis.boxes, 2 * degree - 2, "kappa")
+    blocks[diagonal] += stiffness(basis, kappa)
+    return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
+
+
+def stiffness(basis: Basis, kappa: Field) -> Float:
+    """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
+    integrals = weighted_moments(basis.mesh, kappa, basis.boxes, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
-    blocks[diagonal] += products(along, degree, [(1, 0), (0, 1)])
-    return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
+    return products(along, basis.degree, [(1, 0), (0, 1)])
 
 
 def _pattern(mesh: Mesh) -> tuple[Int, Int, Int, Int]:

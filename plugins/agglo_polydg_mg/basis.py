@@ -130,6 +130,12 @@ class Basis:
             raise OptionError(f"the vector has shape {np.shape(x)}, this space ({self.n},) unknowns")
         return np.reshape(x, (-1, self.n_local))
 
+    def constants(self, values: Float) -> Float:
+        """Coefficients ``(n,)`` of the function with constant ``values (n_cells,)`` on each cell."""
+        x = np.zeros((self.mesh.n_cells, self.n_local))
+        x[:, 0] = 2.0 * values / self.scale  # L₀ is the root of 1/2
+        return frozen_float(x.ravel())
+
     def project(self, function: Field | Callable[[Float], Float]) -> Float:
         """Coefficients ``(n,)`` of the L2 projection of a number, an array per cell or a callable."""
         load = weighted_moments(self.mesh, function, self.boxes, self.degree, "the function")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,15 @@ from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, OptionError
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample
 
-__all__ = ["Boundary", "boundary_faces", "boundary_values", "dirichlet_load", "neumann_load"]
+__all__ = [
+    "Boundary",
+    "boundary_faces",
+    "boundary_values",
+    "data_offset",
+    "dirichlet_load",
+    "dirichlet_values",
+    "neumann_load",
+]
 
 
 class Boundary(NamedTuple):
@@ -90,20 +98,48 @@ def boundary_values(
     return values
 
 
-def dirichlet_load(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float, sigma: Float) -> Float:
-    """Right-hand side ``(n_cells, n_local)`` of Dirichlet data: ∫ σκ g v − κ g ∂v/∂n.
+def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+    """Dirichlet data ``(f, q)`` at the Gauss points of ``boundary.dirichlet (f,)``."""
+    points = face_points(basis.mesh, boundary.dirichlet, basis.degree + 2)
+    return boundary_values(basis.mesh, boundary, problem.dirichlet, boundary.dirichlet, points, "dirichlet")
 
-    ``kappa (n_faces, 1 or q)`` is the coefficient in the owner, ``sigma (n_faces,)`` the penalty.
+
+def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
+    """What Dirichlet data have in common, in each cell ``(n_cells,)``.
+
+    In each component of the domain it is the number nearest to 0 between the least and the largest of the
+    data: 0 if they change sign. Only faces count whose κ is at least a hundredth of the largest: they decide
+    what rounding does. A constant added to the data is added to the solution, whatever κ, and alters nothing
+    else. ``kappa (n_faces, 1 or q)`` is the coefficient in the owner.
+    """
+    mesh, faces = basis.mesh, boundary.dirichlet
+    g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
+    if not g.any():
+        return np.zeros(mesh.n_cells)
+    of_face, of_kappa = component[mesh.face_cells[faces, 0]], kappa[faces].max(axis=1)
+    n = int(component.max()) + 1
+    largest, least, most = np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf)
+    np.maximum.at(largest, of_face, of_kappa)
+    counts = of_kappa >= 0.01 * largest[of_face]
+    np.minimum.at(least, of_face[counts], g[counts].min(axis=1))
+    np.maximum.at(most, of_face[counts], g[counts].max(axis=1))
+    return np.asarray(np.clip(0.0, least, most)[component])
+
+
+def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
+    """Map from data g ``(f, q)`` to its right-hand side ``(n_cells, n_local)``: ∫ σκ g v − κ g ∂v/∂n.
+
+    g is given as by :func:`dirichlet_values`; ``kappa (n_faces, 1 or q)`` is the coefficient in the owner,
+    ``sigma (n_faces,)`` the penalty.
     """
     mesh, faces = basis.mesh, boundary.dirichlet
     points, weights, tests = _traces(basis, faces)
-    g = boundary_values(mesh, boundary, problem.dirichlet, faces, points, "dirichlet")
     cells = np.repeat(mesh.face_cells[faces, 0], points.shape[1])
     slopes = basis.gradients(cells, points.reshape(-1, 2))
     normals = np.repeat(mesh.face_normals[faces], points.shape[1], axis=0)
     fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(tests.shape)
     tests = kappa[faces][:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
-    return _gathered(basis, faces, weights * g, tests)
+    return lambda g: _gathered(basis, faces, weights * g, tests)
 
 
 def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:

@@ -8,7 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import MET, Float, History, Tell, frozen_float, iterated, to_nobody
+from agglo_core.authoring import (
+    MET,
+    TESTS,
+    Float,
+    History,
+    Tell,
+    frozen_float,
+    iterated,
+    size_ratio,
+    to_nobody,
+)
+from agglo_polydg_mg.corrections import Corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import Smooth, Solve
 
@@ -59,30 +70,76 @@ def stationary(
     measure: ResidualMeasure | None = None,
     tell: Tell = to_nobody,
 ) -> History:
-    """Repeat ``x = step(b, x)`` from 0 until the residual is small, at most ``max_iterations`` times.
+    """Repeat ``x = step(b, x)`` from 0 until x is found to be right, at most ``max_iterations`` times.
 
-    It is small when ``measure`` says ``tolerance`` or less; by default that is ‖b − A x‖ ≤ tolerance ‖b‖. A
-    matrix that is found not to be positive definite ends the iteration, with the reason.
+    Two things have to be ``tolerance`` or less: what ``measure`` says of b − A x, by default ‖b − A x‖ / ‖b‖;
+    then the energy error as :class:`~agglo_polydg_mg.corrections.Corrections` see it, over the energy norm
+    of x. This takes one more step, which is not counted if x is right. A matrix that is found not to be
+    positive definite ends the iteration, with the reason.
     """
-    measure = measure or ResidualMeasure(b)
-    x, r, reason = np.zeros(len(b)), b, ""
-    residuals = [float(np.linalg.norm(b))]
-    while not (converged := (size := measure(r)) <= tolerance) and len(residuals) <= max_iterations:
-        tell(*iterated(len(residuals) - 1, size, tolerance))
+    run = _Run(A, b, step, tolerance, measure or ResidualMeasure(b))
+    while not run.reason and (run.small or run.done < max_iterations):
+        tell(*iterated(run.done, run.size, tolerance))
+        following = run.following()
+        if run.done == max_iterations:
+            break
+        if not run.reason:
+            run.go_on(*following)
+    return run.history()
+
+
+class _Run:
+    """An iterate of a stationary iteration, its residual, and what led to it."""
+
+    def __init__(self, A: Any, b: Float, step: Step, tolerance: float, measure: ResidualMeasure) -> None:
+        self.A, self.b, self.step, self.tolerance, self.measure = A, b, step, tolerance, measure
+        self.residuals: list[float] = []
+        self.corrections, self.reason = Corrections(), ""
+        self.go_on(np.zeros(len(b)), b)
+        if not b.any():
+            self.error, self.reason = 0.0, MET
+
+    @property
+    def done(self) -> int:
+        """Number of iterations."""
+        return len(self.residuals) - 1
+
+    def go_on(self, x: Float, r: Float) -> None:
+        """Take the next iterate and its residual; ends the run if that has grown too large."""
+        self.x, self.r, self.error = x, r, float("inf")
+        self.residuals.append(float(np.linalg.norm(r)))
+        self.size = self.measure(r)
+        self.small = self.size <= self.tolerance
+        if not self.residuals[-1] <= _DIVERGED * self.residuals[0]:
+            self.reason = f"diverged: residual {self.residuals[-1]:.1e} after {self.done} iterations"
+
+    def following(self) -> tuple[Float, Float]:
+        """The next iterate and its residual; ends the run if they show that this one is right."""
         try:
-            x = step(b, x)
-        except np.linalg.LinAlgError as error:
-            reason = f"{error} (iteration {len(residuals)})"
-            break
-        r = b - A @ x
-        residuals.append(float(np.linalg.norm(r)))
-        if not residuals[-1] <= _DIVERGED * residuals[0]:
-            reason = f"diverged: residual {residuals[-1]:.1e} after {len(residuals) - 1} iterations"
-            break
-    if not (converged or reason):
-        done = len(residuals) - 1
-        reason = f"relative residual {size:.1e} after {done} iterations, wanted {tolerance:.1e}"
-    return History(frozen_float(x), frozen_float(residuals), converged, reason or MET)
+            x = self.step(self.b, self.x)
+        except np.linalg.LinAlgError as failure:
+            self.reason = f"{failure} (iteration {self.done + 1})"
+            return self.x, self.r
+        r = self.b - self.A @ x
+        self.corrections.add(x - self.x, self.r - r)
+        if self.small:
+            self.error = size_ratio(self.corrections.error(self.r), self.measure.energy(self.x))
+            self.reason = MET if self.error <= self.tolerance else ""
+        return x, r
+
+    def history(self) -> History:
+        """How it ended."""
+        passed = (self.small, self.error <= self.tolerance)
+        beside = f", energy error about {self.error:.1e}" if self.small else ""
+        failed = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"
+        return History(
+            frozen_float(self.x),
+            frozen_float(self.residuals),
+            self.reason == MET,
+            self.reason or f"{failed}, wanted {self.tolerance:.1e}",
+            self.error if np.isfinite(self.error) else None,
+            tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok),
+        )
 
 
 def unsolved(b: Float, reason: str) -> History:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,51 +14,88 @@ from agglo_core.authoring import (
     Diffusion,
     Float,
     Hierarchy,
+    History,
     Int,
+    Lifting,
     Linear,
     Mesh,
     MeshError,
     OptionError,
     Problem,
+    Solution,
+    frozen_float,
+    symmetric_system,
 )
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
+from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
 __all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
 
 
+class FineSystem(NamedTuple):
+    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.
+
+    ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
+    All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow.
+    """
+
+    A: Any
+    b: Float
+    width: int
+    measure: ResidualMeasure
+    full: Float
+    offset: Float | None = None
+    factor: float = 1.0
+
+    def solution(
+        self, history: History, operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
+    ) -> Solution:
+        """The solution of A x = full that a history on A x = b leads to."""
+        x = rest = unscaled(history.x, self.factor)
+        lifting = None
+        if self.offset is not None:
+            offset = unscaled(self.offset, self.factor)
+            x, lifting = frozen_float(offset + rest), Lifting(offset, rest, unscaled(self.b, self.factor))
+        return Solution(
+            x=x,
+            A=self.A,
+            b=unscaled(self.full, self.factor),
+            operators=operators,
+            residuals=frozen_float(history.residuals / self.factor),
+            converged=history.converged,
+            reason=history.reason,
+            iterations=history.iterations,
+            seconds=seconds,
+            energy_error=history.energy_error,
+            tests=history.tests,
+            lifting=lifting,
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class LevelOperators:
-    """Right-hand side, and matrices and prolongations of the levels, finest first.
+    """System of the mesh, and matrices and prolongations of the levels, finest first.
 
     Attributes
     ----------
-    b : (n,) float
-    finest : sparse
-        Matrix of the finest level.
+    fine : FineSystem
     P : list of sparse
         To each level except the coarsest from the next coarser one.
-    width : int
-        Unknowns of a cell.
     rediscretised : list of sparse, optional
         Matrices of the coarse levels where they are rediscretised.
-    measure : ResidualMeasure, optional
-        Measure of its residuals; by default their 2-norm.
     """
 
-    b: Float
-    finest: Any
+    fine: FineSystem
     P: list[Any]
-    width: int
     rediscretised: list[Any] | None = None
-    measure: ResidualMeasure | None = None
 
     @cached_property
     def inherited(self) -> list[Any]:
         """Matrices B_1 = A_1, B_{k+1} = P_kᵀ B_k P_k of every level."""
-        chain = [self.finest]
+        chain = [self.fine.A]
         for P in self.P:
             chain.append(P.T @ chain[-1] @ P)
         return chain
@@ -66,16 +103,7 @@ class LevelOperators:
     @property
     def A(self) -> list[Any]:
         """Matrices of every level."""
-        return self.inherited if self.rediscretised is None else [self.finest, *self.rediscretised]
-
-
-class FineSystem(NamedTuple):
-    """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals."""
-
-    A: Any
-    b: Float
-    width: int
-    measure: ResidualMeasure
+        return self.inherited if self.rediscretised is None else [self.fine.A, *self.rediscretised]
 
 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSystem:
@@ -87,22 +115,34 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSyst
     ------
     OptionError
         If problem and hierarchy do not fit, cells of a linear system have unequal numbers of unknowns, or
-        values are not finite; as :func:`~agglo_polydg_mg.assembly.discretise`.
+        values are not finite; as :func:`~agglo_polydg_mg.assembly.discretise` and
+        :func:`~agglo_core.problems.real_system.symmetric_system`.
     """
     if isinstance(problem, Diffusion):
-        mesh = _own_mesh(hierarchy)
-        system = how.assemble(problem, mesh)
-        A, b, width = system.A, system.b, int(system.block_offsets[1])
-        measure = how.residual_measure(problem, mesh, b)
-    elif isinstance(problem, Linear):
-        width = _width(problem, hierarchy.graph.n)
-        A, b = block_matrix(sparse.csr_array(problem.A), width), np.asarray(problem.b, float)
-        measure = ResidualMeasure(b)
-    else:
-        raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
-    if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
+        return _discretised(problem, _own_mesh(hierarchy), how)
+    if isinstance(problem, Linear):
+        return _given(problem, hierarchy.graph.n)
+    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+
+
+def _discretised(problem: Diffusion, mesh: Mesh, how: PolyDG) -> FineSystem:
+    system, load, offset = how.lifted(problem, mesh)
+    factor = factor_for(float(np.abs(load).max()) or data_size(mesh, problem))
+    if factor != 1.0:
+        problem = times(problem, factor)
+        system, load, offset = how.lifted(problem, mesh)
+    if not (np.isfinite(system.b).all() and np.isfinite(system.A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    return FineSystem(A, b, width, measure)
+    measure, width = how.residual_measure(problem, mesh, load), int(system.block_offsets[1])
+    return FineSystem(system.A, load, width, measure, system.b, offset if offset.any() else None, factor)
+
+
+def _given(problem: Linear, n: int) -> FineSystem:
+    width = _width(problem, n)
+    matrix, full = symmetric_system(problem)
+    factor = factor_for(float(np.abs(full).max(initial=0.0)))
+    b = frozen_float(factor * full)
+    return FineSystem(block_matrix(matrix, width), b, width, ResidualMeasure(b), b, None, factor)
 
 
 def _own_mesh(hierarchy: Hierarchy) -> Mesh:
@@ -133,12 +173,6 @@ def _width(problem: Linear, n: int) -> int:
         raise OptionError(
             f"every cell must have the same number of unknowns; given {sizes.min()} to {sizes.max()}"
         )
-    unknowns = int(problem.block_offsets[-1])
-    if np.shape(problem.A) != (unknowns, unknowns) or np.shape(problem.b) != (unknowns,):
-        raise OptionError(
-            f"A has the shape {np.shape(problem.A)} and b {np.shape(problem.b)}; "
-            f"block_offsets are for {unknowns} unknowns"
-        )
     return int(sizes[0])
 
 
@@ -163,9 +197,9 @@ def level_operators(
     MeshError
         For a mesh in 3-D; for cells or, unless ``inherited``, agglomerates that overlap themselves.
     """
-    A, b, width, measure = fine_system(problem, hierarchy, how)
+    fine = fine_system(problem, hierarchy, how)
     if isinstance(problem, Linear):
-        return LevelOperators(b, A, _constant_prolongations(hierarchy, labels, width), width)
+        return LevelOperators(fine, _constant_prolongations(hierarchy, labels, fine.width))
     mesh = _own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
     P = _polydg_prolongations([how.basis(each) for each in (mesh, *meshes)], labels)
@@ -173,7 +207,7 @@ def level_operators(
     if not inherited:
         problems = [corrections(problem, mesh, each) for each in labels]
         rediscretised = [_coarse_matrix(how, *each) for each in zip(problems, meshes, strict=True)]
-    return LevelOperators(b, A, P, width, rediscretised, measure)
+    return LevelOperators(fine, P, rediscretised)
 
 
 def _coarse_matrix(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from agglo_core.authoring import (
     Hierarchy,
     Int,
+    Linear,
     Listener,
     MultigridLevel,
     Problem,
@@ -123,34 +125,34 @@ class PaperMultigrid:
         labels = chosen_levels(hierarchy, self.levels)
         with phase(progress, "assembling"):
             operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
+        fine = operators.fine
         times.append(time.perf_counter())
         try:
             with phase(progress, "setting up the levels") as tell:
                 step = self._cycle(operators, labels, tell)
         except np.linalg.LinAlgError as error:
             times.append(time.perf_counter())
-            history = unsolved(operators.b, str(error))
+            history = unsolved(fine.b, str(error))
         else:
             times.append(time.perf_counter())
             how_long = (self.tolerance, self.max_iterations)
             with phase(progress, "solving") as tell:
-                history = stationary(operators.finest, operators.b, step, *how_long, operators.measure, tell)
+                history = stationary(fine.A, fine.b, step, *how_long, fine.measure, tell)
+        if not history.converged and history.iterations < self.max_iterations:
+            history = replace(history, reason=f"{history.reason}; {self._way_out(problem)}")
         times.append(time.perf_counter())
-        return Solution(
-            x=history.x,
-            A=operators.finest,
-            b=operators.b,
-            operators=list(zip(operators.A, [*operators.P, None], strict=True)),
-            residuals=history.residuals,
-            converged=history.converged,
-            reason=history.reason,
-            iterations=history.iterations,
-            seconds=dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True)),
-        )
+        seconds = dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True))
+        return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), seconds)
+
+    def _way_out(self, problem: Problem) -> str:
+        """What to try where the cycles fail."""
+        rest = "the solver polydg_cg, or a direct solver on A and b of the solution"
+        given = self.inherited or isinstance(problem, Linear)
+        return f"try {rest}" if given else f"try operators=inherited, {rest}"
 
     def _cycle(self, operators: LevelOperators, labels: Sequence[Int], tell: Tell) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""
-        parts = [frozen_int(np.arange(operators.finest.shape[0] // operators.width)), *labels]
+        parts = [frozen_int(np.arange(operators.fine.A.shape[0] // operators.fine.width)), *labels]
         levels = []
         for level in range(len(operators.P)):
             tell(level / len(parts), f"level {level}")
@@ -162,7 +164,7 @@ class PaperMultigrid:
         A, P = operators.A[level], operators.P[level]
         wanted = self.schwarz_coarse and getattr(self.smoother, "uses_coarse", True)
         coarse = correction(P, self.coarse_solver(operators.inherited[level + 1])) if wanted else None
-        offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.width))
+        offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.fine.width))
         B = operators.inherited[level]
         own = MultigridLevel(A, B, offsets, labels, P, coarse, self.smoothing_steps)
         return SmoothedLevel(A, P, set_up(self.smoother, self._smoother_title, own))

@@ -72,20 +72,11 @@ class PlainCG:
         """
         times = [time.perf_counter()]
         with phase(progress, "assembling"):
-            A, b, _, measure = fine_system(problem, hierarchy, self.discretisation)
+            fine = fine_system(problem, hierarchy, self.discretisation)
         times.append(time.perf_counter())
+        how_long = (self.tolerance, self.max_iterations)
         with phase(progress, "solving") as tell:
-            history = conjugate_gradients(A, b, self.tolerance, self.max_iterations, measure, tell)
+            history = conjugate_gradients(fine.A, fine.b, *how_long, fine.measure, fine.measure.energy, tell)
         times.append(time.perf_counter())
         assemble, solve = np.diff(times).tolist()
-        return Solution(
-            x=history.x,
-            A=A,
-            b=b,
-            operators=[(A, None)],
-            residuals=history.residuals,
-            converged=history.converged,
-            reason=history.reason,
-            iterations=history.iterations,
-            seconds={"assemble": assemble, "setup": 0.0, "solve": solve},
-        )
+        return fine.solution(history, [(fine.A, None)], {"assemble": assemble, "setup": 0.0, "solve": solve})

@@ -20,15 +20,17 @@ from agglo_core.authoring import (
     System,
     frozen_float,
 )
-from agglo_polydg_mg.assembly import cell_means, discretise, load
+from agglo_polydg_mg.assembly import Lifted, cell_means, discretise, lifted, load
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.evaluate import evaluate
+from agglo_polydg_mg.jumps import EnergyNorm
 from agglo_polydg_mg.norms import errors
 from agglo_polydg_mg.option_checks import require_count, require_positive, require_truth
 from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.sampling import samples_of
+from agglo_polydg_mg.scaling import factor_for, times
 
 __all__ = ["PolyDG", "corrections"]
 
@@ -77,6 +79,11 @@ class PolyDG:
         asked = _diffusion(problem)
         return discretise(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
 
+    def lifted(self, problem: Problem, mesh: Mesh) -> Lifted:
+        """The same, with the load that is left without the offset of the Dirichlet data."""
+        asked = _diffusion(problem)
+        return lifted(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
+
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""
         return self.assemble(corrections(problem, mesh, labels), mesh.coarsen(labels)).A
@@ -98,8 +105,10 @@ class PolyDG:
         asked = _diffusion(problem)
         if asked.exact is None:
             return {}
-        found = errors(self.basis(mesh), x, asked, penalty=self.penalty)
-        return {"l2": found.l2, "dg": found.dg}
+        factor = factor_for(float(np.abs(x).max(initial=0.0)))
+        asked = asked if factor == 1.0 else times(asked, factor)
+        found = errors(self.basis(mesh), factor * x, asked, penalty=self.penalty)
+        return {"l2": found.l2 / factor, "dg": found.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:
         """Load ``(n,)`` of source and Neumann data: b itself where there are no Dirichlet data."""
@@ -110,12 +119,12 @@ class PolyDG:
         """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
         asked = _diffusion(problem)
         kappa = cell_means(mesh, asked.kappa)
-        if kappa.min() == kappa.max():
-            return ResidualMeasure(b)
         basis = self.basis(mesh)
-        return ResidualMeasure(
-            b, np.repeat(kappa, basis.n_local), load(basis, asked) if asked.dirichlet else None
-        )
+        norm = EnergyNorm(basis, asked, self.penalty) if asked.dirichlet else None
+        if kappa.min() == kappa.max():
+            return ResidualMeasure(b, norm=norm)
+        source = load(basis, asked) if asked.dirichlet else None
+        return ResidualMeasure(b, np.repeat(kappa, basis.n_local), source, norm)
 
 
 def _diffusion(problem: Problem) -> Diffusion:

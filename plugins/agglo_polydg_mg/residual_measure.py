@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from agglo_core.authoring import Float, relative_size
+from agglo_core.authoring import Float, energy_of_solution, relative_size, two_norm
 
 __all__ = ["ResidualMeasure"]
 
@@ -31,20 +30,27 @@ class ResidualMeasure:
         Coefficient of the cell of each unknown; None where it is constant.
     load : (n,) float, optional
         b without the terms of Dirichlet data; None if there are none.
+    norm : callable, optional
+        Energy norm of a solution with the jumps from its Dirichlet data; None if there are none.
     """
 
     b: Float
     kappa: Float | None = None
     load: Float | None = None
+    norm: Callable[[Float], float] | None = None
+
+    def energy(self, x: Float) -> float:
+        """What the energy norm of the error of ``x (n,)`` is compared with: the energy norm of x."""
+        return energy_of_solution(self.b)(x) if self.norm is None else self.norm(x)
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
         """What ‖r‖ and ‖r / κ‖ are compared with."""
         if self.kappa is None:
-            return float(np.linalg.norm(self.b)), 0.0
+            return two_norm(self.b), 0.0
         load = self.b if self.load is None else self.load
         counted = load + (self.b - load) * (self.kappa.min() / self.kappa)
-        return float(np.linalg.norm(counted)), float(np.linalg.norm(self.b / self.kappa))
+        return two_norm(counted), two_norm(self.b / self.kappa)
 
     def __call__(self, r: Float) -> float:
         """Relative size; 0 where r and b are 0."""

@@ -327,7 +327,6 @@ def test_a_terminal_shows_phase_and_percent(tmp_path: Path) -> None:
     text = on_terminal(tmp_path)
     for name in ("reading", "agglomerating", "measuring", "writing"):
         assert re.search(rf"{name} +\S+ +\d+%", text), name
-    assert "kmeans: level 0" in text
     assert text.index("measuring") < text.index("writing") < text.index("wrote a.vtu")
     with watched(quiet=True) as listen:
         assert listen is None

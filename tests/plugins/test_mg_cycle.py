@@ -117,13 +117,29 @@ def test_the_cycle_on_three_levels_is_the_formula() -> None:
 
 
 def test_the_stationary_iteration_stops_at_the_tolerance() -> None:
-    history = stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-3, 500)
-    assert history.converged
-    assert history.reason == "tolerance met"
+    """Halving every error, the residual decides; with slow modes the energy error does."""
     least = 1e-3 * np.linalg.norm(b)
-    assert history.residuals[-1] <= least < history.residuals[-2]
-    assert history.residuals[-1] == pytest.approx(np.linalg.norm(b - A @ history.x))
-    assert history.iterations == len(history.residuals) - 1
+    halving = stationary(A, b, lambda b, x: x + 0.5 * np.linalg.solve(A.toarray(), b - A @ x), 1e-3, 500)
+    assert halving.residuals[-1] <= least < halving.residuals[-2]
+    assert halving.residuals[-1] == pytest.approx(np.linalg.norm(b - A @ halving.x))
+    assert halving.iterations == len(halving.residuals) - 1 == 10
+    history = stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-3, 500)
+    assert history.residuals[-1] <= least
+    for each in (halving, history):
+        assert each.converged
+        assert (each.reason, each.tests) == ("tolerance met", ("residual", "energy error"))
+        assert each.energy_error == pytest.approx(energy_error(each.x), rel=0.01)
+        assert each.energy_error <= 1e-3
+    before = stationary(A, b, lambda b, x: x + (b - A @ x) / 5.0, 1e-3, history.iterations - 1)
+    assert (before.converged, before.tests) == (False, ("residual",))
+    assert energy_error(before.x) > 1e-3
+    assert "energy error about 1.1e-03 after" in before.reason
+
+
+def energy_error(x: np.ndarray) -> float:
+    """‖x − A⁻¹b‖_A over ‖A⁻¹b‖_A."""
+    exact = np.linalg.solve(A.toarray(), b)
+    return float(np.sqrt((x - exact) @ (A @ (x - exact)) / (b @ exact)))
 
 
 def test_what_does_not_converge_is_flagged() -> None:

@@ -1,0 +1,50 @@
+"""Sizes of residuals and errors, relative to those of right-hand sides and solutions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from agglo_core.arrays import Float
+
+__all__ = ["Measure", "energy_of_solution", "relative_size", "relative_to", "size_ratio", "two_norm"]
+
+Measure = Callable[[Float], float]
+"""Vector ``(n,)`` to a size."""
+
+_SMALL = 1e-140
+"""Below this squares lose digits."""
+
+
+def two_norm(r: Float) -> float:
+    """‖r‖, of numbers of any size."""
+    with np.errstate(over="ignore"):
+        plain = float(np.linalg.norm(r))
+    if _SMALL < plain < 1.0 / _SMALL or not r.any():
+        return plain
+    largest = float(np.abs(r).max())
+    return largest * float(np.linalg.norm(r / largest))
+
+
+def relative_size(r: Float, size: float) -> float:
+    """‖r‖ over a size; 0 where both are 0."""
+    return size_ratio(two_norm(r), size)
+
+
+def size_ratio(length: float, size: float) -> float:
+    """A length over a size; 0 where both are 0, infinite where only the size is, or either is infinite."""
+    if 0.0 < size < np.inf:
+        return length / size
+    return 0.0 if length == size == 0.0 else float("inf")
+
+
+def relative_to(b: Float) -> Measure:
+    """The measure ‖r‖ / ‖b‖."""
+    size = two_norm(b)
+    return lambda r: relative_size(r, size)
+
+
+def energy_of_solution(b: Float) -> Measure:
+    """The energy norm (x·Ax)^½ of an x with A x = b nearly, as (b·x)^½."""
+    return lambda x: float(np.sqrt(max(float(b @ x), 0.0)))

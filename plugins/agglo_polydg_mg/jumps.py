@@ -1,0 +1,99 @@
+"""Jumps of a discontinuous function, and its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from agglo_core.authoring import Diffusion, Field, Float, Int, frozen_int
+from agglo_polydg_mg.assembly import face_coefficients, positive, stiffness
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.boundary import Boundary, boundary_faces, boundary_values, data_offset
+from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.quadrature import face_points, gauss
+
+__all__ = ["EnergyNorm", "jumps", "offset_of"]
+
+_FACES = 20_000  # taken at once
+
+Outside = Callable[[Int, Float], Float]
+"""Values ``(f, q)`` outside of boundary faces ``(f,)`` at points ``(f, q, 2)`` relative to the origin."""
+
+
+@dataclass(frozen=True, eq=False)
+class EnergyNorm:
+    """The DG norm of what ``x (n,)`` stands for, with the jumps to the Dirichlet data at the boundary.
+
+    (‖√κ ∇u‖² + Σ_F γσ ‖[u]‖² + Σ_F κσ ‖u − g‖²)^½. It is a sum of squares, hence exact to rounding, where
+    a(u, u) is not: that holds σ‖g‖², which may be anything beside the energy of u. u and g are taken
+    without the :func:`~agglo_polydg_mg.boundary.data_offset`.
+    """
+
+    basis: Basis
+    problem: Diffusion
+    penalty: float
+
+    def __call__(self, x: Float) -> float:
+        """The norm."""
+        u, kappa = self.basis.coefficients(x), self._kappa
+        inside = float(np.einsum("ci,cij,cj->", u, self._blocks, u, optimize=True))
+        return float(np.sqrt(inside + jumps(self.basis, x, self._data, kappa, self._sigma)))
+
+    def _data(self, faces: Int, points: Float) -> Float:
+        mesh, held = self.basis.mesh, self.problem.dirichlet
+        g = boundary_values(mesh, self._boundary, held, faces, points, "dirichlet")
+        return g - self._offset[mesh.face_cells[faces, 0], None]
+
+    @cached_property
+    def _boundary(self) -> Boundary:
+        return boundary_faces(self.basis.mesh, self.problem)
+
+    @cached_property
+    def _offset(self) -> Float:
+        return offset_of(self.basis, self.problem)
+
+    @cached_property
+    def _kappa(self) -> Field:
+        return positive(self.basis.mesh, self.problem.kappa)
+
+    @cached_property
+    def _blocks(self) -> Float:
+        return stiffness(self.basis, self._kappa)
+
+    @cached_property
+    def _sigma(self) -> Float:
+        return face_penalty(self.basis.mesh, self.basis.degree, self.penalty, self._boundary.natural)
+
+
+def offset_of(basis: Basis, problem: Diffusion) -> Float:
+    """The :func:`~agglo_polydg_mg.boundary.data_offset` of a problem ``(n_cells,)``."""
+    on_faces = face_coefficients(basis.mesh, positive(basis.mesh, problem.kappa), basis.degree + 2)
+    return data_offset(basis, problem, boundary_faces(basis.mesh, problem), on_faces[:, 0])
+
+
+def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) -> float:
+    """Σ_F γσ ‖[u]‖² over interior and Dirichlet faces, of the function with coefficients ``x (n,)``."""
+    mesh, n, total = basis.mesh, basis.degree + 4, 0.0
+    on_faces, weights = face_coefficients(mesh, kappa, n), gauss(n)[1]
+    chosen = np.flatnonzero(sigma > 0)
+    for first in range(0, len(chosen), _FACES):
+        faces = frozen_int(chosen[first : first + _FACES])
+        points = face_points(mesh, faces, n)
+        inner, both = mesh.face_cells[faces, 1] >= 0, on_faces[faces]
+        jump = _traces(basis, x, mesh.face_cells[faces, 0], points)
+        jump[inner] -= _traces(basis, x, mesh.face_cells[faces[inner], 1], points[inner])
+        jump[~inner] -= outside(frozen_int(faces[~inner]), points[~inner])
+        harmonic = 2 * both[:, 0] * (both[:, 1] / both.sum(axis=1))  # κ itself where both sides agree
+        scaled = (sigma * mesh.face_measures)[faces, None] * harmonic
+        total += float((0.5 * weights * scaled * jump**2).sum())
+    return total
+
+
+def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
+    """Values ``(f, q)`` of the function in ``cells (f,)`` at ``points (f, q, 2)``."""
+    values = basis.values(np.repeat(cells, points.shape[1]), points.reshape(-1, 2))
+    rows = np.repeat(basis.coefficients(x)[cells], points.shape[1], axis=0)
+    return np.asarray(np.einsum("qk,qk->q", values, rows).reshape(points.shape[:2]))
