@@ -140,7 +140,13 @@ class ConnectivityFixer(Protocol):
 class QualityMetric(Protocol):
     """One number per agglomerate.
 
-    ``homogeneity`` is the power of a length the values scale with: 0 for ratios, 1 for lengths.
+    ``homogeneity`` is the power of a length the values scale with: 0 for ratios, 1 for lengths. (In 3-D a
+    length may become an area.)
+
+    Four attributes are optional, false where they are missing. ``undefined``: some agglomerates have no
+    value, which is NaN; reports count them, and means are over the others. ``directional``: values depend on
+    the directions of the axes. ``relative``: values depend on far agglomerates too, as diam(P) / h does.
+    ``shape_only``: the cells inside an agglomerate change nothing.
     """
 
     better: Literal["high", "low"]

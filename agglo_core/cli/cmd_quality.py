@@ -9,7 +9,7 @@ import click
 
 from agglo_core.cli.arguments import metrics_option
 from agglo_core.cli.console import number, print_json, print_table, quieten
-from agglo_core.cli.runs import level_data, single_level
+from agglo_core.cli.runs import level_data, single_level, undefined
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -44,9 +44,13 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
         print_json({"mesh": {"name": mesh.name, "cells": mesh.n_cells, "h0": mesh.h}, "levels": rows})
     elif not quiet:
         title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
-        columns = [*(key for key in rows[0] if key != "objectives"), *levels[0].objectives]
+        columns = [*(key for key in rows[0] if key not in ("objectives", "undefined")), *levels[0].objectives]
         flat = [row | row.get("objectives", {}) for row in rows]
-        print_table(title, columns, [[number(row[key]) for key in columns] for row in flat])
+        shown = [
+            [number(row[key]) + undefined(level, key) for key in columns]
+            for level, row in zip(levels, flat, strict=True)
+        ]
+        print_table(title, columns, shown)
 
 
 def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:

@@ -72,7 +72,7 @@ _RECORDS = (
         "one number for each agglomerate",
         ("measure",),
         ("deterministic", "3d", "pickles"),
-        ("general", "metric", "whole", "promises"),
+        ("general", "metric", "metric_invariance", "whole", "promises"),
     ),
     Kind(
         "solver",
