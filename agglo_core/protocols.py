@@ -291,7 +291,8 @@ class Solver(Protocol):
     ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
-    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``.
+    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``; one whose coarse
+    operators are not Pᵀ A P, but discretised anew, ``galerkin = False``.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

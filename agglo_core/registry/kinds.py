@@ -79,7 +79,7 @@ _RECORDS = (
         "solves a problem with the help of a hierarchy",
         ("solve",),
         ("deterministic", "3d", "pickles", "symmetric"),
-        ("general", "solver", "whole", "promises"),
+        ("general", "solver", "solver_history", "solver_exact", "whole", "promises"),
     ),
     Kind(
         "format",
