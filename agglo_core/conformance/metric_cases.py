@@ -101,17 +101,26 @@ def far_from_each_other() -> tuple[Case, list[Case]]:
     return strip, [Case(f"a strip, its end {how}", (mesh, frozen_int(it))) for how, it in others.items()]
 
 
-def layouts() -> tuple[Case, list[Case]]:
-    """Sixteen squares of sixteen cells each, and worse parts of as many cells: bars, zigzags, loose cells."""
-    mesh = small_meshes.grid(16, 16)
+def layouts(framed: bool) -> tuple[Case, list[Case]]:
+    """Sixteen squares of sixteen cells each, and worse parts of as many cells: bars, zigzags, loose cells.
+
+    With a frame around them, part 16, none of them touches the boundary.
+    """
+    width = framed * 2
+    mesh = small_meshes.grid(16 + 2 * width, 16 + 2 * width)
     row, column = np.divmod(np.arange(256), 16)
     worse = {
         "bars": row,
         "zigzags": row // 4 * 4 + (column + 2 * (row % 2)) % 16 // 4,
         "loose cells": row % 4 * 4 + column % 4,
     }
-    squares = Case("squares", (mesh, frozen_int(row // 4 * 4 + column // 4)))
-    return squares, [Case(name, (mesh, frozen_int(it))) for name, it in worse.items()]
+
+    def case(name: str, labels: np.ndarray) -> Case:
+        around = np.pad(labels.reshape(16, 16), width, constant_values=16)
+        return Case(name, (mesh, frozen_int(around.ravel())))
+
+    squares = case("squares", row // 4 * 4 + column // 4)
+    return squares, [case(name, labels) for name, labels in worse.items()]
 
 
 def _graded() -> Mesh:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from math import pi, sqrt
 from typing import Final
 
-__all__ = ["HAND"]
+__all__ = ["HAND", "PLAIN"]
 
-HAND: Final[Mapping[str, Sequence[Sequence[float]]]] = {
+_OWN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
     "UF": ((1, 1, 1, 1), (sqrt(0.2), 1), (1, 0.5), (0.6, 1), (sqrt(10 / 26), 1), (1, 1)),
     "CR": (
         (sqrt(0.5),) * 4,
@@ -44,6 +44,25 @@ HAND: Final[Mapping[str, Sequence[Sequence[float]]]] = {
     "box_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1, 1), (1, 1), (1 / 3, 1 / 5), (1 / 2, 1 / 2)),
     "edge_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1 / 2, 1), (1, 3 / 5), (1 / 3, 1), (1, 1)),
 }
+
+PLAIN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
+    "area": ((4, 4, 4, 4), (1, 3), (3, 1), (9, 16), (3, 2), (2, 2)),
+    "perimeter": ((8, 8, 8, 8), (4, 8), (8, 4), (12, 32), (8, 8), (8, 8)),
+    "diameter": (
+        (sqrt(8),) * 4,
+        (sqrt(2), sqrt(10)),
+        (sqrt(8), sqrt(2)),
+        (sqrt(18), sqrt(50)),
+        (sqrt(10), sqrt(26)),
+        (sqrt(8), sqrt(8)),
+    ),
+    "solidity": _OWN["convexity"],
+    "polsby_popper": _OWN["isoperimetric"],
+    "isoperimetric_quotient": _OWN["isoperimetric"],
+}
+"""The same of names that mean one thing to everybody."""
+
+HAND: Final = {**_OWN, **PLAIN}
 """Values in the cases :func:`agglo_core.conformance.metric_cases.by_hand`, by the name of the metric.
 
 Four squares of 2 by 2 cells; a square beside a 3 by 1 bar; an L of three squares around a square; a square

@@ -66,10 +66,15 @@ def report(
     }
 
 
-def operator_complexity(solution: Solution) -> float:
-    """Matrix entries of all levels over those of the finest."""
-    entries = [A.nnz for A in _matrices(solution)]
-    return float(sum(entries) / entries[0])
+def operator_complexity(solution: Solution) -> float | None:
+    """Matrix entries of all levels over those of the finest; None where matrices are known by products alone."""
+    entries = [_entries(A) for A in _matrices(solution)]
+    known = [count for count in entries if count is not None]
+    return float(sum(known) / known[0]) if len(known) == len(entries) else None
+
+
+def _entries(A: Any) -> int | None:
+    return int(np.count_nonzero(A)) if isinstance(A, np.ndarray) else getattr(A, "nnz", None)
 
 
 def _matrices(solution: Solution) -> list[Any]:
@@ -90,10 +95,12 @@ def text(title: str, data: Mapping[str, Any]) -> str:
     state = f"converged after {data['iterations']} iterations ({data['reason']})"
     if not data["converged"]:
         state = f"NOT CONVERGED: {data['reason']}; the solution is that of iteration {data['iterations']}"
+    complexity = data["operator_complexity"]
     lines = [
         f"{title}: {data['dofs']:,} unknowns, cells {levels}",
         f"{state}, relative residual {data['relative_residual']:.2e}",
-        f"energy fᵀu {data['energy']:.8g}, operator complexity {data['operator_complexity']:.2f}",
+        f"energy fᵀu {data['energy']:.8g}, operator complexity "
+        + ("unknown" if complexity is None else f"{complexity:.2f}"),
     ]
     if data["cg_iterations"] is not None:
         lines.insert(2, f"plain conjugate gradients: {data['cg_iterations']} iterations")

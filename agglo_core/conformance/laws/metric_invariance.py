@@ -10,7 +10,7 @@ from agglo_core.arrays import frozen_int
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
-from agglo_core.conformance.laws.metric import require_close
+from agglo_core.conformance.laws.metric import require_close, rounding
 from agglo_core.conformance.mesh_changes import MOTIONS, Change
 from agglo_core.conformance.metric_cases import changed, far_from_each_other, layouts, solids, various
 from agglo_core.conformance.questions import plain
@@ -37,6 +37,7 @@ def homogeneous(subject: Subject) -> None:
                 f"on {case.name} scaled by {scale:g}",
                 f"homogeneity {power} is declared: divide by a length, declare the true power, and add no "
                 "small constant that means something else on a small mesh",
+                floor=rounding(subject, case, 1e-7) * scale**power,
             )  # fmt: skip
 
 
@@ -57,7 +58,10 @@ def renaming(subject: Subject) -> None:
         names = names if len(before) > 2 else names[::-1] if names[0] == 0 else names
         renamed = replace(case, given=(mesh, frozen_int(names[labels])))
         remedy = "entry i must belong to label i, whatever the order of the cells"
-        require_close(_values(subject, renamed)[names], before, f"on {case.name} with labels renamed", remedy)
+        require_close(
+            _values(subject, renamed)[names], before, f"on {case.name} with labels renamed", remedy,
+            floor=rounding(subject, case, 1e-7),
+        )  # fmt: skip
         _require_same_renumbered(subject, case, remedy)
 
 
@@ -76,7 +80,7 @@ def unmoved_in_space(subject: Subject) -> None:
         )
         large = _values(subject, changed(case, Change(scale=1e3))[0])
         require(
-            any(np.allclose(large, before * 1e3**power, rtol=1e-6, atol=0.0) for power in powers),
+            any(_scaled_by(large, before, 1e3**power) for power in powers),
             f"on {case.name} scaled by 1000: values {before[:3]} became {large[:3]}, with homogeneity "
             f"{tool.homogeneity}: ratios do not change, lengths may become areas",
         )
@@ -102,6 +106,7 @@ def each_call_alone(subject: Subject) -> None:
         require_close(
             plain(subject, tool, each), _values(subject, each), f"on {each.name}, after other questions",
             "keep nothing between calls: neither the number of cells nor the name of a mesh says which it is",
+            floor=rounding(subject, each, 1e-7),
         )  # fmt: skip
 
 
@@ -114,6 +119,7 @@ def far_parts_do_not_matter(subject: Subject) -> None:
         require_close(
             _values(subject, other)[:6], before, f"on {other.name}, at the other end",
             "a value that is compared with those of all parts, as diam(P) / h is, says relative = True", 1e-8,
+            rounding(subject, case, 1e-8),
         )  # fmt: skip
 
 
@@ -122,17 +128,31 @@ def better_is_better(subject: Subject) -> None:
     """Squares are not worse than bars, zigzags and loose cells of the same sizes all alike."""
     tool = subject.build()
     sign = 1.0 if tool.better == "high" else -1.0
-    squares, others = layouts()
-    mean = sign * float(np.mean(_values(subject, squares)))
-    found = {each.name: _values(subject, each) for each in others}
-    rest = {name: sign * float(it.mean()) for name, it in found.items() if np.isfinite(it).all()}
-    slack = 1e-6 * max(map(abs, [mean, *rest.values()]))
+    framings = (False,) if getattr(tool, "relative", False) else (False, True)
+    found = [_means(subject, framed) for framed in framings]
+    worse = [_worst_of_all(sign * means[0], [sign * mean for mean in means[1:]]) for means in found]
     require(
-        not rest or any(mean >= value - slack for value in rest.values()),
-        f"better is {tool.better!r}, yet the mean of squares is {sign * mean:.4g}, and that of "
-        + ", ".join(f"{name} {sign * value:.4g}" for name, value in rest.items())
-        + ": declare the other direction",
+        not all(worse),
+        f"better is {tool.better!r}, yet the means of squares, bars, zigzags and loose cells are "
+        f"{[round(mean, 4) for mean in found[0]]}: declare the other direction",
     )
+
+
+def _means(subject: Subject, framed: bool) -> list[float]:
+    """Of squares, and of the other layouts if all their values are defined."""
+    squares, others = layouts(framed)
+    found = [_values(subject, each)[:16] for each in (squares, *others)]
+    return [float(it.mean()) for it in found if np.isfinite(it).all()]
+
+
+def _worst_of_all(squares: float, others: list[float]) -> bool:
+    slack = 1e-6 * max(map(abs, [squares, *others]))
+    return bool(others) and all(squares < other - slack for other in others)
+
+
+def _scaled_by(large: np.ndarray, before: np.ndarray, factor: float) -> bool:
+    floor = 1e-6 * factor * float(np.nanmax(np.abs(before), initial=0.0)) + 1e-7 * factor
+    return bool(np.allclose(large, before * factor, rtol=0.0, atol=floor, equal_nan=True))
 
 
 def _require_unmoved(subject: Subject, case: Case) -> None:
@@ -144,6 +164,7 @@ def _require_unmoved(subject: Subject, case: Case) -> None:
                 _values(subject, changed(case, change)[0]), before, f"on {case.name} {name}",
                 "measure lengths and angles, not coordinates (or say directional = True if the axes are what "
                 "it is about); mesh.local_points keeps digits far from 0", _ROUNDED,
+                rounding(subject, case, 1e-5),
             )  # fmt: skip
 
 
@@ -151,4 +172,5 @@ def _require_same_renumbered(subject: Subject, case: Case, remedy: str) -> None:
     require_close(
         _values(subject, changed(case, None)[0]), _values(subject, case),
         f"on {case.name} with cells, faces and points renumbered", remedy, _ROUNDED,
+        rounding(subject, case, 1e-5),
     )  # fmt: skip

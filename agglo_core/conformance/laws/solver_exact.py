@@ -109,19 +109,23 @@ def flux_found(subject: Subject) -> None:
 def jump_found(subject: Subject) -> None:
     """Where κ jumps along a line of faces the flux is continuous: the solution is linear in each material."""
     hierarchy = plate()
-    for kappa in (halves(hierarchy, 1.0, 50.0), halves(hierarchy, 50.0, 1.0)):
-        resistance = 1.0 / kappa[0] + 1.0 / kappa[7]
-        flux = 5.0 / resistance
+    for left, right in ((1.0, 50.0), (50.0, 1.0)):
+        flux = 5.0 / (1.0 / left + 1.0 / right)
 
-        def bent(points: Float, left: float = kappa[0], right: float = kappa[7], q: float = flux) -> Float:
+        def kappa(points: Float, left: float = left, right: float = right) -> Float:
+            return np.where(points[:, 0] < 1.0, left, right)
+
+        def bent(points: Float, left: float = left, right: float = right, q: float = flux) -> Float:
             x = points[:, 0]
             return 1.0 + np.where(x < 1.0, q * x / left, q / left + q * (x - 1.0) / right)
 
-        problem = Diffusion(kappa, 0.0, {_LEFT: 1.0, _RIGHT: 6.0})
-        _require_found(
-            subject, hierarchy, problem, bent, f"κ = {kappa[0]:g} left and {kappa[7]:g} right",
-            "between two cells resistances (distance over κ) add up: take the harmonic mean of κ",
-        )  # fmt: skip
+        for form in (kappa, halves(hierarchy, left, right)):
+            problem = Diffusion(form, 0.0, {_LEFT: 1.0, _RIGHT: 6.0})
+            _require_found(
+                subject, hierarchy, problem, bent,
+                f"κ = {left:g} left and {right:g} right ({'a callable' if callable(form) else 'by cell'})",
+                "between two cells resistances (distance over κ) add up: take the harmonic mean of κ",
+            )  # fmt: skip
 
 
 @law("solver", when=_takes_diffusion)
@@ -199,7 +203,7 @@ def _found(subject: Subject, hierarchy: Hierarchy, problem: Diffusion) -> tuple[
     x = _unknowns(subject, problem, hierarchy)
     require(
         one is None or np.any(one != 0.0),
-        f"boundary value 1 on every side (face tag {problem.boundary!r}) gives x = 0: are boundary data read?",
+        f"boundary value 1 everywhere (face tag {problem.boundary!r}) gives x = 0: are boundary data read?",
     )
     return None if x is None else values(subject.build(), hierarchy, x, one)
 

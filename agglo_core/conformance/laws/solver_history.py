@@ -124,6 +124,11 @@ def too_few_iterations_said(subject: Subject) -> None:
         it = _with_option(subject, case, name, 1)
         if it is not None:
             _require_true_claim(f"{case.name} with {name}=1", it)
+            require(
+                it.converged or it.iterations == 1 or not np.any(it.x),
+                f"on {case.name} with {name}=1: it reports {it.iterations} iterations: the first residual is "
+                "that before any",
+            )
             size = float(np.linalg.norm(it.b))
             true = float(np.linalg.norm(it.b - it.A @ it.x))
             require(

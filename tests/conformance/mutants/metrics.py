@@ -279,11 +279,49 @@ class WeighsCells(Spread):
         return np.where(labels[cells] == parts, 0.0, told)
 
 
+class Perimeter(Extent):
+    """Without the boundary of the domain."""
+
+    better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 1
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        inner = coarse.face_cells[:, 1] >= 0
+        pairs, lengths = coarse.face_cells[inner], coarse.face_measures[inner]
+        return np.bincount(pairs.ravel(), np.repeat(lengths, 2), coarse.n_cells).astype(float)
+
+
+class LogOfShare(Share):
+    """Nearly 0 where all parts are alike; values around 0 are right to rounding only."""
+
+    bounds = (-inf, 0.0)
+
+    def measure(self, mesh, labels):
+        return np.log(super().measure(mesh, labels))
+
+
+class OnTheBoundary(Extent):
+    """Share of the perimeter that lies on the boundary."""
+
+    better = "low"
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        offsets, faces = coarse.cell_faces
+        outside = np.where(coarse.face_cells[:, 1] < 0, coarse.face_measures, 0.0)
+        sums = [np.add.reduceat(each[faces], offsets[:-1]) for each in (outside, coarse.face_measures)]
+        return sums[0] / sums[1]
+
+
 CORRECT = [
     (Spread, {"deterministic": True, "3d": True, "pickles": True}),
     (Extent, {"deterministic": True, "3d": True, "pickles": True}),
     (Wanting, {"deterministic": True, "pickles": True}),
     (Share, {"deterministic": True, "3d": True, "pickles": True}),
+    (LogOfShare, {"deterministic": True, "3d": True, "pickles": True}),
+    (OnTheBoundary, {"deterministic": True, "3d": True, "pickles": True}),
 ]
 
 MUTANTS = [
@@ -313,5 +351,6 @@ MUTANTS = [
     Mutant("each_call_alone", KnowsTheMesh, "keep nothing between calls"),
     Mutant("far_parts_do_not_matter", SharesUnsaid, "relative = True"),
     Mutant("better_is_better", WorseIsBetter, "the other direction"),
+    Mutant("hand_values", Perimeter, "definition"),
     Mutant("shape_only_is_true", CountsCells, "drop shape_only"),
 ]

@@ -296,6 +296,23 @@ class ArithmeticMean(TwoPointFlux):
         return super().solve(problem, hierarchy)
 
 
+class KappaAtACorner(_OtherProblem):
+    """A coefficient that is a callable has its value in cell 0 everywhere."""
+
+    def other(self, problem, hierarchy):
+        if not callable(problem.kappa):
+            return problem
+        return replace(problem, kappa=float(problem.kappa(hierarchy.fine.cell_centroids[:1])[0]))
+
+
+class SkipsTheStart(TwoPointFlux):
+    """Forgets the residual before the first iteration, and that iteration."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        return replace(it, residuals=it.residuals[1:], iterations=it.iterations - 1) if it.iterations else it
+
+
 class SourceAtACorner(_OtherProblem):
     """The source is that of cell 0 wherever it varies."""
 
@@ -361,6 +378,8 @@ MUTANTS = [
     Mutant("linear_found", OneNameForTheBoundary, "are boundary data read"),
     Mutant("flux_found", InwardFlux, "outward"),
     Mutant("jump_found", ArithmeticMean, "harmonic mean"),
+    Mutant("jump_found", KappaAtACorner, "a callable"),
+    Mutant("too_few_iterations_said", SkipsTheStart, "before any"),
     Mutant("finer_is_closer", SourceAtACorner, "integrated over cells"),
     Mutant("data_superposed", FluxOrSource, "switch another off"),
     Mutant("place_and_size", UnitCells, "take areas"),
