@@ -67,7 +67,7 @@ def report(
 
 
 def operator_complexity(solution: Solution) -> float | None:
-    """Matrix entries of all levels over those of the finest; None where matrices are known by products alone."""
+    """Matrix entries of all levels over those of the finest; None where one is not known entry by entry."""
     entries = [_entries(A) for A in _matrices(solution)]
     known = [count for count in entries if count is not None]
     return float(sum(known) / known[0]) if len(known) == len(entries) else None

@@ -108,7 +108,7 @@ _RECORDS = (
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
-        ("general", "level_smoother", "whole", "promises"),
+        ("general", "level_smoother", "whole", "smoother_levels", "promises"),
     ),
     Kind(
         "constraint",
