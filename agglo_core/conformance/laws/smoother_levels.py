@@ -33,8 +33,8 @@ def unit_of_the_matrix(subject: Subject) -> None:
                 off = np.abs(smoothed(subject, scaled, factor * b, x) - before).max() / np.abs(before).max()
                 require(
                     off <= 1e-6,
-                    f"on {case.name}, A and b times {factor:g}: x changed by {off:.1e}: a step length has the "
-                    "unit of 1 / A; divide by the diagonal, or by a bound of λ_max",
+                    f"on {case.name}, A and b times {factor:g}: x changed by {off:.1e}: a step length has "
+                    "the unit of 1 / A; divide by the diagonal, or by a bound of λ_max",
                 )
 
 
