@@ -140,7 +140,13 @@ class ConnectivityFixer(Protocol):
 class QualityMetric(Protocol):
     """One number per agglomerate.
 
-    ``homogeneity`` is the power of a length the values scale with: 0 for ratios, 1 for lengths.
+    ``homogeneity`` is the power of a length the values scale with: 0 for ratios, 1 for lengths. (In 3-D a
+    length may become an area.)
+
+    Four attributes are optional, false where they are missing. ``undefined``: some agglomerates have no
+    value, which is NaN; reports count them, and means are over the others. ``directional``: values depend on
+    the directions of the axes. ``relative``: values depend on far agglomerates too, as diam(P) / h does.
+    ``shape_only``: the cells inside an agglomerate change nothing.
     """
 
     better: Literal["high", "low"]
@@ -289,7 +295,8 @@ class Solver(Protocol):
     ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
-    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``. One that says
+    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``; one whose coarse
+    operators are not Pᵀ A P, but discretised anew, ``galerkin = False``. One that says
     ``tells_progress = True`` takes the keyword ``progress``, None or a callable that is told of its phases
     (:func:`agglo_core.progress.phase`).
     """

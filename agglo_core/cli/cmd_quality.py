@@ -9,7 +9,7 @@ import click
 
 from agglo_core.cli.arguments import FILE, metrics_option
 from agglo_core.cli.console import number, print_json, quieten
-from agglo_core.cli.runs import level_data, single_level, watched
+from agglo_core.cli.runs import level_data, single_level, undefined, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_table
 from agglo_core.progress import phase
@@ -49,9 +49,12 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
         print_json({"mesh": {"name": mesh.name, "cells": mesh.n_cells, "h0": mesh.h}, "levels": rows})
     elif not quiet:
         title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
-        columns = [*(key for key in rows[0] if key != "objectives"), *levels[0].objectives]
+        columns = [*(key for key in rows[0] if key not in ("objectives", "undefined")), *levels[0].objectives]
         flat = [row | row.get("objectives", {}) for row in rows]
-        shown = [[number(row[key]) for key in columns] for row in flat]
+        shown = [
+            [number(row[key]) + undefined(level, key) for key in columns]
+            for level, row in zip(levels, flat, strict=True)
+        ]
         print_table(title, columns, shown, spare=["connected", "max_diameter"])
 
 

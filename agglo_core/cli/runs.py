@@ -29,6 +29,7 @@ __all__ = [
     "run_data",
     "show",
     "single_level",
+    "undefined",
     "watched",
 ]
 
@@ -200,7 +201,13 @@ def _cells(level: Level) -> list[str]:
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
     keys = ("parts", *level.metrics, "connected", *_last(level))
-    return [wanted(level.target), *(_short(line[key]) for key in keys)]
+    return [wanted(level.target), *(_short(line[key]) + undefined(level, key) for key in keys)]
+
+
+def undefined(level: Level, name: str) -> str:
+    """What stands behind the mean of a metric that some agglomerates have no value of."""
+    count = level.undefined.get(name, 0)
+    return f" ({count} undefined)" if count else ""
 
 
 def _short(value: Any) -> str:

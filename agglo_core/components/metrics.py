@@ -68,6 +68,7 @@ class UniformityFactor:
     bounds = (0.0, 1.0)
     homogeneity = 0
     shape_only = True
+    relative = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Uniformity factor ``(k,)``."""
@@ -83,6 +84,7 @@ class UniformityFactor99:
     bounds = (0.0, inf)
     homogeneity = 0
     shape_only = True
+    relative = True
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Ratio ``(k,)``; above 1 for the largest hundredth."""

@@ -152,7 +152,7 @@ def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
     """Whether two answers are equal; floats to 1e-9 of the largest."""
     if one.dtype.kind != "f" or one.shape != other.shape:
         return np.array_equal(one, other)
-    scale = float(np.abs(one).max(initial=0.0))
+    scale = float(np.nanmax(np.abs(one), initial=0.0))  # NaN: an undefined value
     return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * scale, equal_nan=True))
 
 

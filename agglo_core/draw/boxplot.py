@@ -70,7 +70,7 @@ def draw_boxes(
 
 def _boxes(axis: Any, values: Mapping[str, Float]) -> None:
     drawn = axis.boxplot(
-        list(values.values()),
+        [each[each == each] for each in values.values()],  # NaN: undefined
         widths=0.6,
         patch_artist=True,
         showmeans=True,

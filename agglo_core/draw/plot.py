@@ -209,12 +209,18 @@ def _title(level: Level) -> str:
         factor = f" ({target['h_factor']:.3g} h0)" if target.get("h_factor") else ""
         parts = f"h* = {target['h_star']:.3g}{factor}: {parts}"
     means = {name: line[name] for name in level.metrics} | dict(level.objectives)
-    shown = [f"{name} {_number(value)}" for name, value in means.items()]
+    missing = level.undefined
+    shown = [
+        f"{name} {_number(value)}" + (f" ({missing[name]} undefined)" if name in missing else "")
+        for name, value in means.items()
+    ]
     rows = ["   ".join(shown[start : start + 3]) for start in range(0, len(shown), 3)]
     return "\n".join([parts, *rows])
 
 
-def _number(value: float) -> str:
+def _number(value: float | None) -> str:
+    if value is None:
+        return "–"
     return f"{value:.2f}" if 0.0 <= value < 10.0 else f"{value:.3g}"
 
 

@@ -57,8 +57,9 @@ class Level:
 
         Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by its name (``UF``,
         ``CR``, ``CRc`` if none were chosen), the share of parts that are ``connected``,
-        ``diameter_ratio``, the mean diameter over h*, and ``objectives`` if any were chosen. What does
-        not exist (circle ratios in 3-D, h* of a count) is None.
+        ``diameter_ratio``, the mean diameter over h*, ``objectives`` if any were chosen, and
+        :attr:`undefined` if any value is. What does not exist (circle ratios in 3-D, h* of a count) is
+        None; means are over the agglomerates that have a value.
         """
         h_star = self.target.get("h_star")
         diameters = self.values["diameter"]
@@ -70,10 +71,19 @@ class Level:
             "connected": float((self.values["components"] == 1).mean()),
         }
         line.setdefault("diameter_ratio", None if h_star is None else float(diameters.mean() / h_star))
-        return line | ({"objectives": dict(self.objectives)} if self.objectives else {})
+        more = {"objectives": dict(self.objectives), "undefined": dict(self.undefined)}
+        return line | {name: found for name, found in more.items() if found}
+
+    @cached_property
+    def undefined(self) -> Mapping[str, int]:
+        """On how many agglomerates a metric is undefined (NaN), by its name; those that are nowhere lack."""
+        counts = {name: int(np.isnan(values).sum()) for name, values in self.values.items()}
+        return {name: count for name, count in counts.items() if count}
 
     def _mean(self, name: str) -> float | None:
-        return float(self.values[name].mean()) if name in self.values else None
+        values = self.values.get(name, np.empty(0))
+        defined = values[~np.isnan(values)]
+        return float(defined.mean()) if len(defined) else None
 
 
 def quality(

@@ -28,6 +28,7 @@ class Lifting:
 class Solution:
     """A solution ``x`` of ``A x = b`` and how it was reached.
 
+    Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``.
     ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
     after each iteration, the first one before any.
 

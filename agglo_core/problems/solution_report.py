@@ -79,10 +79,15 @@ def report(
     }
 
 
-def operator_complexity(solution: Solution) -> float:
-    """Matrix entries of all levels over those of the finest."""
-    entries = [A.nnz for A in _matrices(solution)]
-    return float(sum(entries) / entries[0])
+def operator_complexity(solution: Solution) -> float | None:
+    """Matrix entries of all levels over those of the finest; None where one is not known entry by entry."""
+    entries = [_entries(A) for A in _matrices(solution)]
+    known = [count for count in entries if count is not None]
+    return float(sum(known) / known[0]) if len(known) == len(entries) else None
+
+
+def _entries(A: Any) -> int | None:
+    return int(np.count_nonzero(A)) if isinstance(A, np.ndarray) else getattr(A, "nnz", None)
 
 
 def _matrices(solution: Solution) -> list[Any]:
@@ -123,10 +128,12 @@ def _state(data: Mapping[str, Any]) -> str:
 def text(title: str, data: Mapping[str, Any]) -> str:
     """A few lines for people to read."""
     levels = " → ".join(f"{level['cells']:,}" for level in data["levels"])
+    complexity = data["operator_complexity"]
     lines = [
         f"{title}: {data['dofs']:,} unknowns, cells {levels}",
         _state(data),
-        f"energy fᵀu {data['energy']:.8g}, operator complexity {data['operator_complexity']:.2f}",
+        f"energy fᵀu {data['energy']:.8g}, operator complexity "
+        + ("unknown" if complexity is None else f"{complexity:.2f}"),
     ]
     if data["cg_iterations"] is not None:
         lines.insert(2, f"plain conjugate gradients: {data['cg_iterations']} iterations")

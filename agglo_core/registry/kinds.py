@@ -72,14 +72,14 @@ _RECORDS = (
         "one number for each agglomerate",
         ("measure",),
         ("deterministic", "3d", "pickles"),
-        ("general", "metric", "whole", "promises"),
+        ("general", "metric", "metric_invariance", "whole", "promises"),
     ),
     Kind(
         "solver",
         "solves a problem with the help of a hierarchy",
         ("solve",),
         ("deterministic", "3d", "pickles", "symmetric"),
-        ("general", "solver", "whole", "promises"),
+        ("general", "solver", "solver_history", "solver_exact", "whole", "promises"),
     ),
     Kind(
         "format",
@@ -108,7 +108,7 @@ _RECORDS = (
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
-        ("general", "level_smoother", "whole", "promises"),
+        ("general", "level_smoother", "whole", "smoother_levels", "promises"),
     ),
     Kind(
         "constraint",

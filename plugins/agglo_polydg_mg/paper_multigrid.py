@@ -105,7 +105,7 @@ class PaperMultigrid:
         self.discretisation = PolyDG(degree, penalty, scaled_basis)
         self.smoothing_steps, self.levels = smoothing_steps, levels
         self.tolerance, self.max_iterations = tolerance, max_iterations
-        self.inherited = operators == "inherited"
+        self.inherited = self.galerkin = operators == "inherited"
         self.smoother = smoother_of(smoother, registry)
         self._smoother_title = smoother_title(smoother, registry)
         self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)

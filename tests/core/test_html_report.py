@@ -249,7 +249,8 @@ def test_chosen_metrics_have_their_own_axes(tmp_path: Path) -> None:
     ]
     assert data["objectives"] == ["balance"]
     (level,) = data["runs"][0]["levels"]
-    assert level["Holes"] is None
+    assert level["Holes"] == pytest.approx(3.0)
+    assert level["undefined"] == {"Holes": 1}
     assert level["objectives"]["balance"] == pytest.approx(levels[0].objectives["balance"])
     np.testing.assert_array_equal(unpacked(level["values"]["cells"]), np.full(4, 18.0))
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.linalg import eigh
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, in_words, plain, questions
+from agglo_core.conformance.solver_cases import uneven
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
+
+__all__ = ["smoothed"]
 
 _EXACT = 1e-10
 _SHARE = 0.9  # of what is left of a smooth error, at most so much may be left of a rough one
@@ -35,7 +41,7 @@ def nothing_from_nothing(subject: Subject) -> None:
     """From b = 0 and x = 0 it returns 0."""
     for case in questions(subject):
         zero = np.zeros(case.size or 0)
-        made = _smooth(subject, case, zero, zero)
+        made = smoothed(subject, case, zero, zero)
         require(
             not np.any(made != 0), f"on {case.name}: it made {made[:3]} from zeros: only b − A x may enter"
         )
@@ -46,7 +52,7 @@ def solution_kept(subject: Subject) -> None:
     """The exact solution stays where it is."""
     for case in questions(subject):
         level, _, x = case.given
-        moved = np.abs(_smooth(subject, case, level.A @ x, x) - x).max()
+        moved = np.abs(smoothed(subject, case, level.A @ x, x) - x).max()
         require(
             moved <= _EXACT * np.abs(x).max(),
             f"on {case.name}: it moved the exact solution by {moved:.1e}: add a correction that is made of "
@@ -56,8 +62,8 @@ def solution_kept(subject: Subject) -> None:
 
 @law("smoother")
 def error_reduced(subject: Subject) -> None:
-    """From any x the error becomes smaller in the energy norm."""
-    for case in questions(subject):
+    """From any x the error becomes smaller in the energy norm, of uneven matrices too."""
+    for case in [*questions(subject), _uneven()]:
         A, x = case.given[0].A, case.given[2]
         left = _energy(A, _error_left(subject, case, x)) / _energy(A, x)
         require(
@@ -108,20 +114,29 @@ def smoother_symmetric(subject: Subject) -> None:
         )
 
 
+def _uneven() -> Case:
+    """A level whose couplings differ by 1 to 100."""
+    case = cases("smoother")[0]
+    level = case.given[0]
+    A = uneven(small_meshes.grid(8, 8).graph, 1).A
+    return replace(case, name="an uneven matrix", given=(replace(level, A=A, inherited=A), *case.given[1:]))
+
+
 def _mixed(modes: Float) -> Float:
     """Equal amounts of some modes ``(n, k)`` with random signs."""
     signs = np.random.default_rng(1).choice([-1.0, 1.0], modes.shape[1])
     return np.asarray(modes @ signs)
 
 
-def _smooth(subject: Subject, case: Case, b: Float, x: Float) -> Float:
+def smoothed(subject: Subject, case: Case, b: Float, x: Float) -> Float:
+    """What a smoother makes of a right-hand side and an x ``(n,)``."""
     asked = Case(case.name, (case.given[0], frozen_float(b), frozen_float(x)))
     return plain(subject, subject.build(), asked)
 
 
 def _error_left(subject: Subject, case: Case, error: Float) -> Float:
     """What is left of an error: the solution is 0."""
-    return _smooth(subject, case, np.zeros(len(error)), error)
+    return smoothed(subject, case, np.zeros(len(error)), error)
 
 
 def _energy(A: Any, x: Float) -> float:

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import numbers
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases, laplacian, with_problem
 from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, questions, taken
+from agglo_core.conformance.questions import questions, taken
+from agglo_core.conformance.solver_answers import direct, first_case, gap, matrix_of
+from agglo_core.conformance.solver_answers import solve as _solve
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
-from agglo_core.problems import Diffusion, Linear, Solution
+from agglo_core.problems import Diffusion, Linear
 
 _CLOSE = 1e-4  # solvers stop at a tolerance of their own; this tells wrong from unfinished
-
-
-def _solve(subject: Subject, case: Case) -> Solution:
-    given = answer(subject, subject.build(), case)
-    require(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
-    return given  # type: ignore[no-any-return]
 
 
 @law("solver")
@@ -48,6 +44,14 @@ def solution_record(subject: Subject) -> None:
             f"on {case.name}: {len(it.residuals)} residuals of {it.iterations} iterations: the first is that "
             "of the start, then one for each iteration",
         )
+        require(
+            np.isfinite(it.residuals).all() and np.min(it.residuals) >= 0.0,
+            f"on {case.name}: residuals are {np.asarray(it.residuals)[:4]}: norms are finite, not negative",
+        )
+        require(
+            all(isinstance(each, numbers.Real) and each >= 0.0 for each in it.seconds.values()),
+            f"on {case.name}: seconds are {it.seconds!r:.60}, expected numbers by name",
+        )
 
 
 @law("solver")
@@ -56,8 +60,7 @@ def solves(subject: Subject) -> None:
     for case in questions(subject):
         it = _solve(subject, case)
         require(it.converged, f"on {case.name}: not converged ({it.reason}) on a tiny problem")
-        direct = spsolve(sparse.csc_array(it.A), it.b)
-        error = np.linalg.norm(it.x - direct) / np.linalg.norm(direct)
+        error = gap(it.x, direct(it))
         require(
             error <= _CLOSE,
             f"on {case.name}: x differs from the direct solution of A x = b by {error:.1e}: check the "
@@ -67,17 +70,23 @@ def solves(subject: Subject) -> None:
 
 @law("solver")
 def own_system_kept(subject: Subject) -> None:
-    """A linear system is solved as given: the x of the Solution fits the A and b of the problem."""
+    """A linear system is solved as given: x, A and b of the Solution fit the A and b of the problem."""
     for case in questions(subject):
         problem = case.given[0]
         if isinstance(problem, Linear):
-            x = _solve(subject, case).x
+            it = _solve(subject, case)
+            x = it.x
             require(np.shape(x) == np.shape(problem.b), f"on {case.name}: x has shape {np.shape(x)}")
-            gap = np.linalg.norm(problem.b - problem.A @ x) / np.linalg.norm(problem.b)
+            off = gap(problem.A @ x, problem.b)
             require(
-                gap <= _CLOSE,
-                f"on {case.name}: x leaves a residual of {gap:.1e} in the system given: undo any scaling or "
+                off <= _CLOSE,
+                f"on {case.name}: x leaves a residual of {off:.1e} in the system given: undo any scaling or "
                 "reordering before returning",
+            )
+            require(
+                gap(it.b, problem.b) <= 1e-9 and gap(it.A @ x, problem.A @ x) <= 1e-9,
+                f"on {case.name}: A and b of the Solution are not those of the system: undo scaling, for "
+                "residuals and energy are taken from them",
             )
 
 
@@ -139,10 +148,26 @@ def operators_chain(subject: Subject) -> None:
                 )
 
 
+@law("solver", when=lambda subject: getattr(subject.build(), "galerkin", True))
+def coarse_operators_inherited(subject: Subject) -> None:
+    """The matrix of each coarser level is Pᵀ A P, unless the solver says galerkin = False."""
+    for case in questions(subject):
+        levels = _solve(subject, case).operators
+        for level, ((A, P), (coarse, _)) in enumerate(pairwise(levels)):
+            P = matrix_of(P)
+            off = sparse.linalg.norm(P.T @ matrix_of(A) @ P - matrix_of(coarse))
+            off /= max(sparse.linalg.norm(matrix_of(coarse)), 1e-300)
+            require(
+                off <= 1e-8,
+                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {off:.1e}: is P the "
+                "one that was used? Where levels are discretised anew, say galerkin = False",
+            )
+
+
 @law("solver")
 def field_forms_agree(subject: Subject) -> None:
     """A coefficient or source given as a number, one value per cell or a callable means the same."""
-    for case in _first(subject, Diffusion):
+    for case in first_case(subject, Diffusion):
         n = case.given[1].graph.n
         wanted = _solve(subject, with_problem(case, kappa=2.0, source=3.0)).x
         for form, kappa, source in (
@@ -158,11 +183,11 @@ def field_forms_agree(subject: Subject) -> None:
 @law("solver")
 def linear_in_the_data(subject: Subject) -> None:
     """Twice the source or right-hand side gives twice the solution, twice the coefficient or matrix half."""
-    for case in _first(subject, Diffusion):
+    for case in first_case(subject, Diffusion):
         once = _solve(subject, case).x
         _require_close(_solve(subject, with_problem(case, source=2.0)).x, 2 * once, "twice the source")
         _require_close(_solve(subject, with_problem(case, kappa=2.0)).x, once / 2, "twice the coefficient")
-    for case in _first(subject, Linear):
+    for case in first_case(subject, Linear):
         once, (A, b) = _solve(subject, case).x, (case.given[0].A, case.given[0].b)
         _require_close(_solve(subject, with_problem(case, b=2 * b)).x, 2 * once, "twice the right-hand side")
         _require_close(_solve(subject, with_problem(case, A=2 * A)).x, once / 2, "twice the matrix")
@@ -182,11 +207,6 @@ def disconnected_solved(subject: Subject) -> None:
         require(it.converged, f"on two components: not converged ({it.reason})")
 
 
-def _first(subject: Subject, sort: type) -> list[Case]:
-    """The first question about a Diffusion or a Linear problem, if the solver takes any."""
-    return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
-
-
 def _require_close(x: NDArray[np.float64], wanted: Float, where: str) -> None:
-    error = np.linalg.norm(x - wanted) / np.linalg.norm(wanted)
+    error = gap(x, wanted)
     require(error <= _CLOSE, f"{where}: x is off by {error:.1e}: check where kappa and source enter")

@@ -67,7 +67,9 @@ function boxTable(table, place, chosen, part) {
     const cells = METRICS.map((metric) => {
       const values = boxesOf(level)[metric.name];
       const marked = index === chosen && part !== null ? level.values[metric.name]?.[part] : undefined;
-      return values && Number.isFinite(values.median) ? element("td", {}, boxGlyph(values, metric, colour, marked)) : element("td", {}, "–");
+      const missing = level.undefined?.[metric.name];
+      const note = missing ? [element("small", {}, `${missing} undefined`)] : [];
+      return element("td", {}, values && Number.isFinite(values.median) ? boxGlyph(values, metric, colour, marked) : "–", ...note);
     });
     body.append(element("tr", index === chosen ? { class: "chosen" } : {}, element("th", { scope: "row" }, run.name), ...cells));
   });

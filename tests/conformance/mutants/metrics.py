@@ -120,9 +120,208 @@ class ForgetsTheOldPart(Spread):
         return 2.0 * np.bincount(labels)[parts] + 1
 
 
+class Wanting(Extent):
+    """Area over that of the box around it in the axes; NaN for loose parts: unusual, and right."""
+
+    directional = True
+    undefined = True
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        offsets, vertices = coarse.cell_vertices
+        corners = coarse.local_points[vertices]
+        low, high = (each.reduceat(corners, offsets[:-1]) for each in (np.minimum, np.maximum))
+        component = mesh.graph.components(labels)
+        pieces = np.bincount(np.unique(np.stack((component, labels)), axis=1)[1])
+        filled = np.clip(coarse.cell_measures / np.prod(high - low, axis=1), 0.0, 1.0)
+        return np.where(pieces > 1, np.nan, filled)
+
+
+class Share(Extent):
+    """Measure over the largest of a part."""
+
+    relative = True
+
+    def measure(self, mesh, labels):
+        sizes = np.bincount(labels, mesh.cell_measures)
+        return sizes / sizes.max()
+
+
+class SaysYes(Extent):
+    relative = "yes"
+
+
+class NeverDefined(Extent):
+    undefined = True
+
+    def measure(self, mesh, labels):
+        return np.full(labels.max() + 1, np.nan)
+
+
+class InfiniteWhenUndefined(Wanting):
+    def measure(self, mesh, labels):
+        values = super().measure(mesh, labels)
+        return np.where(np.isnan(values), np.inf, values)
+
+
+class BoundedLength(Extent):
+    """A length cannot have a largest value."""
+
+    bounds = (0.0, 200.0)
+    homogeneity = 1
+
+    def measure(self, mesh, labels):
+        return mesh.coarsen(labels).cell_diameters
+
+
+class FewNeighbours(Extent):
+    bounds = (0.0, 20.0)
+
+    def measure(self, mesh, labels):
+        pairs = mesh.coarsen(labels).face_cells
+        pairs = np.unique(np.sort(pairs[pairs[:, 1] >= 0], axis=1), axis=0)
+        return np.bincount(pairs.ravel(), minlength=labels.max() + 1).astype(float)
+
+
+class AddsATrifle(Extent):
+    bounds = (0.0, inf)
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        return coarse.cell_measures / (coarse.cell_diameters**2 + 1e-6)
+
+
+class NeverSquared(Extent):
+    """A ratio in the plane, a length in space."""
+
+    bounds = (0.0, inf)
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        return coarse.cell_measures / coarse.cell_diameters**2
+
+
+class FarFromZero(Extent):
+    """By the shoelace formula in coordinates that lose their digits."""
+
+    bounds = (0.0, inf)
+
+    def measure(self, mesh, labels):
+        if mesh.dim == 3:
+            return super().measure(mesh, labels)
+        coarse = mesh.coarsen(labels)
+        loops = coarse.boundary_loops
+        x, y = mesh.points[loops.vertices].T
+        after = np.append(np.arange(1, len(x)), 0)
+        after[loops.loop_offsets[1:] - 1] = loops.loop_offsets[:-1]
+        areas = np.add.reduceat(x * y[after] - x[after] * y, loops.loop_offsets[loops.cell_offsets[:-1]]) / 2
+        return np.abs(areas) / coarse.cell_diameters**2
+
+
+class OutsideIsTheLastCell(Extent):
+    """Labels of both sides of every face: of the boundary that is labels[-1]."""
+
+    bounds = (0.0, inf)
+
+    def measure(self, mesh, labels):
+        one, other = labels[mesh.face_cells].T
+        return np.bincount(one[one != other], minlength=labels.max() + 1) / np.bincount(labels)
+
+
+class FirstCellOfEach(Extent):
+    bounds = (0.0, inf)
+
+    def measure(self, mesh, labels):
+        first = np.unique(labels, return_index=True)[1]
+        away = np.linalg.norm(mesh.local_centroids - mesh.local_centroids[first[labels]], axis=1)
+        return np.bincount(labels, away) / np.bincount(labels) / mesh.coarsen(labels).cell_diameters
+
+
+class KnowsTheMesh(Share):
+    """Keeps sums by the name of the mesh."""
+
+    relative = False
+
+    def __init__(self):
+        self.known = {}
+
+    def measure(self, mesh, labels):
+        key = mesh.name, len(labels), int(labels.max())
+        if key not in self.known:
+            self.known[key] = mesh.coarsen(labels).cell_measures / mesh.cell_measures.sum()
+        return self.known[key]
+
+
+class SharesUnsaid(Share):
+    relative = False
+
+
+class WorseIsBetter(Extent):
+    better = "low"
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        return np.clip(coarse.cell_measures / coarse.cell_diameters**mesh.dim, 0.0, 1.0)
+
+
+class WeighsCells(Spread):
+    """Squared measures: but the graph's weights are not its measures."""
+
+    bounds = (0.0, inf)
+    homogeneity = 4
+
+    def measure(self, mesh, labels):
+        return np.bincount(labels, mesh.cell_measures) ** 2
+
+    def changes(self, graph, labels, cells, parts):
+        sizes, gone = np.bincount(labels, graph.weights), graph.weights[cells]
+        told = 2 * gone * (sizes[parts] - sizes[labels[cells]] + gone)
+        return np.where(labels[cells] == parts, 0.0, told)
+
+
+class Perimeter(Extent):
+    """Without the boundary of the domain."""
+
+    better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 1
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        inner = coarse.face_cells[:, 1] >= 0
+        pairs, lengths = coarse.face_cells[inner], coarse.face_measures[inner]
+        return np.bincount(pairs.ravel(), np.repeat(lengths, 2), coarse.n_cells).astype(float)
+
+
+class LogOfShare(Share):
+    """Nearly 0 where all parts are alike; values around 0 are right to rounding only."""
+
+    bounds = (-inf, 0.0)
+
+    def measure(self, mesh, labels):
+        return np.log(super().measure(mesh, labels))
+
+
+class OnTheBoundary(Extent):
+    """Share of the perimeter that lies on the boundary."""
+
+    better = "low"
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        offsets, faces = coarse.cell_faces
+        outside = np.where(coarse.face_cells[:, 1] < 0, coarse.face_measures, 0.0)
+        sums = [np.add.reduceat(each[faces], offsets[:-1]) for each in (outside, coarse.face_measures)]
+        return sums[0] / sums[1]
+
+
 CORRECT = [
     (Spread, {"deterministic": True, "3d": True, "pickles": True}),
     (Extent, {"deterministic": True, "3d": True, "pickles": True}),
+    (Wanting, {"deterministic": True, "pickles": True}),
+    (Share, {"deterministic": True, "3d": True, "pickles": True}),
+    (LogOfShare, {"deterministic": True, "3d": True, "pickles": True}),
+    (OnTheBoundary, {"deterministic": True, "3d": True, "pickles": True}),
 ]
 
 MUTANTS = [
@@ -138,5 +337,20 @@ MUTANTS = [
     Mutant("rigid_motion", WidthOverHeight, "not coordinates"),
     Mutant("renaming", ValuesByName, "belong to label i"),
     Mutant("hand_values", Component("metric", "convexity", f"{__name__}:AlwaysOne"), "definition"),
+    Mutant("changes_add_up", WeighsCells, "less the sum before"),
+    Mutant("declares_itself", SaysYes, "expected True, False or none"),
+    Mutant("finite", InfiniteWhenUndefined, "say undefined = True"),
+    Mutant("defined_on_squares", NeverDefined, "what is it that it measures"),
+    Mutant("within_bounds", BoundedLength, "declare wider bounds"),
+    Mutant("within_bounds", FewNeighbours, "declare wider bounds"),
+    Mutant("homogeneous", AddsATrifle, "no small constant"),
+    Mutant("unmoved_in_space", NeverSquared, "lengths may become areas", {"3d": True}),
+    Mutant("rigid_motion", FarFromZero, "local_points keeps digits"),
+    Mutant("renaming", OutsideIsTheLastCell, "renumbered"),
+    Mutant("renaming", FirstCellOfEach, "renumbered"),
+    Mutant("each_call_alone", KnowsTheMesh, "keep nothing between calls"),
+    Mutant("far_parts_do_not_matter", SharesUnsaid, "relative = True"),
+    Mutant("better_is_better", WorseIsBetter, "the other direction"),
+    Mutant("hand_values", Perimeter, "definition"),
     Mutant("shape_only_is_true", CountsCells, "drop shape_only"),
 ]

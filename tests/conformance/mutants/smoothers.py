@@ -137,6 +137,34 @@ class HoldsAFunction(Jacobi):
         self.scale = lambda x: x
 
 
+class Richardson(Jacobi):
+    """Steps whose length fits matrices with small entries."""
+
+    def setup(self, level):
+        A = level.A
+        damping = min(1.0, 1.9 / abs(A).sum(axis=1).max()) if abs(A).max() < 1e3 else 0.3
+        return lambda b, x: x + min(damping, 0.2) * (b - A @ x)
+
+
+class StrongRichardson(Jacobi):
+    """Damped for the matrices of even couplings alone."""
+
+    def setup(self, level):
+        A = level.A
+        return lambda b, x: x + 0.2 * (b - A @ x) if abs(A).max() > 1e-3 else x
+
+
+class KeepsTheLevel(Jacobi):
+    """All levels share what belongs to the last one."""
+
+    def setup(self, level):
+        self.level = level
+        return self.smooth
+
+    def smooth(self, b, x):
+        return Jacobi().setup(self.level)(b, x)
+
+
 _ALL = {"deterministic": True, "pickles": True}
 CORRECT = [
     (Jacobi, {**_ALL, "symmetric": True}),
@@ -152,6 +180,9 @@ MUTANTS = [
     Mutant("nothing_from_nothing", AddsALittle, "b − A x"),
     Mutant("solution_kept", ShrinksALittle, "residual b − A x alone"),
     Mutant("error_reduced", Undamped, "damp it"),
+    Mutant("error_reduced", StrongRichardson, "damp it"),
+    Mutant("unit_of_the_matrix", Richardson, "the unit of 1 / A"),
+    Mutant("levels_apart", KeepsTheLevel, "not to self"),
     Mutant("rough_error_damped", Timid, "the rough one"),
     Mutant("smoother_symmetric", Forward, "forwards and then backwards", {"symmetric": True}),
     Mutant("smoother_symmetric", SteepestDescent, "nonlinear", {"symmetric": True}),

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from conformance.mutants.mutant import Mutant
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, spsolve_triangular
+from scipy.sparse.linalg import LinearOperator, aslinearoperator, spsolve, spsolve_triangular
 
 from agglo_core import OptionError
-from agglo_core.conformance.reference import TwoPointFlux
-from agglo_core.problems import Diffusion, Linear
+from agglo_core.conformance.reference import TwoPointFlux, _system
+from agglo_core.problems import Diffusion, Linear, Solution
 
 
 class LinearOnly(TwoPointFlux):
@@ -123,10 +123,231 @@ class GaussSeidel(TwoPointFlux):
         return LinearOperator(A.shape, matvec=lambda r: spsolve_triangular(lower, r), dtype=float)
 
 
+class MatrixFree(TwoPointFlux):
+    """Knows matrices by their products alone: unusual, and right."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        operators = [(aslinearoperator(A), P) for A, P in it.operators]
+        return replace(it, A=operators[0][0], operators=operators)
+
+
+class Direct:
+    """A factorisation, which no level helps; unknowns are in units of their own."""
+
+    def solve(self, problem, hierarchy):
+        A, b, _ = _system(problem, hierarchy)
+        if not (np.isfinite(b).all() and np.isfinite(A.data).all()):
+            raise OptionError("data are not finite")
+        if not isinstance(problem, Linear):
+            unit = sparse.diags_array(np.sqrt(hierarchy.fine.cell_measures))
+            A, b = sparse.csr_array(unit @ A @ unit), unit @ b
+        x = np.atleast_1d(spsolve(sparse.csc_array(A), b)) if b.any() else np.zeros(len(b))
+        norms = np.array([np.linalg.norm(b), np.linalg.norm(b - A @ x)])
+        fine = bool(norms[1] <= 1e-8 * norms[0])
+        return Solution(
+            x, A, b, [(A, None)], norms, fine, "solved" if fine else "singular", 1, {"solve": 0.0}
+        )
+
+
+class Rediscretised(TwoPointFlux):
+    """Another matrix on the coarse level, and says so."""
+
+    galerkin = False
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        (A, P), (coarse, _) = it.operators
+        return replace(it, operators=[(A, P), (2.0 * coarse, None)])
+
+
+class RediscretisedUnsaid(Rediscretised):
+    galerkin = True
+
+
+class NegativeSeconds(TwoPointFlux):
+    def solve(self, problem, hierarchy):
+        return replace(super().solve(problem, hierarchy), seconds={"solve": -1.0})
+
+
+class ScaledSystem(TwoPointFlux):
+    """Returns the system it has scaled by its diagonal."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if not isinstance(problem, Linear):
+            return it
+        D = sparse.diags_array(1.0 / it.A.diagonal())
+        A, b = sparse.csr_array(D @ it.A), D @ it.b
+        residuals = np.append(it.residuals[:-1], np.linalg.norm(b - A @ it.x))
+        return replace(it, A=A, b=b, residuals=residuals, operators=[(A, None)])
+
+
+class FixedTolerance(TwoPointFlux):
+    """Stops at a residual of a fixed size, and calls that converged."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if np.linalg.norm(it.b) < 1e-3:
+            return replace(it, x=0 * it.x, residuals=it.residuals[:1], iterations=0, converged=True)
+        return it
+
+
+class RelativeHistory(TwoPointFlux):
+    """The history is relative, but for its end."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        first = it.residuals[0] or 1.0
+        return replace(it, residuals=np.append(it.residuals[:-1] / first, it.residuals[-1]))
+
+
+class DividesByNothing(TwoPointFlux):
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        return replace(it, converged=bool(it.converged and np.linalg.norm(it.b) > 0), reason="0 / 0")
+
+
+class SetTolerance(TwoPointFlux):
+    """Takes a tolerance and uses its own."""
+
+    def __init__(self, tolerance=1e-7):
+        super().__init__(1e-7)
+
+
+class MadeUpHistory(TwoPointFlux):
+    """Begins and ends well."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if it.iterations and it.residuals[-1] > 0:
+            between = np.geomspace(it.residuals[0], it.residuals[-1], len(it.residuals))
+            it = replace(it, residuals=between)
+        return it
+
+
+class NeverGivesUp(TwoPointFlux):
+    """Out of iterations it has converged, unless the matrix is singular."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        done = bool(it.converged or (it.iterations == 1 and np.isfinite(it.residuals).all()))
+        return replace(it, converged=done)
+
+
+class TrustsOnePart(TwoPointFlux):
+    """On one part it returns what the coarse level says."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if hierarchy.levels[0].max() == 0 and len(it.x) > 1:
+            x = np.full(len(it.x), it.x.mean())
+            it = replace(it, x=x, residuals=np.append(it.residuals[:-1], np.linalg.norm(it.b - it.A @ x)))
+        return it
+
+
+class KeepsTheMatrix(TwoPointFlux):
+    """One matrix for each hierarchy."""
+
+    def __init__(self):
+        super().__init__()
+        self.known = {}
+
+    def solve(self, problem, hierarchy):
+        if isinstance(problem, Diffusion):
+            problem = self.known.setdefault(id(hierarchy), (problem, hierarchy))[0]
+        return super().solve(problem, hierarchy)
+
+
+class _OtherProblem(TwoPointFlux):
+    """Solves another diffusion problem."""
+
+    def solve(self, problem, hierarchy):
+        diffusion = isinstance(problem, Diffusion)
+        return super().solve(self.other(problem, hierarchy) if diffusion else problem, hierarchy)
+
+
+class NothingIsInsulated(_OtherProblem):
+    def other(self, problem, hierarchy):
+        if not problem.dirichlet or problem.boundary not in hierarchy.fine.face_tags:
+            return problem
+        missing = set(np.unique(hierarchy.fine.face_tags[problem.boundary])) - {0, *problem.neumann}
+        return replace(problem, dirichlet=dict.fromkeys(missing, 0.0) | dict(problem.dirichlet))
+
+
+class OneNameForTheBoundary(_OtherProblem):
+    def other(self, problem, hierarchy):
+        return replace(problem, boundary="boundary")
+
+
+class InwardFlux(_OtherProblem):
+    def other(self, problem, hierarchy):
+        return replace(problem, neumann={tag: -q for tag, q in problem.neumann.items() if not callable(q)})
+
+
+class ArithmeticMean(TwoPointFlux):
+    """The mean of κ on both sides of a face."""
+
+    def solve(self, problem, hierarchy):
+        if isinstance(problem, Diffusion) and isinstance(problem.kappa, np.ndarray):
+            A = hierarchy.graph.to_scipy()
+            kappa = (A @ problem.kappa + problem.kappa) / (A.sum(axis=1) + 1.0)
+            problem = replace(problem, kappa=kappa)
+        return super().solve(problem, hierarchy)
+
+
+class KappaAtACorner(_OtherProblem):
+    """A coefficient that is a callable has its value in cell 0 everywhere."""
+
+    def other(self, problem, hierarchy):
+        if not callable(problem.kappa):
+            return problem
+        return replace(problem, kappa=float(problem.kappa(hierarchy.fine.cell_centroids[:1])[0]))
+
+
+class SkipsTheStart(TwoPointFlux):
+    """Forgets the residual before the first iteration, and that iteration."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        return replace(it, residuals=it.residuals[1:], iterations=it.iterations - 1) if it.iterations else it
+
+
+class SourceAtACorner(_OtherProblem):
+    """The source is that of cell 0 wherever it varies."""
+
+    def other(self, problem, hierarchy):
+        if not callable(problem.source):
+            return problem
+        return replace(problem, source=lambda points: np.full(len(points), problem.source(points)[0]))
+
+
+class FluxOrSource(_OtherProblem):
+    def other(self, problem, hierarchy):
+        return replace(problem, source=0.0) if any(map(callable, problem.neumann.values())) else problem
+
+
+class UnitCells(_OtherProblem):
+    """Takes cells for unit squares."""
+
+    def other(self, problem, hierarchy):
+        measures = hierarchy.fine.cell_measures
+        if (
+            np.ptp(measures) > 1e-6 * measures.max()
+            or np.isclose(measures.max(), 1.0)
+            or callable(problem.source)
+        ):
+            return problem
+        return replace(problem, source=problem.source / measures.max())
+
+
 CORRECT = [
     (TwoPointFlux, {"deterministic": True, "symmetric": True, "3d": True, "pickles": True}),
     (LinearOnly, {"deterministic": True, "symmetric": True, "3d": True, "pickles": True}),
     (DiffusionOnly, {"deterministic": True, "3d": True, "pickles": True}),
+    (MatrixFree, {"deterministic": True, "3d": True}),
+    (Direct, {"deterministic": True, "3d": True, "pickles": True}),
+    (Rediscretised, {"deterministic": True, "3d": True}),
 ]
 
 MUTANTS = [
@@ -142,5 +363,25 @@ MUTANTS = [
     Mutant("linear_in_the_data", ForgetsKappa, "twice the coefficient"),
     Mutant("linear_in_the_data", NotLinear, "twice the right-hand side"),
     Mutant("disconnected_solved", OneComponentOnly, "must be connected"),
+    Mutant("solution_record", NegativeSeconds, "numbers by name"),
+    Mutant("own_system_kept", ScaledSystem, "undo scaling"),
+    Mutant("coarse_operators_inherited", RediscretisedUnsaid, "galerkin = False"),
+    Mutant("scales_with_the_system", FixedTolerance, "not with a fixed number"),
+    Mutant("scales_with_the_system", RelativeHistory, "2-norm of b − A x"),
+    Mutant("zero_from_zero", DividesByNothing, "only where there is one"),
+    Mutant("tolerance_met", SetTolerance, "does the option reach the iteration"),
+    Mutant("tolerance_met", MadeUpHistory, "not made up afterwards"),
+    Mutant("too_few_iterations_said", NeverGivesUp, "after the last iteration"),
+    Mutant("claims_hold", TrustsOnePart, "after the last iteration"),
+    Mutant("each_solve_alone", KeepsTheMatrix, "no matrix"),
+    Mutant("constant_found", NothingIsInsulated, "are insulated"),
+    Mutant("linear_found", OneNameForTheBoundary, "are boundary data read"),
+    Mutant("flux_found", InwardFlux, "outward"),
+    Mutant("jump_found", ArithmeticMean, "harmonic mean"),
+    Mutant("jump_found", KappaAtACorner, "a callable"),
+    Mutant("too_few_iterations_said", SkipsTheStart, "before any"),
+    Mutant("finer_is_closer", SourceAtACorner, "integrated over cells"),
+    Mutant("data_superposed", FluxOrSource, "switch another off"),
+    Mutant("place_and_size", UnitCells, "take areas"),
     Mutant("symmetric", GaussSeidel, "mirror", {"symmetric": True}),
 ]

@@ -1,0 +1,230 @@
+"""Laws of solvers of diffusion problems: solutions that are known, and what follows from the equation.
+
+A solver may refuse boundary data by an AggloError. Values are compared where it is known what unknowns
+mean: from the discretisation of the solver, or because there is one on each cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.arrays import Float
+from agglo_core.conformance.law import law
+from agglo_core.conformance.mesh_changes import Change
+from agglo_core.conformance.solver_answers import (
+    first_case,
+    gap,
+    solve_unless_refused,
+    values,
+)
+from agglo_core.conformance.solver_cases import SIDES, elsewhere, halves, plate
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import require
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Diffusion
+
+_CLOSE = 1e-3  # of the largest value; solvers stop at a tolerance of their own
+_LEFT, _RIGHT, _BOTTOM, _TOP = SIDES
+_CHANGES = {
+    "shifted by a million diameters": Change(away=1e6),
+    "scaled by 1000": Change(scale=1e3),
+    "scaled by 0.001": Change(scale=1e-3),
+    "renumbered": None,
+}
+
+
+def _takes_diffusion(subject: Subject) -> bool:
+    return bool(first_case(subject, Diffusion))
+
+
+def _unknowns(subject: Subject, problem: Diffusion, hierarchy: Hierarchy) -> Float | None:
+    it = solve_unless_refused(subject, "a plate", problem, hierarchy)
+    return None if it is None else it.x
+
+
+def _one(subject: Subject, hierarchy: Hierarchy, boundary: str = "boundary") -> Float | None:
+    """The unknowns of the constant 1."""
+    ones = Diffusion(source=0.0, dirichlet=dict.fromkeys(SIDES, 1.0), boundary=boundary)
+    return _unknowns(subject, ones, hierarchy)
+
+
+@law("solver", when=_takes_diffusion)
+def constant_found(subject: Subject) -> None:
+    """If the boundary value is 1 wherever it is given and there is no source, the solution is 1 for any κ."""
+    hierarchy = plate()
+    one = _one(subject, hierarchy)
+    if one is None:
+        return
+    jump = halves(hierarchy, 1.0, 50.0)
+    alike = {
+        "with a coefficient that jumps": Diffusion(jump, 0.0, dict.fromkeys(SIDES, 1.0)),
+        "given on one side, the others insulated": Diffusion(1.0, 0.0, {_LEFT: 1.0}),
+        "given on two sides, flux 0 on the others": Diffusion(
+            jump, 0.0, {_RIGHT: 1.0, _TOP: 1.0}, {_LEFT: 0.0, _BOTTOM: 0.0}
+        ),
+    }
+    for name, problem in alike.items():
+        x = _unknowns(subject, problem, hierarchy)
+        off = 0.0 if x is None else gap(x, one)
+        require(
+            off <= _CLOSE,
+            f"boundary value 1, {name}: x is off by {off:.1e} from that of 1 all around: faces whose tag is "
+            "in neither dirichlet nor neumann are insulated, and no κ may scale a boundary value",
+        )
+    if found := values(subject.build(), hierarchy, one, one):
+        off = np.abs(found[1] - 1.0).max()
+        require(off <= _CLOSE, f"boundary value 1: the solution is off by {off:.1e} from 1")
+
+
+@law("solver", when=_takes_diffusion)
+def linear_found(subject: Subject) -> None:
+    """On rectangles a linear function given on the whole boundary is found exactly."""
+    hierarchy = plate(tag="edge")
+
+    def plane(points: Float) -> Float:
+        return np.asarray(0.3 + points @ np.array([1.0, -2.0]))
+
+    problem = Diffusion(2.0, 0.0, dict.fromkeys(SIDES, plane), boundary="edge")
+    _require_found(
+        subject, hierarchy, problem, plane, "a linear function as boundary values (face tag 'edge')",
+        "the distance of a cell from the boundary is that of its centre from the face",
+    )  # fmt: skip
+
+
+@law("solver", when=_takes_diffusion)
+def flux_found(subject: Subject) -> None:
+    """A given outward flux q with a constant coefficient κ gives the slope q / κ."""
+    problem = Diffusion(4.0, 0.0, {_LEFT: 1.0}, {_RIGHT: 3.0})
+    _require_found(
+        subject, plate(), problem, lambda points: 1.0 + 0.75 * points[:, 0],
+        "with value 1 on the left, flux 3 on the right and κ = 4",
+        "Neumann data are κ ∂u/∂n, outward: they enter as the integral of q over the face, not times κ",
+    )  # fmt: skip
+
+
+@law("solver", when=_takes_diffusion)
+def jump_found(subject: Subject) -> None:
+    """Where κ jumps along a line of faces the flux is continuous: the solution is linear in each material."""
+    hierarchy = plate()
+    for left, right in ((1.0, 50.0), (50.0, 1.0)):
+        flux = 5.0 / (1.0 / left + 1.0 / right)
+
+        def kappa(points: Float, left: float = left, right: float = right) -> Float:
+            return np.where(points[:, 0] < 1.0, left, right)
+
+        def bent(points: Float, left: float = left, right: float = right, q: float = flux) -> Float:
+            x = points[:, 0]
+            return 1.0 + np.where(x < 1.0, q * x / left, q / left + q * (x - 1.0) / right)
+
+        for form in (kappa, halves(hierarchy, left, right)):
+            problem = Diffusion(form, 0.0, {_LEFT: 1.0, _RIGHT: 6.0})
+            _require_found(
+                subject, hierarchy, problem, bent,
+                f"κ = {left:g} left and {right:g} right ({'a callable' if callable(form) else 'by cell'})",
+                "between two cells resistances (distance over κ) add up: take the harmonic mean of κ",
+            )  # fmt: skip
+
+
+@law("solver", when=_takes_diffusion)
+def finer_is_closer(subject: Subject) -> None:
+    """Halving the cells halves the error at least, for a smooth solution with a source."""
+    kappa = 3.0
+
+    def exact(points: Float) -> Float:
+        x, y = points.T
+        return np.asarray(np.sin(np.pi * x / 2) * np.sin(np.pi * y))
+
+    problem = Diffusion(kappa, lambda points: 1.25 * np.pi**2 * kappa * exact(points))
+    errors = []
+    for n in (6, 12):
+        hierarchy = plate(n, n)
+        found = _found(subject, hierarchy, problem)
+        if found is None:
+            return
+        points, u = found
+        errors.append(float(np.abs(u - exact(points)).max()))
+    require(
+        errors[1] <= max(0.6 * errors[0], 1e-4) and errors[0] < 0.5,
+        f"for u = sin(πx/2) sin(πy) the largest error is {errors[0]:.2e} with 6 by 6 cells and "
+        f"{errors[1]:.2e} with 12 by 12: the source is integrated over cells, and fluxes over faces",
+    )
+
+
+@law("solver", when=_takes_diffusion)
+def data_superposed(subject: Subject) -> None:
+    """The solution for source, boundary values and fluxes together is the sum of those for each alone."""
+    hierarchy = plate()
+    kappa = halves(hierarchy, 1.0, 5.0)
+    data = {
+        "source": Diffusion(kappa, 2.0, {_LEFT: 0.0}, {_TOP: 0.0}),
+        "boundary value": Diffusion(kappa, 0.0, {_LEFT: lambda p: 1.0 + p[:, 1]}, {_TOP: 0.0}),
+        "flux": Diffusion(kappa, 0.0, {_LEFT: 0.0}, {_TOP: lambda p: p[:, 0] - 0.5}),
+    }
+    together = replace(
+        data["source"], dirichlet=data["boundary value"].dirichlet, neumann=data["flux"].neumann
+    )
+    x, *parts = (_unknowns(subject, problem, hierarchy) for problem in (together, *data.values()))
+    known = [part for part in parts if part is not None]
+    if x is not None and len(known) == len(parts):
+        off = gap(x, np.sum(known, axis=0))
+        require(
+            off <= _CLOSE,
+            f"source, boundary value and flux together give another x than their sum, by {off:.1e}: does one "
+            "switch another off?",
+        )
+
+
+@law("solver", when=_takes_diffusion)
+def place_and_size(subject: Subject) -> None:
+    """On a mesh far from the origin or renumbered the solution is the same; scaled by s it grows by s²."""
+    hierarchy = plate()
+    kappa = halves(hierarchy, 1.0, 5.0)
+    before = _found(subject, hierarchy, Diffusion(kappa, 2.0))
+    if before is None:
+        return
+    for name, change in _CHANGES.items():
+        there, order = elsewhere(hierarchy, change)
+        scale = change.scale if change else 1.0
+        after = _found(subject, there, Diffusion(kappa[order], 2.0))
+        if after is not None:
+            off = gap(after[1] / scale**2, before[1][order])
+            require(
+                off <= _CLOSE,
+                f"on a plate {name}: the solution is off by {off:.1e}: take areas and distances from the "
+                "mesh; mesh.local_points and mesh.local_centroids keep digits far from 0",
+            )
+
+
+def _found(subject: Subject, hierarchy: Hierarchy, problem: Diffusion) -> tuple[Float, Float] | None:
+    """Points and values of the solution; None if it is refused or nobody knows what the unknowns mean."""
+    one = _one(subject, hierarchy, problem.boundary)
+    x = _unknowns(subject, problem, hierarchy)
+    require(
+        one is None or np.any(one != 0.0),
+        f"boundary value 1 everywhere (face tag {problem.boundary!r}) gives x = 0: are boundary data read?",
+    )
+    return None if x is None else values(subject.build(), hierarchy, x, one)
+
+
+def _require_found(
+    subject: Subject,
+    hierarchy: Hierarchy,
+    problem: Diffusion,
+    exact: Callable[[Float], Float],
+    where: str,
+    remedy: str,
+) -> None:
+    found = _found(subject, hierarchy, problem)
+    if found is not None:
+        points, u = found
+        wanted = exact(points)
+        off = float(np.abs(u - wanted).max() / np.abs(wanted).max())
+        worst = int(np.abs(u - wanted).argmax())
+        require(
+            off <= _CLOSE,
+            f"{where}: at {points[worst]} the solution is {u[worst]:.4g}, expected {wanted[worst]:.4g}: "
+            f"{remedy}",
+        )

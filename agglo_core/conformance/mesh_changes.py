@@ -1,0 +1,91 @@
+"""Changes of a mesh in 2-D or 3-D that leave it the same but for position, size and numbering."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.mesh import Mesh
+
+__all__ = ["MOTIONS", "Change", "mirrored", "moved", "renumbered"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """Rotation, mirror image, shift and scale, in this order.
+
+    Attributes
+    ----------
+    turned, mirror : bool
+    away : float
+        How far it is shifted, in diameters of the mesh.
+    scale : float
+    """
+
+    turned: bool = False
+    mirror: bool = False
+    away: float = 0.0
+    scale: float = 1.0
+
+    def points(self, mesh: Mesh) -> Float:
+        """The points of the mesh ``(n_points, d)`` where they come to lie."""
+        points, d = mesh.points, mesh.dim
+        if self.mirror:
+            points = points * np.array([-1.0, 1.0, 1.0][:d])
+        if self.turned:
+            points = points @ _ROTATION[d]
+        direction = np.array([0.8, -0.6, 0.5][:d])
+        diameter = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+        return np.asarray(self.scale * (points + self.away * diameter * direction))
+
+
+def _rotations() -> Mapping[int, Float]:
+    cos, sin = np.cos(0.7), np.sin(0.7)
+    plane = np.array([[cos, sin], [-sin, cos]])
+    about_z, about_x = np.eye(3), np.eye(3)
+    about_z[:2, :2], about_x[1:, 1:] = plane, plane
+    return {2: plane, 3: about_z @ about_x}
+
+
+_ROTATION = _rotations()
+
+MOTIONS: Mapping[str, Change] = {
+    "rotated": Change(turned=True),
+    "mirrored": Change(mirror=True),
+    "shifted by a million diameters": Change(away=1e6),
+}
+"""Rigid motions by name."""
+
+
+def moved(mesh: Mesh, change: Change) -> Mesh:
+    """The mesh in another place, position or size; cells and points keep their numbers and tags."""
+    there = replace(mesh, points=change.points(mesh))
+    return mirrored(there) if change.mirror else there
+
+
+def mirrored(mesh: Mesh) -> Mesh:
+    """The mesh with the vertices of each face in reverse order, as a mirror image needs them."""
+    backwards = [face[::-1] for face in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]
+    return replace(mesh, face_vertices=np.concatenate(backwards))
+
+
+def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
+    """The mesh with cells, faces and points in another order, and the old number of each of its cells."""
+    rng = np.random.default_rng(seed)
+    cells, faces, points = (rng.permutation(n) for n in (mesh.n_cells, mesh.n_faces, mesh.n_points))
+    new_cell = np.append(np.argsort(cells), -1)  # outside stays outside
+    loops = np.split(np.argsort(points)[mesh.face_vertices], mesh.face_offsets[1:-1])
+    sizes = np.diff(mesh.face_offsets)[faces]
+    there = Mesh(
+        mesh.points[points],
+        np.concatenate(([0], np.cumsum(sizes))),
+        np.concatenate([loops[face] for face in faces]),
+        new_cell[mesh.face_cells[faces]],
+        cell_tags={name: tag[cells] for name, tag in mesh.cell_tags.items()},
+        face_tags={name: tag[faces] for name, tag in mesh.face_tags.items()},
+        name=mesh.name,
+    )
+    return there, frozen_int(cells)
