@@ -113,6 +113,11 @@ class Subject:
         value = self.declared.get(promise)
         return None if value is False else value
 
+    @property
+    def partitions(self) -> bool:
+        """Whether it is a bisector that makes direct partitions."""
+        return self.kind == "bisector" and self.has("partition")
+
     def has(self, method: str) -> bool:
         """Whether its objects have this method; True if none can be built, for that is found elsewhere."""
         try:
