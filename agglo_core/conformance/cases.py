@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -173,16 +173,14 @@ def with_problem(case: Case, **changes: Any) -> Case:
     return replace(case, given=(replace(problem, **changes), hierarchy))
 
 
-def asked(
-    kind: str, graph: Graph, name: str, labels: Int, told: Literal["count", "size", "both"], seed: int = 0
-) -> Case:
-    """A question to a refiner or fixer; a refiner is told a number of parts, a size, or both, as in runs.
+def asked(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
+    """A question to a refiner or fixer; a refiner is ``told`` a "count" of parts, a "size", or "both".
 
-    The number is that of the whole run, and so at least as large as that of the parts in a block.
+    As in runs the count is that of the whole mesh, and so at least as large as that of the parts here.
     """
     if kind == "fixer":
         return Case(name, (graph, labels))
-    parts = int(len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids))) + 2
+    parts = len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids)) + 2
     size = 0.4 * float(np.linalg.norm(np.ptp(graph.points, axis=0)))
     target = Target(None if told == "size" else parts, None if told == "count" else size)
     return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), target))

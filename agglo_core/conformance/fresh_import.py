@@ -21,8 +21,8 @@ def imported_again(subject: Subject) -> Iterator[Subject]:
     The subject itself where its module cannot be imported twice, and for an object that was handed over.
     """
     target = subject.target
-    module, name = getattr(target, "__module__", None), getattr(target, "__qualname__", "<")
-    before = sys.modules.get(module or "")
+    module, name = str(getattr(target, "__module__", "")), str(getattr(target, "__qualname__", "<"))
+    before = sys.modules.get(module)
     spec = getattr(before, "__spec__", None)
     if before is None or spec is None or spec.loader is None or "<" in name:
         yield subject

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.conformance import small_meshes, unusual_graphs
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import asked, cases, laplacian, seeds_for, stripes
-from agglo_core.conformance.level_cases import question, multigrid_level
+from agglo_core.conformance.cases import asked, laplacian, seeds_for, stripes
+from agglo_core.conformance.level_cases import multigrid_level, question
 from agglo_core.conformance.unusual_graphs import clumps, fresh
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -48,9 +47,7 @@ def unusual_cases(kind: str) -> list[Case]:
         "600 cells in one part": np.zeros(600),
         "600 cells in 150 parts in pieces": clumps(graph, 150, strays=0.2),
     }
-    return found + [
-        asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()
-    ]
+    return found + [asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()]
 
 
 def crowded(kind: str, blocks: int = 300) -> Case:

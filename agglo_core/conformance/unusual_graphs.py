@@ -45,7 +45,7 @@ def crowd(blocks: int) -> Graph:
     """A level of that many blocks of 1 to 20 cells, and one of 2,000, their cells in no order."""
     sizes = np.resize(_SMALL, blocks)
     sizes[blocks // 2] = _LARGE
-    rows = -(-int(sizes.sum()) // 48)
+    rows = -(-int(sizes.sum()) // 48) // 2 * 2 + 1  # odd, so that each strip ends where the next begins
     mesh = small_meshes.grid(48, rows, jitter=0.2)
     row, column = np.divmod(np.arange(mesh.n_cells), 48)
     strip, across = np.divmod(column, 3)

@@ -13,7 +13,6 @@ from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 from agglo_core.graph import Graph
 
-
 __all__ = ["same_parts"]
 
 
