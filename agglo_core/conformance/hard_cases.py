@@ -52,7 +52,7 @@ def unusual_cases(kind: str) -> list[Case]:
 
 def crowded(kind: str, blocks: int = 300) -> Case:
     """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones."""
-    level = fresh(unusual_graphs.crowd(blocks))
+    level = fresh(unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1))  # single cells are not split
     name = f"a level of {blocks} blocks"
     if kind == "bisector":
         return Case(name, (level, seeds_for(blocks, 7)))

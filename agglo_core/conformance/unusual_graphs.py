@@ -41,9 +41,9 @@ def fresh(graph: Graph) -> Graph:
 
 
 @cache
-def crowd(blocks: int) -> Graph:
-    """A level of that many blocks of 1 to 20 cells, and one of 2,000, their cells in no order."""
-    sizes = np.resize(_SMALL, blocks)
+def crowd(blocks: int, smallest: int) -> Graph:
+    """A level of that many blocks of up to 20 cells, and one of 2,000, their cells in no order."""
+    sizes = np.resize([size for size in _SMALL if size >= smallest], blocks)
     sizes[blocks // 2] = _LARGE
     rows = -(-int(sizes.sum()) // 48) // 2 * 2 + 1  # odd, so that each strip ends where the next begins
     mesh = small_meshes.grid(48, rows, jitter=0.2)
@@ -59,8 +59,8 @@ def crowd(blocks: int) -> Graph:
 
 @cache
 def tower() -> Graph:
-    """A column of twelve boxes, one above the other: nothing can be told from two coordinates."""
-    graph: Graph = small_meshes.boxes(1, 1, 12).graph
+    """A column of eight boxes, one above the other: nothing can be told from two coordinates."""
+    graph: Graph = small_meshes.boxes(1, 1, 8).graph
     return graph
 
 

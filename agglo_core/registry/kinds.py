@@ -50,14 +50,14 @@ _RECORDS = (
         "splits a piece in two, or a graph in k parts",
         ("bisect_level", "bisect", "partition"),
         (*_ON_GRAPHS, "connected", "balanced", "kway"),
-        ("general", "bisector", "whole", "history", "promises"),
+        ("general", "bisector", "partitions", "whole", "history", "promises", "in_a_run"),
     ),
     Kind(
         "refiner",
         "moves cells between parts to improve an objective",
         ("refine",),
         _ON_GRAPHS,
-        ("general", "parts", "refiner", "whole", "history", "promises"),
+        ("general", "parts", "refiner", "whole", "history", "promises", "in_a_run"),
         {"objective": str},
     ),
     Kind(
@@ -65,14 +65,14 @@ _RECORDS = (
         "makes every part connected",
         ("fix",),
         _ON_GRAPHS,
-        ("general", "parts", "fixer", "whole", "history", "promises"),
+        ("general", "parts", "fixer", "whole", "history", "promises", "in_a_run"),
     ),
     Kind(
         "metric",
         "one number for each agglomerate",
         ("measure",),
         ("deterministic", "3d", "pickles"),
-        ("general", "metric", "whole", "history", "promises"),
+        ("general", "metric", "whole", "history", "promises", "in_a_run"),
     ),
     Kind(
         "solver",

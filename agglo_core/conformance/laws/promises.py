@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,7 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, cases_in_3d, seeds_for
-from agglo_core.conformance.hard_cases import unusual_cases
+from agglo_core.conformance.cases import cases_in_3d, seeds_for
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import same_parts
@@ -22,7 +20,6 @@ from agglo_core.conformance.questions import (
     chunks,
     digest,
     every_graph,
-    in_words,
     plain,
     questions,
     same,
@@ -36,16 +33,10 @@ from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
 from agglo_core.registry.discovery import PLUGIN_FAILURES
 
-_PARTS = (2, 3, 7)
-
 
 def _promising(promise: str) -> tuple[str, ...]:
     """Kinds that may make a promise and answer questions."""
     return tuple(kind for kind in ASKED if promise in KINDS[kind].promises)
-
-
-def _partitions(subject: Subject) -> bool:
-    return subject.partitions
 
 
 @law("bisector", promise="kway")
@@ -119,36 +110,6 @@ def invariant(subject: Subject) -> None:
                     f"on {mesh.name} {change}: {np.count_nonzero(one[order] != two)} of {len(two)} cells "
                     "changed side: use distances and principal axes; break ties by geometry, not numbering",
                 )
-
-
-@law("bisector", when=_partitions)
-def kway_labels(subject: Subject) -> None:
-    """A direct partition returns integer labels from 0 to parts − 1, shape (n,)."""
-    for case in [*cases("bisector"), *unusual_cases("bisector")]:
-        graph = case.given[0]
-        for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
-            given = _partition(subject, case, parts)
-            require(
-                isinstance(given, np.ndarray) and given.shape == (graph.n,) and given.dtype.kind in "iu",
-                f"on {case.name}: partition returned {in_words(given)}, expected ({graph.n},) integers",
-            )
-            require(
-                given.min() >= 0 and given.max() < parts,
-                f"on {case.name}: labels {given.min()}..{given.max()} for {parts} parts, expected "
-                f"0..{parts - 1}",
-            )
-
-
-@law("bisector", when=_partitions)
-def kway_parts(subject: Subject) -> None:
-    """At least half of the parts asked for come out (gaps are closed, missing parts split later)."""
-    for case in [*cases("bisector"), *unusual_cases("bisector")]:
-        for parts in (k for k in _PARTS if 2 * k <= case.given[0].n):
-            used = len(np.unique(_partition(subject, case, parts)))
-            require(
-                2 * used >= parts and used > 1,
-                f"on {case.name}: {used} parts came out of {parts}: target.parts is how many are wanted",
-            )
 
 
 @law(*_promising("3d"), promise="3d")
@@ -233,14 +194,3 @@ def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
         Case(other.name, (other.graph, each, seeds_for(1), t))
         for each, t in zip(carried, target, strict=True)
     ]
-
-
-def _partition(subject: Subject, case: Case, parts: int) -> Any:
-    """What ``partition`` returns, asked through a component that has nothing else."""
-    tool = subject.build()
-
-    class OnlyPartition:
-        def partition(self, graph: object, target: object, seed: int) -> object:
-            return tool.partition(graph, Target(parts=parts), seed)
-
-    return answer(subject, OnlyPartition(), replace(case, name=f"{case.name} in {parts} parts"))

@@ -10,14 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.agglomeration.border import broken_blocks
-from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, stripes, tiny
+from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, tiny
 from agglo_core.conformance.hard_cases import crowded
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
-from agglo_core.conformance.own_components import own_components
 from agglo_core.conformance.questions import (
     answer,
     chunks,
@@ -28,12 +25,10 @@ from agglo_core.conformance.questions import (
     taken,
     with_suffix,
 )
-from agglo_core.conformance.running import runs_with
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.surroundings import stdout_of_process
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
-from agglo_core.measure.agglomerates import quality
 from agglo_core.registry import KINDS
 
 _SEES_SPACE = tuple(kind for kind in ASKED if kind != "smoother")
@@ -151,24 +146,6 @@ def space_served_or_refused(subject: Subject) -> None:
                 raise Broken(
                     f"{error}. If it is for 2-D alone: raise agglo.MeshError('… exists only for 2-D meshes')"
                 ) from error
-
-
-@law("bisector", "refiner", "fixer", "metric")
-def works_in_a_run(subject: Subject) -> None:
-    """Runs with it, by count and by size, give connected parts as asked for; a metric measures those."""
-    try:
-        if subject.kind == "metric":
-            mesh = small_meshes.grid(9, 7, jitter=0.2)
-            quality(mesh, stripes(mesh.graph, 3), metrics=[subject.build()], registry=own_components())
-            return
-        for asked, hierarchy in runs_with(subject):
-            for target, parts in zip(hierarchy.targets, hierarchy.parts, strict=True):
-                require(target.get("n_parts", parts) == parts, f"a run {asked} gave {parts} parts")
-            for labels in hierarchy.levels:
-                loose = broken_blocks(hierarchy.graph, labels)
-                require(not len(loose), f"a run {asked} gave parts in pieces")
-    except AggloError as error:
-        raise Broken(f"a run with it failed: {error}") from error
 
 
 def _repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:
