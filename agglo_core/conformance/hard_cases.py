@@ -125,7 +125,10 @@ def _wide() -> Mesh:
 
 
 def _high() -> Mesh:
-    return small_meshes.grid(9, 7, height=3.0, jitter=0.2)
+    """The same neighbours, but other distances and directions: higher than wide, and then turned."""
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    high = small_meshes.grid(9, 7, height=3.0, jitter=0.2)
+    return unusual_graphs.mapped(high, lambda points: points @ quarter)
 
 
 def _turned() -> Mesh:

@@ -13,9 +13,9 @@ from agglo_core.conformance import small_meshes
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = ["clumps", "crowd", "fresh", "level_in_space", "tower", "unusual"]
+__all__ = ["clumps", "crowd", "fresh", "level_in_space", "mapped", "tower", "unusual"]
 
-_SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 20)
+_SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 60)
 """Sizes of the blocks of a crowd, one after the other, ..."""
 _LARGE = 2000
 """... and of the one in their midst."""
@@ -42,7 +42,7 @@ def fresh(graph: Graph) -> Graph:
 
 @cache
 def crowd(blocks: int, smallest: int) -> Graph:
-    """A level of that many blocks of up to 20 cells, and one of 2,000, their cells in no order."""
+    """A level of that many blocks of up to 60 cells, and one of 2,000, their cells in no order."""
     sizes = np.resize([size for size in _SMALL if size >= smallest], blocks)
     sizes[blocks // 2] = _LARGE
     rows = -(-int(sizes.sum()) // 48) // 2 * 2 + 1  # odd, so that each strip ends where the next begins
@@ -87,9 +87,10 @@ def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
 @cache
 def _uneven() -> Graph:
     mesh = small_meshes.grid(12, 10, jitter=0.2)
-    far = _mapped(mesh, lambda points: points + np.array([-4e5, -7e5]))
+    far = mapped(mesh, lambda points: points + np.array([-4e5, -7e5]))
     rng = np.random.default_rng(2)
-    weights = 10.0 ** rng.uniform(-3, 3, mesh.n_cells)
+    east = far.local_centroids[:, 0] / np.ptp(far.local_centroids[:, 0])
+    weights = np.exp(4.0 * east) * 10.0 ** rng.uniform(-3, 0, mesh.n_cells)
     weights[rng.choice(mesh.n_cells, 12, replace=False)] = 0.0
     data = {"material": rng.integers(5, size=mesh.n_cells), "velocity": rng.random((mesh.n_cells, 3))}
     graph: Graph = replace(far.graph, weights=weights, data=data)
@@ -99,7 +100,7 @@ def _uneven() -> Graph:
 @cache
 def _graded() -> Graph:
     """Squares that become rectangles, each wider and higher than the one before."""
-    graph: Graph = _mapped(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
+    graph: Graph = mapped(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
     return graph
 
 
@@ -123,7 +124,8 @@ def _chain() -> Graph:
     return small_meshes.line(2000)
 
 
-def _mapped(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
+def mapped(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
+    """The mesh with its points ``(p, 2)`` moved."""
     loops = mesh.boundary_loops
     cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
     return Mesh.from_polygons(move(mesh.points), cells, name=mesh.name)

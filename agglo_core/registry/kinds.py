@@ -50,14 +50,14 @@ _RECORDS = (
         "splits a piece in two, or a graph in k parts",
         ("bisect_level", "bisect", "partition"),
         (*_ON_GRAPHS, "connected", "balanced", "kway"),
-        ("general", "bisector", "partitions", "whole", "history", "promises", "in_a_run"),
+        ("general", "bisector", "partitions", "whole", "history", "levels", "promises", "in_a_run"),
     ),
     Kind(
         "refiner",
         "moves cells between parts to improve an objective",
         ("refine",),
         _ON_GRAPHS,
-        ("general", "parts", "refiner", "whole", "history", "promises", "in_a_run"),
+        ("general", "parts", "refiner", "whole", "history", "levels", "promises", "in_a_run"),
         {"objective": str},
     ),
     Kind(
@@ -65,7 +65,7 @@ _RECORDS = (
         "makes every part connected",
         ("fix",),
         _ON_GRAPHS,
-        ("general", "parts", "fixer", "whole", "history", "promises", "in_a_run"),
+        ("general", "parts", "fixer", "whole", "history", "levels", "promises", "in_a_run"),
     ),
     Kind(
         "metric",

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, tiny
-from agglo_core.conformance.hard_cases import crowded
+from agglo_core.conformance.cases import cases_in_3d, tiny
+from agglo_core.conformance.hard_cases import partitions_in_3d
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.questions import (
     answer,
-    chunks,
     global_random,
     plain,
     questions,
@@ -99,45 +96,10 @@ def survives(subject: Subject) -> None:
             )
 
 
-@law("bisector", "refiner", "fixer")
-def a_level_is_its_blocks(subject: Subject) -> None:
-    """The result of a block is the same alone, beside blocks of any size, and in any order of blocks."""
-    for case, chosen in (
-        (level_case(subject.kind), (0, 1, 2, 30, 60)),
-        (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
-    ):
-        _same_in_any_company(subject, case, chosen)
-
-
-def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) -> None:
-    """The chosen blocks of a level alone, and 21 blocks in another order."""
-    graph = case.given[0]
-    remedy = (
-        "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
-        "whole level, and keep nothing from the block before"
-    )
-    tool = subject.build()
-    together = chunks(graph, plain(subject, tool, case))
-    for block in chosen:
-        alone = plain(subject, subject.build(), part_of_level(case, [block]))
-        require(
-            same(alone, together[block]),
-            f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
-        )
-    others = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), chosen[0]))
-    order = np.insert(others[:20], 7, chosen[0])
-    shuffled = part_of_level(case, order)
-    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
-        require(
-            same(part, together[block]),
-            f"a block of {len(part)} cells has another result in another order of blocks: {remedy}",
-        )
-
-
 @law(*_SEES_SPACE, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
     """Without the promise 3d it either handles 3-D meshes or refuses them with an AggloError."""
-    asked = cases_in_3d(subject.kind)
+    asked = [*cases_in_3d(subject.kind), *(partitions_in_3d() if subject.partitions else [])]
     for case in with_suffix(subject, asked) if subject.kind == "format" else asked:
         try:
             plain(subject, subject.build(), case)
