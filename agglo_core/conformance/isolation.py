@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import IO, Any
 
 from agglo_core.conformance.judging import Result, judge, laws_for
@@ -133,6 +133,7 @@ def _task(subject: Subject) -> dict[str, Any]:
     texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
     task: dict[str, Any] = {"kind": subject.kind, "texts": texts}
     task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
+    task["thorough"] = subject.thorough
     record, given = subject.record, subject.given
     if record is not None and record.component is not None:
         if record.distribution and subject.registry is None:
@@ -153,7 +154,8 @@ def _found(task: dict[str, Any]) -> Subject:
         for part in qualname.split("."):
             given = getattr(given, part)
     options = task["options"] | {name: Text(task["options"][name]) for name in task["texts"]}
-    return subject_of(given, task["kind"], options=options, promises=task["promises"])
+    subject = subject_of(given, task["kind"], options=options, promises=task["promises"])
+    return replace(subject, thorough=task["thorough"])
 
 
 def main() -> None:

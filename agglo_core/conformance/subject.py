@@ -37,6 +37,8 @@ class Subject:
         Where names are looked up; by default the installed plugins.
     refused : dict
         Which questions it refused, as far as that was asked: some formats take a second to answer one.
+    thorough : bool
+        Whether the laws that take their time are asked too.
     disturbed : list of str
         Settings of the process that building it changed, as far as it has been built.
     """
@@ -49,6 +51,7 @@ class Subject:
     declared: Mapping[str, bool | float] = field(default_factory=dict)
     registry: Registry | None = None
     refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
+    thorough: bool = False
     disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
 
     def build(self) -> Any:

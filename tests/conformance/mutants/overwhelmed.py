@@ -134,7 +134,23 @@ class StirsWholeBlocks(Fix):
         return np.where(both[graph.block_ids] & (graph.block_ids == 5), swapped, fixed)
 
 
+class ComparesAllPairs(Idle):
+    """Looks at every pair of cells, in a loop over the cells."""
+
+    def refine(self, graph, labels, seeds, target):
+        for cell in range(graph.n if graph.n > 1000 and graph.n_blocks == 1 else 0):
+            np.hypot(*(graph.centroids - graph.centroids[cell]).T).min()
+        return labels
+
+
+class GivesUpOnLargeMeshes(Halves):
+    def bisect(self, graph, rng):
+        return halves(graph) * (graph.n < 10_000)
+
+
 MUTANTS = [
+    Mutant("large_meshes", GivesUpOnLargeMeshes, "on one side", thorough=True),
+    Mutant("time_grows_with_the_mesh", ComparesAllPairs, "took", thorough=True),
     Mutant("two_sides", CutsAtTheOrigin, "split at the median"),
     Mutant("two_sides", CountsBlocksInBytes, "split at the median"),
     Mutant("side_values", DividesByTheWeight, "probabilities of side 1"),
