@@ -44,30 +44,21 @@ class Kind:
 
 
 _ON_GRAPHS = ("deterministic", "invariant", "3d", "pickles")
+_ON_LEVELS = ("whole", "history", "levels", "promises", "in_a_run", "thorough")
 _RECORDS = (
     Kind(
         "bisector",
         "splits a piece in two, or a graph in k parts",
         ("bisect_level", "bisect", "partition"),
         (*_ON_GRAPHS, "connected", "balanced", "kway"),
-        (
-            "general",
-            "bisector",
-            "partitions",
-            "whole",
-            "history",
-            "levels",
-            "promises",
-            "in_a_run",
-            "thorough",
-        ),
+        ("general", "bisector", "partitions", *_ON_LEVELS),
     ),
     Kind(
         "refiner",
         "moves cells between parts to improve an objective",
         ("refine",),
         _ON_GRAPHS,
-        ("general", "parts", "refiner", "whole", "history", "levels", "promises", "in_a_run", "thorough"),
+        ("general", "parts", "refiner", *_ON_LEVELS),
         {"objective": str},
     ),
     Kind(
@@ -75,7 +66,7 @@ _RECORDS = (
         "makes every part connected",
         ("fix",),
         _ON_GRAPHS,
-        ("general", "parts", "fixer", "whole", "history", "levels", "promises", "in_a_run", "thorough"),
+        ("general", "parts", "fixer", *_ON_LEVELS),
     ),
     Kind(
         "metric",

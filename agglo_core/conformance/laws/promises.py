@@ -99,9 +99,14 @@ def balanced(subject: Subject) -> None:
 @law("bisector", "refiner", "fixer", promise="invariant")
 def invariant(subject: Subject) -> None:
     """Renumbering, turning, shifting by a million diameters and scaling an irregular mesh change nothing."""
-    for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.grid(14, 6, jitter=0.3)):
+    every = small_meshes.CHANGES
+    for mesh, changes in (
+        (small_meshes.grid(9, 7, jitter=0.25), every),
+        (small_meshes.grid(14, 6, jitter=0.3), every),
+        (small_meshes.grid(50, 40, jitter=0.3), every[:1]),
+    ):
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
-        for change in small_meshes.CHANGES:
+        for change in changes:
             other, order = small_meshes.changed(mesh, change)
             for case, one in zip(_on(subject.kind, mesh, other, order), before, strict=True):
                 two = plain(subject, subject.build(), case)

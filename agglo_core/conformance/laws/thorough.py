@@ -55,7 +55,7 @@ def time_grows_with_the_mesh(subject: Subject) -> None:
     require(
         large < _NOTICEABLE or power < _STEEP,
         f"2,000 cells took {small:.2f} s and 8,000 took {large:.2f} s, as the number of cells to the power "
-        f"of {power:.1f}: look at the cells on the border of parts alone, and update instead of computing anew",
+        f"of {power:.1f}: look at cells on the border of parts alone, and update instead of computing anew",
     )
 
 
