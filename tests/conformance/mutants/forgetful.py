@@ -322,7 +322,6 @@ MUTANTS = [
     Mutant("says_nothing", WritesToStdout, "from compiled code"),
     Mutant("nothing_carried_over", CachesByCount, "same size"),
     Mutant("nothing_carried_over", CachesByTopology, "same size"),
-    Mutant("a_level_is_its_blocks", CachesById, "is not an answer"),
     Mutant("nothing_carried_over", MeasuresOnce, "same size"),
     Mutant("answers_stay", ReusesItsArray, "a new one"),
     Mutant("in_two_threads", KeepsTheGraph, "method to method"),
