@@ -86,14 +86,6 @@ class CachesByTopology(LevelHalves):
         return self.known.setdefault(key, halves(level))
 
 
-class CachesById(Halves):
-    def __init__(self):
-        self.sides = {}
-
-    def bisect(self, graph, rng):
-        return self.sides.setdefault(id(graph), halves(graph))
-
-
 class MeasuresOnce(Extent):
     def __init__(self):
         self.values = {}
