@@ -179,12 +179,10 @@ class Format(Protocol):
     back to the last bit, hierarchy included. It refuses a file by an AggloError, and the next format of its
     suffix is tried; OSErrors are reported as they are; anything else is a bug of the format.
 
-    Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all
-    others. ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own
-    ``write`` makes sure that files appear whole or not at all; others write into a temporary folder.
-    ``keeps_level_values``: its ``write`` takes a fourth argument, for each level a mapping of names to
-    ``(k,)`` numbers of its k agglomerates.
-
+    Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all others.
+    ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own ``write`` makes files appear
+    whole or not at all; others write into a temporary folder. ``keeps_level_values``: its ``write`` takes a
+    fourth argument, for each level a mapping of names to ``(k,)`` numbers of its k agglomerates.
     Options ``merge_points`` and ``allow_gaps`` (bool) of the constructor are what ``agglo.read`` sets.
     """
 
@@ -199,9 +197,8 @@ class Format(Protocol):
 class WritableFormat(Protocol):
     """Optional: a format that is also written.
 
-    Whatever files ``write`` leaves beside ``path`` move with it to where the user wants them. One with the
-    attribute ``tells_progress = True`` takes the keyword ``tell``, a function ``tell(fraction, text)``, and
-    calls it as it goes.
+    Whatever files ``write`` leaves beside ``path`` move with it to where the user wants them. One that says
+    ``tells_progress = True`` takes the keyword ``tell``, and calls ``tell(fraction, text)`` as it goes.
     """
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
@@ -238,8 +235,7 @@ class ProblemKind(Protocol):
 class Smoother(Protocol):
     """Smooths the error on one level of a multigrid method.
 
-    One that works without the correction of the next level says ``uses_coarse = False``, so that no matrix
-    is factorised for it.
+    One that works without the correction of the next level says ``uses_coarse = False``: none is factorised.
     """
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
@@ -253,8 +249,8 @@ class Forbidding(Protocol):
     def forbidden(self, graph: Graph) -> Mask:
         """Return ``(m,)``, for each CSR entry of the graph whether nothing may be joined across it.
 
-        Both directions of an edge agree. Parts are connected without such edges, so none crosses a
-        closed barrier; a part may reach around the open end of one.
+        Both directions of an edge agree. Parts are connected without such edges, so none crosses a closed
+        barrier; a part may reach around the open end of one.
         """
 
 
@@ -296,9 +292,8 @@ class Solver(Protocol):
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
     One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``; one whose coarse
-    operators are not Pᵀ A P, but discretised anew, ``galerkin = False``. One that says
-    ``tells_progress = True`` takes the keyword ``progress``, None or a callable that is told of its phases
-    (:func:`agglo_core.progress.phase`).
+    operators are not Pᵀ A P, but discretised anew, ``galerkin = False``. With ``tells_progress = True`` it
+    takes the keyword ``progress``, None or what :func:`agglo_core.progress.phase` tells of its phases.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

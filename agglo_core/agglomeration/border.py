@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, Mask, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
+from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Bisector, LevelBisector, Target
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.containment import shown
@@ -24,6 +25,7 @@ __all__ = [
     "checked_parts",
     "checked_sides",
     "one_sided_blocks",
+    "require_no_worse",
 ]
 
 
@@ -111,6 +113,24 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
         verb = "emptied" if had[block, part] else "created"
         raise PluginError(f"{member.title} {verb} part {part} of block {block}")
     return after
+
+
+def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> None:
+    """Raise PluginError if a refiner made the objective it names worse.
+
+    The sum of a metric's values needs a mesh, which is not to be had here: there the refiner is believed.
+    """
+    with attributed(member.title):
+        name = getattr(member.tool, "objective", None)
+    objective = OBJECTIVES.get(name) if isinstance(name, str) else None
+    if objective is None:
+        return
+    grown = objective.worse_by(graph, before, after)
+    if grown > 0.0:
+        raise PluginError(
+            f"{member.title} made its own objective worse: {objective.name} grew by {grown:.6g}, "
+            f"from {objective.value(graph, before):.6g}"
+        )
 
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:

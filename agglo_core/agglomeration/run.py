@@ -16,6 +16,7 @@ from agglo_core.agglomeration.border import (
     checked_parts,
     checked_sides,
     one_sided_blocks,
+    require_no_worse,
 )
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
@@ -151,7 +152,9 @@ class Run:
         for member in self.post_refiners if post else self.refiners:
             with attributed(member.title):
                 given = member.tool.refine(graph, frozen_int(labels), seeds, target)
-            labels = checked_labels(member, "refine", graph, labels, given)
+            refined = checked_labels(member, "refine", graph, labels, given)
+            require_no_worse(member, graph, labels, refined)
+            labels = refined
         return labels
 
     def fix(self, graph: Graph, labels: Int) -> Int:

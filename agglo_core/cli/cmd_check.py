@@ -28,7 +28,8 @@ _ABOUT = "what it says, or what is wrong"
 @click.option(
     "--timeout", default=120.0, show_default=True, help="Seconds a law may take before it is stopped."
 )
-def check(component: str, as_json: bool, timeout: float) -> int:
+@click.option("--thorough", is_flag=True, help="Also try large meshes, and how the time grows with them.")
+def check(component: str, as_json: bool, timeout: float, thorough: bool) -> int:
     """Check COMPONENT (mine, bisector:mine, metric:mine:option=value) and say what to do where it fails.
 
     Exit codes: 0 all laws hold, 2 there is no such component, 3 a law fails.
@@ -40,7 +41,7 @@ def check(component: str, as_json: bool, timeout: float) -> int:
         raise OptionError(f"--timeout must be positive, given {timeout:g}")
     from agglo_core import conformance
 
-    results = conformance.check(name, kind, timeout, options=options)
+    results = conformance.check(name, kind, timeout, options=options, thorough=thorough)
     if not results:
         raise PluginError(f"no law was judged for {component!r}")
     if as_json:

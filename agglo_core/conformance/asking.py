@@ -40,18 +40,19 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
     return getattr(tool, method)(*case.given)
 
 
-def _sides(tool: Any, graph: Graph, seeds: UInt64) -> Any:
-    if hasattr(tool, "bisect_level"):
+def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:
+    """Sides; labels of a direct partition where a target is given, or where it can do nothing else."""
+    if target is None and hasattr(tool, "bisect_level"):
         return tool.bisect_level(graph, seeds)
     blocks = [graph[b] for b in range(graph.n_blocks)] if graph.n_blocks > 1 else [graph]
-    if hasattr(tool, "bisect"):
+    if target is None and hasattr(tool, "bisect"):
         answers = [
             tool.bisect(block, np.random.default_rng(int(seed)))
             for block, seed in zip(blocks, seeds, strict=True)
         ]
     else:
         answers = [
-            tool.partition(block, Target(parts=min(2, block.n)), int(seed))
+            tool.partition(block, target or Target(parts=min(2, block.n)), int(seed))
             for block, seed in zip(blocks, seeds, strict=True)
         ]
     return answers[0] if len(answers) == 1 else np.concatenate([np.atleast_1d(a) for a in answers])

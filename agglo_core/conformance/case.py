@@ -18,10 +18,10 @@ __all__ = ["Case"]
 class Case:
     """One question: its name and the arguments, as the method of the kind takes them.
 
-    A bisector is given ``(graph, seeds)``, a refiner ``(graph, labels, seeds, target)``, a fixer
-    ``(graph, labels)``, a metric ``(mesh, labels)``, a solver ``(problem, hierarchy)``, a format
-    ``(mesh, suffix)``, a problem ``(mesh,)``, a smoother ``(level, b, x)``, a constraint
-    ``(graph, labels)``, a section ``(mesh, runs)``, a sample nothing.
+    A bisector is given ``(graph, seeds)``, for a direct partition ``(graph, seeds, target)``, a refiner
+    ``(graph, labels, seeds, target)``, a fixer ``(graph, labels)``, a metric ``(mesh, labels)``, a solver
+    ``(problem, hierarchy)``, a format ``(mesh, suffix)``, a problem ``(mesh,)``, a smoother
+    ``(level, b, x)``, a constraint ``(graph, labels)``, a section ``(mesh, runs)``, a sample nothing.
     """
 
     name: str

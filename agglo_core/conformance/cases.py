@@ -14,6 +14,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.level_cases import levels, single_unknown
 from agglo_core.conformance.mesh_cases import in_space, of_one_cell, on_meshes
+from agglo_core.conformance.unusual_graphs import fresh, level_in_space, tower
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -21,6 +22,7 @@ from agglo_core.problems import Diffusion, Linear
 from agglo_core.protocols import Target
 
 __all__ = [
+    "asked",
     "cases",
     "cases_in_3d",
     "laplacian",
@@ -51,9 +53,9 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
     if kind == "metric":
         return [Case(mesh.name, (mesh, stripes(mesh.graph, 3))) for mesh in [*meshes, small_meshes.apart()]]
     return [
-        _labelled(kind, mesh.graph, mesh.name, labels(mesh.graph), seed)
+        asked(kind, mesh.graph, mesh.name, labels(mesh.graph), told, seed)
         for mesh in meshes
-        for labels in (_halves, _quarters, _scattered)
+        for labels, told in ((_halves, "count"), (_quarters, "size"), (_scattered, "both"))
     ]
 
 
@@ -64,15 +66,23 @@ def cases_in_3d(kind: str) -> list[Case]:
     if kind in ("smoother", "sample"):
         return []
     mesh = small_meshes.boxes()
+    graphs = {
+        "3-D boxes": mesh.graph,
+        "a column of boxes": fresh(tower()),
+        "a level in 3-D": fresh(level_in_space()),
+    }
     if kind == "bisector":
-        return [Case("3-D boxes", (mesh.graph, seeds_for(1)))]
+        return [Case(name, (graph, seeds_for(graph.n_blocks))) for name, graph in graphs.items()]
     if kind == "metric":
         return [Case("3-D boxes", (mesh, stripes(mesh.graph, 3)))]
     if kind == "solver":
         hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
         return [Case("3-D boxes", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
-    graph = mesh.graph
-    return [_labelled(kind, graph, "3-D boxes", labels, 0) for labels in (_halves(graph), _scattered(graph))]
+    return [
+        asked(kind, graph, name, labels(graph), told)
+        for name, graph in graphs.items()
+        for labels, told in ((_halves, "size"), (_scattered, "count"))
+    ]
 
 
 def tiny(kind: str) -> list[Case]:
@@ -102,7 +112,7 @@ def tiny(kind: str) -> list[Case]:
     if kind == "bisector":
         return [Case(name, (graph, seeds_for(1))) for name, graph in graphs.items()]
     return [
-        _labelled(kind, graph, name, frozen_int(np.arange(graph.n) % 2), 0) for name, graph in graphs.items()
+        asked(kind, graph, name, frozen_int(np.arange(graph.n) % 2), "both") for name, graph in graphs.items()
     ]
 
 
@@ -118,7 +128,7 @@ def level_case(kind: str) -> Case:
         ]
     )
     labels[: level.offsets[1]] = np.arange(level.offsets[1]) // 80 % 7 % 3
-    return _labelled(kind, level, "a level", frozen_int(labels), 0)
+    return asked(kind, level, "a level", frozen_int(labels), "count")
 
 
 def part_of_level(case: Case, blocks: ArrayLike) -> Case:
@@ -163,24 +173,36 @@ def with_problem(case: Case, **changes: Any) -> Case:
     return replace(case, given=(replace(problem, **changes), hierarchy))
 
 
-def _labelled(kind: str, graph: Graph, name: str, labels: Int, seed: int) -> Case:
+def asked(kind: str, graph: Graph, name: str, labels: Int, told: str, seed: int = 0) -> Case:
+    """A question to a refiner or fixer; a refiner is ``told`` a "count" of parts, a "size", or "both".
+
+    As in runs the count is that of the whole mesh, and so at least as large as that of the parts here.
+    """
     if kind == "fixer":
         return Case(name, (graph, labels))
-    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), Target(parts=int(labels.max()) + 1)))
+    parts = len(np.unique(labels + (int(labels.max()) + 1) * graph.block_ids)) + 2
+    size = 0.4 * float(np.linalg.norm(np.ptp(graph.points, axis=0)))
+    target = Target(None if told == "size" else parts, None if told == "count" else size)
+    return Case(name, (graph, labels, seeds_for(graph.n_blocks, seed), target))
 
 
 def _halves(graph: Graph) -> Int:
-    return stripes(graph, 2)
+    return _striped_blocks(graph, 2)
 
 
 def _quarters(graph: Graph) -> Int:
-    return stripes(graph, 4)
+    return _striped_blocks(graph, 4)
+
+
+def _striped_blocks(graph: Graph, parts: int) -> Int:
+    return frozen_int(np.concatenate([stripes(graph[b], parts) for b in range(graph.n_blocks)]))
 
 
 def _scattered(graph: Graph) -> Int:
     """Labels 0, 1, 2 in disconnected pieces; the first cells make sure that each occurs."""
     labels = np.random.default_rng(graph.n).integers(min(3, graph.n), size=graph.n)
-    labels[:3] = np.arange(min(3, graph.n))
+    for first, stop in zip(graph.offsets[:-1], graph.offsets[1:], strict=True):
+        labels[first:stop][:3] = np.arange(min(3, stop - first))
     return frozen_int(labels)
 
 

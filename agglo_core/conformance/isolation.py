@@ -11,21 +11,24 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import IO, Any
 
 from agglo_core.conformance.judging import Result, judge, laws_for
 from agglo_core.conformance.laws import all_laws, laws_of
+from agglo_core.conformance.own_components import own_components
 from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.errors import OptionError
 from agglo_core.registry import Component
+from agglo_core.registry.containment import PLUGIN_FAILURES
 from agglo_core.registry.options import Text
 
 __all__ = ["judge_apart", "main"]
 
 _STOPS = 2  # laws that may time out before the rest is skipped
-_START = 120.0  # seconds for a new process to import the suite
+_START = 120.0  # seconds for a new process to import the suite and the component, and for numba to compile
 
 Listen = Callable[[float], dict[str, Any]]
 """Returns the next message of the other process; the argument is the timeout in seconds."""
@@ -72,12 +75,12 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
         )
 
-        def listen(seconds: float) -> dict[str, Any]:
+        def next_message(seconds: float, allowed: float) -> dict[str, Any]:
             try:
-                line = lines.get(timeout=seconds)
+                line = lines.get(timeout=max(seconds, 0.0))
             except queue.Empty:
                 remedy = "look for a loop that need not end, or allow more time with --timeout"
-                raise _Stopped(f"no answer after {seconds:g} seconds: {remedy}") from None
+                raise _Stopped(f"no answer after {allowed:g} seconds: {remedy}") from None
             if not line:
                 errors.seek(0)
                 last = (errors.read().strip().splitlines() or ["it left no message"])[-1]
@@ -86,6 +89,17 @@ def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
             if "refused" in said:
                 raise OptionError(said["refused"])
             return said
+
+        def listen(seconds: float) -> dict[str, Any]:
+            left = seconds
+            while True:
+                start = time.monotonic()
+                said = next_message(left, seconds)
+                if "compiling" not in said:
+                    return said
+                left -= time.monotonic() - start
+                if said["compiling"]:  # off the clock, to the message that it is done
+                    next_message(_START, _START)
 
         with child:
             threading.Thread(target=_read, args=(child.stdout, lines), daemon=True).start()
@@ -119,6 +133,7 @@ def _task(subject: Subject) -> dict[str, Any]:
     texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
     task: dict[str, Any] = {"kind": subject.kind, "texts": texts}
     task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
+    task["thorough"] = subject.thorough
     record, given = subject.record, subject.given
     if record is not None and record.component is not None:
         if record.distribution and subject.registry is None:
@@ -139,22 +154,35 @@ def _found(task: dict[str, Any]) -> Subject:
         for part in qualname.split("."):
             given = getattr(given, part)
     options = task["options"] | {name: Text(task["options"][name]) for name in task["texts"]}
-    return subject_of(given, task["kind"], options=options, promises=task["promises"])
+    subject = subject_of(given, task["kind"], options=options, promises=task["promises"])
+    return replace(subject, thorough=task["thorough"])
 
 
 def main() -> None:
-    """Judge what stdin describes, one JSON line for each law; whatever else is printed goes to stderr."""
+    """Judge what stdin describes, one JSON line for each law; whatever else is printed goes to stderr.
+
+    The clock of the one who listens starts when the component and what the suite needs are imported, and
+    stands still while numba compiles or loads kernels.
+    """
+    from agglo_core.conformance.compilation import tell_of_compilation
+
     with os.fdopen(os.dup(1), "w") as out:
         os.dup2(2, 1)
+        lock = threading.Lock()
 
         def say(**said: Any) -> None:
-            out.write(json.dumps(said) + "\n")
-            out.flush()
+            with lock:
+                out.write(json.dumps(said) + "\n")
+                out.flush()
 
         task = json.loads(sys.stdin.read())
-        laws_of(task["kind"])  # imported before the clock starts
-        say(ready=True)
+        laws_of(task["kind"])
         subject = _found(task)
+        with contextlib.suppress(*PLUGIN_FAILURES):  # the law builds says why
+            _ = subject.target
+        own_components().build("bisector", "inertial")
+        say(ready=True)
+        tell_of_compilation(lambda under_way: say(compiling=under_way))
         try:
             laws = {law.name: law for law in laws_for(subject)}
         except OptionError as error:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from agglo_core.conformance.law import Law
 from agglo_core.conformance.laws import laws_of
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.surroundings import Snapshot
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -49,12 +50,16 @@ def laws_for(subject: Subject) -> Sequence[Law]:
     OptionError
         If it cannot be built without an option.
     """
+    before = Snapshot()
     try:
         subject.make()
     except OptionError:
         raise
     except PLUGIN_FAILURES:  # the law builds reports it
         pass
+    finally:
+        subject.disturbed.extend(before.changed())
+        before.restore()
     chosen = [law for law in laws_of(subject.kind) if law.applies(subject)]
     if not chosen:
         raise OptionError(f"there are no laws for a {subject.kind}")

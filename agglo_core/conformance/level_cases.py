@@ -12,7 +12,7 @@ from agglo_core.conformance.case import Case
 from agglo_core.graph import Graph
 from agglo_core.problems import MultigridLevel
 
-__all__ = ["levels", "multigrid_level", "single_unknown"]
+__all__ = ["levels", "multigrid_level", "question", "single_unknown"]
 
 
 def levels() -> list[Case]:
@@ -31,13 +31,13 @@ def levels() -> list[Case]:
         "quadrilaterals": multigrid_level(jittered.graph, sevens, corrected=False),
         "three unknowns per cell": multigrid_level(squares.graph, fours, per_cell=3, corrected=False),
     }
-    return [_asked(name, level) for name, level in asked.items()]
+    return [question(name, level) for name, level in asked.items()]
 
 
 def single_unknown() -> list[Case]:
     """A level of one cell."""
     graph = small_meshes.grid(1, 1).graph
-    return [_asked("one unknown", multigrid_level(graph, frozen_int([0]), corrected=False))]
+    return [question("one unknown", multigrid_level(graph, frozen_int([0]), corrected=False))]
 
 
 def multigrid_level(
@@ -64,7 +64,8 @@ def _coupling(width: int) -> Float:
     return np.eye(width) + 0.05 * (np.ones((width, width)) - np.eye(width))
 
 
-def _asked(name: str, level: MultigridLevel) -> Case:
+def question(name: str, level: MultigridLevel) -> Case:
+    """The question to smooth a random ``x`` on a level."""
     n = level.A.shape[0]
     x = np.random.default_rng(n).standard_normal(n)
     b = np.cos(np.arange(n) + 1.0)

@@ -17,7 +17,8 @@ from scipy import sparse
 
 from agglo_core.conformance.asking import ask
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
+from agglo_core.conformance.cases import cases, level_case
+from agglo_core.conformance.hard_cases import crowded, partitions, unusual_cases
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
@@ -29,6 +30,7 @@ __all__ = [
     "answer",
     "chunks",
     "digest",
+    "every_graph",
     "fingerprints",
     "global_random",
     "in_words",
@@ -59,9 +61,21 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
 def questions(subject: Subject, seed: int = 0) -> list[Case]:
     """The ordinary questions to a component, less what it refuses as a whole; none to a format never written.
 
-    A solver that names further kinds of problem in ``accepts`` is asked for their examples too.
+    A solver that names further kinds of problem in ``accepts`` is asked for their examples too, a bisector
+    that makes direct partitions for some of them.
     """
-    return taken(subject, [*cases(subject.kind, seed), *_further_problems(subject)])
+    more = partitions() if subject.partitions else _further_problems(subject)
+    return taken(subject, [*cases(subject.kind, seed), *more])
+
+
+def every_graph(subject: Subject) -> list[Case]:
+    """Questions to a bisector, refiner or fixer about ordinary graphs, unusual ones and levels.
+
+    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them.
+    """
+    kind = subject.kind
+    blocks = 40 if kind == "bisector" and not subject.has("bisect_level") else 300
+    return [*cases(kind), *unusual_cases(kind), level_case(kind), crowded(kind, blocks)]
 
 
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:
@@ -139,7 +153,8 @@ def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
         raise Broken(
             f"on {case.name}: {in_words(given)} is not an answer; fix the law above that says so first"
         )
-    return values >= 0.5 if subject.kind == "bisector" and values.dtype.kind == "f" else values
+    sides = subject.kind == "bisector" and len(case.given) == 2
+    return values >= 0.5 if sides and values.dtype.kind == "f" else values
 
 
 def digest(value: Any) -> NDArray[np.uint8]:

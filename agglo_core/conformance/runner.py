@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from agglo_core.conformance.isolation import judge_apart
@@ -22,6 +23,7 @@ def check(
     options: Mapping[str, Any] | None = None,
     promises: Mapping[str, bool | float] | None = None,
     registry: Registry | None = None,
+    thorough: bool = False,
 ) -> list[Result]:
     """Judge a component by every law that applies to it; never stops at the first failure.
 
@@ -42,6 +44,9 @@ def check(
         Where names are looked up; by default the installed plugins. With a timeout the other
         process is given the component alone and does not know the rest of the registry.
 
+    thorough : bool
+        Ask the laws of large meshes too.
+
     Raises
     ------
     PluginError, OptionError
@@ -54,6 +59,7 @@ def check(
     True
     """
     subject = subject_of(component, kind, options=options, promises=promises, registry=registry)
+    subject = replace(subject, thorough=thorough)
     if timeout is None:
         return [judge(law, subject) for law in laws_for(subject)]
     if not timeout > 0:

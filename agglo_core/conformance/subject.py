@@ -37,6 +37,10 @@ class Subject:
         Where names are looked up; by default the installed plugins.
     refused : dict
         Which questions it refused, as far as that was asked: some formats take a second to answer one.
+    thorough : bool
+        Whether the laws that take their time are asked too.
+    disturbed : list of str
+        Settings of the process that building it changed, as far as it has been built.
     """
 
     kind: str
@@ -47,6 +51,8 @@ class Subject:
     declared: Mapping[str, bool | float] = field(default_factory=dict)
     registry: Registry | None = None
     refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
+    thorough: bool = False
+    disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
 
     def build(self) -> Any:
         """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
@@ -71,12 +77,12 @@ class Subject:
 
     def problem(self, kind: str) -> Any:
         """The kind of problem of that name: a class, or what a factory made."""
-        return Subject("problem", kind, self._registry.record("problem", kind), registry=self.registry).make()
+        return Subject("problem", kind, self.lookup.record("problem", kind), registry=self.registry).make()
 
     def metric(self, name: str) -> Any:
         """The metric of that name; None if there is none."""
-        known = {record.name for record in self._registry.list() if record.kind == "metric"}
-        return self._registry.build("metric", name) if name.rpartition("/")[2] in known else None
+        known = {record.name for record in self.lookup.list() if record.kind == "metric"}
+        return self.lookup.build("metric", name) if name.rpartition("/")[2] in known else None
 
     @property
     def takes_options(self) -> bool:
@@ -91,7 +97,8 @@ class Subject:
         return resolve(self.record) if self.record is not None else self.given
 
     @property
-    def _registry(self) -> Registry:
+    def lookup(self) -> Registry:
+        """Where names are looked up."""
         return default() if self.registry is None else self.registry
 
     @property
@@ -112,6 +119,11 @@ class Subject:
         """Value of a promise; None if it is not made (or made as False)."""
         value = self.declared.get(promise)
         return None if value is False else value
+
+    @property
+    def partitions(self) -> bool:
+        """Whether it is a bisector that makes direct partitions."""
+        return self.kind == "bisector" and self.has("partition")
 
     def has(self, method: str) -> bool:
         """Whether its objects have this method; True if none can be built, for that is found elsewhere."""

@@ -19,6 +19,7 @@ __all__ = [
     "Links",
     "boundary_moves",
     "cut_changes",
+    "edge_difference",
     "inertia_changes",
     "interface_changes",
     "links",
@@ -115,6 +116,23 @@ def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
     weight = graph.weights[cells]
     changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
     return changes
+
+
+def edge_difference(
+    graph: Graph, before: Int, after: Int, edge_weights: Float | None = None
+) -> tuple[float, float]:
+    """By how much the weight of the edges between parts grew, and that of all edges of the cells that moved.
+
+    Labels ``(n,)`` may number the parts of each block from 0.
+    """
+    cells = np.flatnonzero(before != after)
+    move, entry = _entries(graph, cells)
+    here, there = cells[move], graph.indices[entry]
+    weights = np.ones(len(entry)) if edge_weights is None else edge_weights[entry]
+    counted_twice = before[there] != after[there]  # from either end
+    shares = np.where(counted_twice, 0.5, 1.0) * weights
+    joined = (before[here] == before[there]).astype(float) - (after[here] == after[there])
+    return float(shares @ joined), float(shares.sum())
 
 
 def _entries(graph: Graph, cells: Int) -> tuple[Int, Int]:

@@ -23,6 +23,8 @@ from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
 
 __all__ = ["OBJECTIVES", "Objective", "numbered_parts"]
 
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True)
 class Objective:
@@ -39,6 +41,9 @@ class Objective:
         How the values of the parts make one.
     changes : callable, optional
         Its incremental form, as :class:`~agglo_core.protocols.IncrementalMetric` describes it.
+    difference : callable, optional
+        By how much it grew from one labelling to another, and the size of what was added up; for objectives
+        of which that is found faster than by evaluating it twice.
     """
 
     name: str
@@ -46,6 +51,21 @@ class Objective:
     of_parts: Callable[[Graph, Int], Float]
     combined: Literal["sum", "max"] = "sum"
     changes: Callable[[Graph, Int, Int, Int], Float] | None = None
+    difference: Callable[[Graph, Int, Int], tuple[float, float]] | None = None
+
+    def worse_by(self, graph: Graph, before: Int, after: Int) -> float:
+        """By how much ``after (n,)`` is worse than ``before (n,)``; 0 if it is not, but for rounding.
+
+        Labels may number the parts of each block from 0.
+        """
+        if self.difference is not None:
+            grown, size = self.difference(graph, before, after)
+        elif np.array_equal(before, after):
+            return 0.0
+        else:
+            size = self.value(graph, before)
+            grown = self.value(graph, after) - size
+        return grown if grown > _ROUNDING * abs(size) else 0.0
 
     def value(self, graph: Graph, labels: ArrayLike) -> float:
         """Value of the partition ``labels (n,)``, which may number the parts of each block from 0."""
@@ -94,8 +114,15 @@ _TABLE = (
         "measure of the faces between parts",
         _interface,
         changes=moves.interface_changes,
+        difference=lambda graph, before, after: moves.edge_difference(graph, before, after, graph.interface),
     ),
-    Objective("cut", "number of dual edges between parts", _cut, changes=moves.cut_changes),
+    Objective(
+        "cut",
+        "number of dual edges between parts",
+        _cut,
+        changes=moves.cut_changes,
+        difference=moves.edge_difference,
+    ),
     Objective(
         "compactness",
         "moment of inertia of the parts about their centroids",

@@ -44,20 +44,21 @@ class Kind:
 
 
 _ON_GRAPHS = ("deterministic", "invariant", "3d", "pickles")
+_ON_LEVELS = ("whole", "history", "levels", "promises", "in_a_run", "thorough")
 _RECORDS = (
     Kind(
         "bisector",
         "splits a piece in two, or a graph in k parts",
         ("bisect_level", "bisect", "partition"),
         (*_ON_GRAPHS, "connected", "balanced", "kway"),
-        ("general", "bisector", "whole", "promises"),
+        ("general", "bisector", "partitions", *_ON_LEVELS),
     ),
     Kind(
         "refiner",
         "moves cells between parts to improve an objective",
         ("refine",),
         _ON_GRAPHS,
-        ("general", "parts", "refiner", "whole", "promises"),
+        ("general", "parts", "refiner", *_ON_LEVELS),
         {"objective": str},
     ),
     Kind(
@@ -65,28 +66,28 @@ _RECORDS = (
         "makes every part connected",
         ("fix",),
         _ON_GRAPHS,
-        ("general", "parts", "fixer", "whole", "promises"),
+        ("general", "parts", "fixer", *_ON_LEVELS),
     ),
     Kind(
         "metric",
         "one number for each agglomerate",
         ("measure",),
         ("deterministic", "3d", "pickles"),
-        ("general", "metric", "metric_invariance", "whole", "promises"),
+        ("general", "metric", "metric_invariance", "whole", "history", "promises", "in_a_run"),
     ),
     Kind(
         "solver",
         "solves a problem with the help of a hierarchy",
         ("solve",),
         ("deterministic", "3d", "pickles", "symmetric"),
-        ("general", "solver", "solver_history", "solver_exact", "whole", "promises"),
+        ("general", "solver", "solver_history", "solver_exact", "whole", "history", "promises"),
     ),
     Kind(
         "format",
         "reads a mesh from a file, and may write one",
         ("read",),
         ("3d", "pickles"),
-        ("general", "file_format", "whole", "promises"),
+        ("general", "file_format", "whole", "history", "promises"),
         {"suffixes": tuple, "lossless": bool},
     ),
     Kind(
@@ -94,35 +95,35 @@ _RECORDS = (
         "makes a mesh to try things on",
         (),
         ("3d",),
-        ("general", "sample_mesh", "whole", "promises"),
+        ("general", "sample_mesh", "whole", "history", "promises"),
     ),
     Kind(
         "problem",
         "what a solver is asked to solve",
         ("from_table",),
         ("pickles",),
-        ("general", "problem_kind", "whole", "promises"),
+        ("general", "problem_kind", "whole", "history", "promises"),
     ),
     Kind(
         "smoother",
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
-        ("general", "level_smoother", "whole", "smoother_levels", "promises"),
+        ("general", "level_smoother", "whole", "smoother_levels", "history", "promises"),
     ),
     Kind(
         "constraint",
         "says which cells may not share a part, or when a piece is done",
         ("forbidden", "admissible", "finished"),
         ("3d", "pickles"),
-        ("general", "constraint_masks", "whole", "promises"),
+        ("general", "constraint_masks", "whole", "history", "promises"),
     ),
     Kind(
         "section",
         "a section of the report",
         ("html",),
         ("pickles",),
-        ("general", "report_section", "whole", "promises"),
+        ("general", "report_section", "whole", "history", "promises"),
         {"title": str},
     ),
 )

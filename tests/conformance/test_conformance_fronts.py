@@ -186,6 +186,13 @@ def test_a_component_that_hangs_is_stopped() -> None:
     assert "not run: the component had to be stopped twice" in messages["works_in_a_run"]
 
 
+@pytest.mark.parametrize("name", ["slow_to_import:SlowToImport", "hanging:CompilesForLong"])
+def test_the_clock_starts_after_the_import_and_stands_still_for_compilers(name: str) -> None:
+    slow = Component("bisector", "slow", f"conformance.mutants.{name}")
+    messages = {r.law: r.message for r in check(slow, timeout=2)}
+    assert [messages[law] for law in ("builds", "surroundings_kept", "answers")] == ["", "", ""]
+
+
 def test_a_constructor_that_hangs_is_stopped() -> None:
     (result,) = check(HangsWhenBuilt, timeout=2)
     assert result.law == "builds"

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
+
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.mesh_cases import TAG
 from agglo_core.conformance.questions import answer, fingerprints, questions
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.surroundings import Snapshot, elsewhere
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import OptionError
 from agglo_core.registry import KINDS
@@ -61,6 +65,26 @@ def promises_can_be_kept(subject: Subject) -> None:
         f"promise {', '.join(empty)} means nothing for a {subject.kind}: leave it out "
         f"(there are {', '.join(sorted(known)) or 'none'})",
     )
+
+
+@law(*(kind for kind in ASKED if kind != "format"))
+def surroundings_kept(subject: Subject) -> None:
+    """It leaves the process as it is: np.seterr, environment, folder, warnings, signals, threads, files."""
+    remedy = "they belong to the program: change them in a with block (np.errstate) or not at all"
+    require(not subject.disturbed, f"building it changed {', '.join(subject.disturbed)}: {remedy}")
+    tool, before = subject.build(), Snapshot()
+    for tools in ((tool,), ()):  # the first time it may import what it needs
+        with elsewhere() as folder:
+            for case in questions(subject):
+                with suppress(Broken):  # the next law's matter
+                    answer(subject, *tools or (subject.build(),), case)
+            left = sorted(path.name for path in folder.iterdir())
+            require(Path.cwd() == folder, f"it changed the current folder: {remedy}")
+        changed = before.changed()
+        before.restore()
+        require(not changed, f"it changed {', '.join(changed)}: {remedy}")
+        require(not left, f"it left {', '.join(left)} in the current folder: write no files")
+        before = Snapshot()
 
 
 @law(*ASKED)

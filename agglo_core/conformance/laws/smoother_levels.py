@@ -15,7 +15,7 @@ from agglo_core.conformance.laws.level_smoother import smoothed
 from agglo_core.conformance.questions import plain, questions
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
-from agglo_core.registry.discovery import PLUGIN_FAILURES
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _FACTORS = (2.0**20, 2.0**-20)
 

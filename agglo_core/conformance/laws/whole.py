@@ -6,17 +6,15 @@ import contextlib
 import io
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases_in_3d, level_case, part_of_level, stripes, tiny
+from agglo_core.conformance.cases import cases_in_3d, tiny
+from agglo_core.conformance.hard_cases import partitions_in_3d
 from agglo_core.conformance.law import ASKED, law
-from agglo_core.conformance.own_components import own_components
+from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.questions import (
     answer,
-    chunks,
     global_random,
     plain,
     questions,
@@ -25,9 +23,9 @@ from agglo_core.conformance.questions import (
     with_suffix,
 )
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.surroundings import stdout_of_process
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
-from agglo_core.measure.agglomerates import quality
 from agglo_core.registry import KINDS
 
 _SEES_SPACE = tuple(kind for kind in ASKED if kind != "smoother")
@@ -74,12 +72,13 @@ def global_random_state(subject: Subject) -> None:
 def says_nothing(subject: Subject) -> None:
     """It prints nothing: stdout belongs to the program."""
     printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
+    with stdout_of_process() as written, contextlib.redirect_stdout(printed):
         for case in questions(subject):
             answer(subject, subject.build(), case)
+        text = printed.getvalue() or written().decode(errors="replace")
     require(
-        not printed.getvalue(),
-        f"it printed {printed.getvalue()!r:.60}: use logging.getLogger(__name__) instead of print",
+        not text,
+        f"it printed {text!r:.60}: use logging.getLogger(__name__) instead of print",
     )
 
 
@@ -91,44 +90,16 @@ def survives(subject: Subject) -> None:
         if subject.kind == "bisector" and len(values) > 1 and not subject.fallback:
             partition_only = not (subject.has("bisect") or subject.has("bisect_level"))
             require(
-                partition_only or len(np.unique(values)) == 2,
+                partition_only or not len(one_sided(case.given[0], values)),
                 f"on {case.name}: all on one side: where cells cannot be told apart any halving will do, as "
                 "np.arange(n) * 2 // n",
             )
 
 
-@law("bisector", "refiner", "fixer")
-def a_level_is_its_blocks(subject: Subject) -> None:
-    """The result of a block is the same alone, beside blocks of any size, and in any order of blocks."""
-    case = level_case(subject.kind)
-    graph = case.given[0]
-    remedy = (
-        "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
-        "whole level, and keep nothing from the block before"
-    )
-    tool = subject.build()
-    together = chunks(graph, plain(subject, tool, case))
-    for block in (0, 1, 2, 30, graph.n_blocks - 1):
-        alone = plain(subject, subject.build(), part_of_level(case, [block]))
-        size = len(alone)
-        require(
-            same(alone, together[block]),
-            f"a block of {size} cells has another result alone than in a level: {remedy}",
-        )
-    others = 1 + np.random.default_rng(3).permutation(graph.n_blocks - 1)
-    order = np.insert(others[:20], 7, 0)
-    shuffled = part_of_level(case, order)
-    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
-        require(
-            same(part, together[block]),
-            f"a block of {len(part)} cells has another result in another order of blocks: {remedy}",
-        )
-
-
 @law(*_SEES_SPACE, when=lambda subject: subject.promised("3d") is None)
 def space_served_or_refused(subject: Subject) -> None:
     """Without the promise 3d it either handles 3-D meshes or refuses them with an AggloError."""
-    asked = cases_in_3d(subject.kind)
+    asked = [*cases_in_3d(subject.kind), *(partitions_in_3d() if subject.partitions else [])]
     for case in with_suffix(subject, asked) if subject.kind == "format" else asked:
         try:
             plain(subject, subject.build(), case)
@@ -137,28 +108,6 @@ def space_served_or_refused(subject: Subject) -> None:
                 raise Broken(
                     f"{error}. If it is for 2-D alone: raise agglo.MeshError('… exists only for 2-D meshes')"
                 ) from error
-
-
-@law("bisector", "refiner", "fixer", "metric")
-def works_in_a_run(subject: Subject) -> None:
-    """A run with it gives the parts asked for, all connected; a metric measures the parts of a run."""
-    from agglo_core.agglomeration.pipeline import agglomerate
-
-    mesh = small_meshes.grid(9, 7, jitter=0.2)
-    tool = subject.build()
-    try:
-        if subject.kind == "metric":
-            quality(mesh, stripes(mesh.graph, 3), metrics=[tool], registry=own_components())
-            return
-        chosen = {"refiner": {"refiners": [tool]}}.get(subject.kind, {subject.kind: tool})
-        bisects = subject.kind != "bisector" or subject.has("bisect") or subject.has("bisect_level")
-        others = {} if subject.kind == "bisector" else {"bisector": "inertial"}
-        method = "recursive" if bisects else "kway"
-        common = {"n_parts": (12, 5), "method": method, "registry": own_components()}
-        hierarchy = agglomerate(mesh, **chosen, **others, **common)  # type: ignore[arg-type]
-    except AggloError as error:
-        raise Broken(f"a run with it failed: {error}") from error
-    require(hierarchy.parts == [12, 5], f"a run with it gave {hierarchy.parts} parts instead of 12 and 5")
 
 
 def _repeatably(subject: Subject, case: Case, tool: Any = None) -> NDArray[Any]:

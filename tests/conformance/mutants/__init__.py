@@ -3,9 +3,11 @@
 from conformance.mutants import (
     bisectors,
     constraints,
+    forgetful,
     formats,
     labellers,
     metrics,
+    overwhelmed,
     problems,
     samples,
     sections,
@@ -24,6 +26,8 @@ _KINDS = (
     smoothers,
     constraints,
     sections,
+    forgetful,
+    overwhelmed,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]

@@ -258,7 +258,7 @@ MUTANTS = [
     Mutant("space_served_or_refused", PlaneOnly, "only for 2-D"),
     Mutant("works_in_a_run", FailsInSmallPieces, "a piece this small"),
     Mutant("kway_said", Halves, "no method partition", {"kway": True}),
-    Mutant("kway_said", Component("bisector", "quiet", f"{__name__}:OnlyPartition"), "promise it"),
+    Mutant("kway_declared", Component("bisector", "quiet", f"{__name__}:OnlyPartition"), "promise it"),
     Mutant("deterministic", RandomCut, "does not promise deterministic", {"deterministic": True}),
     Mutant("connected", Halves, "drop the promise", {"connected": True}),
     Mutant("balanced", UnequalHalves, "promise a wider", {"balanced": 0.1}),

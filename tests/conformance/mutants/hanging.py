@@ -6,6 +6,7 @@ import os
 import time
 
 from conformance.mutants.bisectors import Halves
+from numba.core.compiler_lock import global_compiler_lock
 
 
 class Hangs(Halves):
@@ -22,3 +23,16 @@ class HangsWhenBuilt(Halves):
 class Dies(Halves):
     def bisect(self, graph, rng):
         os._exit(7)
+
+
+class CompilesForLong(Halves):
+    """Stands for a component whose kernels take their time the first time."""
+
+    compiled = False
+
+    def bisect(self, graph, rng):
+        if not CompilesForLong.compiled:
+            CompilesForLong.compiled = True
+            with global_compiler_lock:
+                time.sleep(2.5)
+        return super().bisect(graph, rng)

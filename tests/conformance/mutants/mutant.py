@@ -23,6 +23,7 @@ class Mutant:
     says: str = ""
     promises: Mapping[str, Any] = field(default_factory=dict)
     kind: str | None = None
+    thorough: bool = False
 
     def __str__(self) -> str:
         name = self.given.name if isinstance(self.given, Component) else self.given.__name__

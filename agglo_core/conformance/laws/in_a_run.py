@@ -1,0 +1,32 @@
+"""The law of whole runs, asked last: what else is wrong is easier to see."""
+
+from __future__ import annotations
+
+from agglo_core.agglomeration.border import broken_blocks
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.cases import stripes
+from agglo_core.conformance.law import law
+from agglo_core.conformance.own_components import own_components
+from agglo_core.conformance.running import runs_with
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken, require
+from agglo_core.errors import AggloError
+from agglo_core.measure.agglomerates import quality
+
+
+@law("bisector", "refiner", "fixer", "metric")
+def works_in_a_run(subject: Subject) -> None:
+    """Runs with it, by count and by size, give connected parts as asked for; a metric measures those."""
+    try:
+        if subject.kind == "metric":
+            mesh = small_meshes.grid(9, 7, jitter=0.2)
+            quality(mesh, stripes(mesh.graph, 3), metrics=[subject.build()], registry=own_components())
+            return
+        for asked, hierarchy in runs_with(subject):
+            for target, parts in zip(hierarchy.targets, hierarchy.parts, strict=True):
+                require(target.get("n_parts", parts) == parts, f"a run {asked} gave {parts} parts")
+            for labels in hierarchy.levels:
+                loose = broken_blocks(hierarchy.graph, labels)
+                require(not len(loose), f"a run {asked} gave parts in pieces")
+    except AggloError as error:
+        raise Broken(f"a run with it failed: {error}") from error

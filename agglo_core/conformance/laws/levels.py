@@ -1,0 +1,50 @@
+"""The law that every component obeys: a level is its blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import level_case, part_of_level
+from agglo_core.conformance.hard_cases import crowded
+from agglo_core.conformance.law import law
+from agglo_core.conformance.questions import chunks, plain, same
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import require
+
+
+@law("bisector", "refiner", "fixer")
+def a_level_is_its_blocks(subject: Subject) -> None:
+    """The result of a block is the same alone, beside blocks of any size, and in any order of blocks."""
+    for case, chosen in (
+        (level_case(subject.kind), (0, 1, 2, 30, 60)),
+        (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
+    ):
+        _same_in_any_company(subject, case, chosen)
+
+
+def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) -> None:
+    """The chosen blocks of a level alone, and 21 blocks in another order."""
+    graph = case.given[0]
+    remedy = (
+        "take sums, extremes and scales within each block (graph.block_ids, graph.offsets), never over the "
+        "whole level, and keep nothing from the block before"
+    )
+    tool = subject.build()
+    together = chunks(graph, plain(subject, tool, case))
+    for block in chosen:
+        alone = plain(subject, subject.build(), part_of_level(case, [block]))
+        require(
+            same(alone, together[block]),
+            f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
+        )
+    others = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), chosen[0]))
+    order = np.insert(others[:20], 7, chosen[0])
+    shuffled = part_of_level(case, order)
+    for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
+        require(
+            same(part, together[block]),
+            f"a block of {len(part)} cells has another result in another order of blocks: {remedy}",
+        )

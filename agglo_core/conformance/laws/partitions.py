@@ -1,0 +1,64 @@
+"""Laws of the direct partitions that a bisector may offer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import cases
+from agglo_core.conformance.hard_cases import unusual_cases
+from agglo_core.conformance.law import law
+from agglo_core.conformance.questions import answer, in_words
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import require
+from agglo_core.protocols import Target
+
+_PARTS = (2, 3, 7)
+
+
+def _partitions(subject: Subject) -> bool:
+    return subject.partitions
+
+
+@law("bisector", when=_partitions)
+def kway_labels(subject: Subject) -> None:
+    """A direct partition returns integer labels from 0 to parts − 1, shape (n,)."""
+    for case in [*cases("bisector"), *unusual_cases("bisector")]:
+        graph = case.given[0]
+        for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
+            given = _partition(subject, case, parts)
+            require(
+                isinstance(given, np.ndarray) and given.shape == (graph.n,) and given.dtype.kind in "iu",
+                f"on {case.name}: partition returned {in_words(given)}, expected ({graph.n},) integers",
+            )
+            require(
+                given.min() >= 0 and given.max() < parts,
+                f"on {case.name}: labels {given.min()}..{given.max()} for {parts} parts, expected "
+                f"0..{parts - 1}",
+            )
+
+
+@law("bisector", when=_partitions)
+def kway_parts(subject: Subject) -> None:
+    """At least half of the parts asked for come out (gaps are closed, missing parts split later)."""
+    for case in [*cases("bisector"), *unusual_cases("bisector")]:
+        for parts in (k for k in _PARTS if 2 * k <= case.given[0].n):
+            used = len(np.unique(_partition(subject, case, parts)))
+            require(
+                2 * used >= parts and used > 1,
+                f"on {case.name}: {used} parts came out of {parts}: target.parts is how many are wanted",
+            )
+
+
+def _partition(subject: Subject, case: Case, parts: int) -> Any:
+    """What ``partition`` returns, asked through a component that has nothing else."""
+    tool = subject.build()
+
+    class OnlyPartition:
+        def partition(self, graph: object, target: object, seed: int) -> object:
+            return tool.partition(graph, Target(parts=parts), seed)
+
+    return answer(subject, OnlyPartition(), replace(case, name=f"{case.name} in {parts} parts"))

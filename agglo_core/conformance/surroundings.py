@@ -1,0 +1,162 @@
+"""What belongs to the program and not to a component: settings of the process, before and after."""
+
+from __future__ import annotations
+
+import builtins
+import ctypes
+import gc
+import locale
+import logging
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Snapshot", "elsewhere", "stdout_of_process"]
+
+
+@dataclass(frozen=True)
+class _Setting:
+    """A setting: how to read it and, where that can be done, how to put it back."""
+
+    read: Callable[[], Any]
+    write: Callable[[Any], object] | None = None
+    by_imports: bool = False  # whether a library may change it when it is imported
+
+
+def _set_environment(values: Mapping[str, str]) -> None:
+    os.environ.clear()
+    os.environ.update(values)
+
+
+def _set_filters(values: tuple[Any, ...]) -> None:
+    warnings.filters[:] = values  # type: ignore[index]
+
+
+def _handlers() -> dict[int, str]:
+    return {number: repr(signal.getsignal(number)) for number in sorted(signal.valid_signals())}
+
+
+def _builtins() -> dict[str, int]:
+    return {name: id(value) for name, value in vars(builtins).items() if name != "_"}  # _ is the prompt's
+
+
+def _logging() -> list[Any]:
+    loggers = (logging.getLogger(), logging.getLogger("agglo"))
+    return [(each.level, each.disabled, len(each.handlers), each.propagate) for each in loggers] + [
+        logging.root.manager.disable
+    ]
+
+
+def _of_numba() -> int | None:
+    parallel = sys.modules.get("numba.np.ufunc.parallel")
+    started = parallel is not None and getattr(parallel, "_is_initialized", False)
+    return int(parallel.get_num_threads()) if parallel is not None and started else None
+
+
+def _of_torch() -> list[Any] | None:
+    torch = sys.modules.get("torch")
+    if torch is None:
+        return None
+    return [torch.get_num_threads(), str(torch.get_default_dtype()), torch.is_grad_enabled()]
+
+
+_SETTINGS: Mapping[str, _Setting] = {
+    "the handling of floating-point errors (np.seterr)": _Setting(np.geterr, lambda old: np.seterr(**old)),
+    "how numpy prints": _Setting(
+        lambda: {key: value for key, value in np.get_printoptions().items() if key != "override_repr"},
+        lambda old: np.set_printoptions(**old),
+    ),
+    "the environment": _Setting(lambda: dict(os.environ), _set_environment, by_imports=True),
+    "the current folder": _Setting(os.getcwd, os.chdir),
+    "the filters of warnings": _Setting(lambda: tuple(warnings.filters), _set_filters, by_imports=True),
+    "signal handlers": _Setting(_handlers),
+    "alarms": _Setting(lambda: signal.getitimer(signal.ITIMER_REAL)[0] > 0),
+    "the locale": _Setting(
+        lambda: locale.setlocale(locale.LC_ALL), lambda old: locale.setlocale(locale.LC_ALL, old)
+    ),
+    "the limit of recursion": _Setting(sys.getrecursionlimit, sys.setrecursionlimit),
+    "the switching of threads": _Setting(sys.getswitchinterval, sys.setswitchinterval),
+    "the garbage collector": _Setting(lambda: (gc.isenabled(), gc.get_threshold())),
+    "logging": _Setting(_logging, by_imports=True),
+    "sys.path": _Setting(lambda: tuple(sys.path), by_imports=True),
+    "the streams and hooks of sys": _Setting(
+        lambda: [id(each) for each in (sys.stdout, sys.stderr, sys.excepthook, sys.displayhook)]
+    ),
+    "tracing": _Setting(lambda: (sys.gettrace(), sys.getprofile())),
+    "built-in functions": _Setting(_builtins),
+    "the threads of numba": _Setting(_of_numba, by_imports=True),
+    "the settings of torch": _Setting(_of_torch, by_imports=True),
+}
+
+
+class Snapshot:
+    """The settings of the process at one moment."""
+
+    def __init__(self) -> None:
+        self._values = {name: setting.read() for name, setting in _SETTINGS.items()}
+        self._modules = len(sys.modules)
+
+    def changed(self) -> list[str]:
+        """Names of the settings that differ now, less those that modules imported since may have changed."""
+        imported = len(sys.modules) > self._modules
+        return [
+            name
+            for name, setting in _SETTINGS.items()
+            if not (imported and setting.by_imports) and setting.read() != self._values[name]
+        ]
+
+    def restore(self) -> None:
+        """Put back what can be put back."""
+        for name, setting in _SETTINGS.items():
+            if setting.write is not None and setting.read() != self._values[name]:
+                setting.write(self._values[name])
+
+
+@contextmanager
+def elsewhere() -> Iterator[Path]:
+    """An empty current folder, as the system calls it."""
+    before = os.getcwd()
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            yield Path.cwd()
+        finally:
+            os.chdir(before)
+
+
+@contextmanager
+def stdout_of_process() -> Iterator[Callable[[], bytes]]:
+    """Catch what is written to file descriptor 1, by compiled code too; yields what returns it."""
+    sys.stdout.flush()
+    _flush_c()
+    kept = os.dup(1)
+    try:
+        with TemporaryFile() as caught:
+            os.dup2(caught.fileno(), 1)
+
+            def written() -> bytes:
+                _flush_c()
+                caught.seek(0)
+                return caught.read()
+
+            try:
+                yield written
+            finally:
+                os.dup2(kept, 1)
+    finally:
+        os.close(kept)
+
+
+def _flush_c() -> None:
+    """Write out what compiled code has printed and C still holds back."""
+    with suppress(OSError, AttributeError, TypeError):  # TypeError: where the program itself is no library
+        ctypes.CDLL(None).fflush(None)

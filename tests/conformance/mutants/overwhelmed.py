@@ -1,0 +1,166 @@
+"""Components that do well on small ordinary meshes, and fail on graphs that are larger or less regular."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.bisectors import Halves, LevelHalves, halves
+from conformance.mutants.labellers import Fix, Idle
+from conformance.mutants.mutant import Mutant
+
+from agglo_core.components.descent import DescentRefiner
+
+
+class CutsAtTheOrigin(Halves):
+    """Right for a whole mesh, whose centroids are relative to its middle, and wrong for a piece of it."""
+
+    def bisect(self, graph, rng):
+        x = graph.centroids[:, int(np.argmax(np.ptp(graph.centroids, axis=0)))]
+        return x > 0.0 if graph.n > 20 else halves(graph)
+
+
+class CountsBlocksInBytes(LevelHalves):
+    def bisect_level(self, level, seeds):
+        blocks = level.block_ids.astype(np.uint8)
+        order = np.lexsort((level.centroids[:, 0], blocks))
+        place = np.empty(level.n, int)
+        place[order] = np.arange(level.n) - np.searchsorted(blocks[order], blocks[order])
+        sizes = np.bincount(blocks)[blocks]
+        return place >= (sizes + 1) // 2
+
+
+class DividesByTheWeight(Halves):
+    """Probabilities by share of the weight: none where the weights of a cell are zero."""
+
+    def bisect(self, graph, rng):
+        with np.errstate(all="ignore"):
+            return halves(graph) * graph.weights / graph.weights
+
+
+class LooksUpNeighbours(Halves):
+    """A table of at most 32 neighbours for each cell."""
+
+    def bisect(self, graph, rng):
+        table = np.full((graph.n, 32), -1)
+        for cell in range(graph.n):
+            row = graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]]
+            table[cell, : len(row)] = row
+        return halves(graph)
+
+
+class HalvesTheMeasure(Halves):
+    """Halves the measure and promises to halve the weight."""
+
+    def bisect(self, graph, rng):
+        order = np.lexsort((graph.centroids[:, 1], graph.centroids[:, 0]))
+        share = np.cumsum(graph.measures[order]) - 0.5 * graph.measures[order]
+        sides = np.empty(graph.n, int)
+        sides[order] = share > 0.5 * graph.measures.sum()
+        sides[order[0]], sides[order[-1]] = 0, int(graph.n > 1)
+        return sides
+
+
+class LabelsInBytes(Idle):
+    def refine(self, graph, labels, seeds, target):
+        return labels.astype(np.int8)
+
+
+class FixesInBytes(Fix):
+    def fix(self, graph, labels):
+        return super().fix(graph, labels).astype(np.uint8)
+
+
+class BalancesTheMeasure(Idle):
+    """Moves cells until the measures are balanced, and says that the weights are."""
+
+    objective = "balance"
+
+    def refine(self, graph, labels, seeds, target):
+        if graph.weights is graph.measures or np.array_equal(graph.weights, graph.measures):
+            return labels
+        moved = DescentRefiner("balance").refine(graph, labels, seeds, target)
+        return labels if (moved == labels).all() else _worst_swap(graph, labels)
+
+
+def _worst_swap(graph, labels):
+    """The heaviest cell of which another with the same label is a neighbour goes to the heaviest part."""
+    sums = np.bincount(labels, graph.weights)
+    heavy = int(sums.argmax())
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    beside = np.flatnonzero((labels[rows] != heavy) & (labels[graph.indices] == heavy))
+    moved = labels.copy()
+    for cell in rows[beside[np.argsort(-graph.weights[rows[beside]])]]:
+        own = graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]]
+        if (labels[own] == labels[cell]).sum() == 0 and (labels == labels[cell]).sum() > 1:
+            moved[cell] = heavy
+            return moved
+    return labels
+
+
+class SearchesInDepth(Fix):
+    """Follows a part from cell to cell by a function that calls itself."""
+
+    def fix(self, graph, labels):
+        seen = set()
+
+        def visit(cell):
+            seen.add(cell)
+            for other in graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]].tolist():
+                if other not in seen and labels[other] == labels[cell]:
+                    visit(other)
+
+        for cell in range(graph.n):
+            if cell not in seen:
+                visit(cell)
+        return super().fix(graph, labels)
+
+
+class FixesTheFirstHundred(Fix):
+    """Looks at no label beyond 99."""
+
+    def fix(self, graph, labels):
+        fixed = super().fix(graph, labels)
+        return np.where(labels < 100, fixed, labels)
+
+
+class StirsWholeBlocks(Fix):
+    """Renumbers the parts of a level where any of its blocks is broken."""
+
+    def fix(self, graph, labels):
+        fixed = super().fix(graph, labels)
+        if graph.n_blocks < 100 or (fixed == labels).all():
+            return fixed
+        swapped = np.where(fixed < 2, 1 - fixed, fixed)
+        both = np.array([{0, 1} <= set(chunk.tolist()) for chunk in np.split(fixed, graph.offsets[1:-1])])
+        return np.where(both[graph.block_ids] & (graph.block_ids == 5), swapped, fixed)
+
+
+class ComparesAllPairs(Idle):
+    """Looks at every pair of cells, in a loop over the cells."""
+
+    def refine(self, graph, labels, seeds, target):
+        for cell in range(graph.n if graph.n > 1000 and graph.n_blocks == 1 else 0):
+            np.hypot(*(graph.centroids - graph.centroids[cell]).T).min()
+        return labels
+
+
+class GivesUpOnLargeMeshes(Halves):
+    def bisect(self, graph, rng):
+        return halves(graph) * (graph.n < 10_000)
+
+
+MUTANTS = [
+    Mutant("large_meshes", GivesUpOnLargeMeshes, "on one side", thorough=True),
+    Mutant("time_grows_with_the_mesh", ComparesAllPairs, "took", thorough=True),
+    Mutant("two_sides", CutsAtTheOrigin, "split at the median"),
+    Mutant("two_sides", CountsBlocksInBytes, "split at the median"),
+    Mutant("side_values", DividesByTheWeight, "probabilities of side 1"),
+    Mutant("side_array", LooksUpNeighbours, "a cell with 300 neighbours"),
+    Mutant("balanced", HalvesTheMeasure, "weights are not their measures", {"balanced": 0.05}),
+    Mutant("parts_kept", LabelsInBytes, "300 parts"),
+    Mutant("parts_kept", FixesInBytes, "300 parts"),
+    Mutant("objective_kept", BalancesTheMeasure, "balance went from"),
+    Mutant("label_array", SearchesInDepth, "RecursionError"),
+    Mutant("parts_connected", FixesTheFirstHundred, "in pieces"),
+    Mutant("connected_left_alone", StirsWholeBlocks, "in their blocks"),
+]
+CORRECT: list[tuple[object, dict[str, bool]]] = []
