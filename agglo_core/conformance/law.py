@@ -8,7 +8,9 @@ from inspect import cleandoc
 from typing import Final
 
 from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import Broken
 from agglo_core.registry import KINDS
+from agglo_core.registry.containment import PLUGIN_FAILURES
 
 __all__ = ["ASKED", "Law", "law"]
 
@@ -51,7 +53,10 @@ class Law:
         """Whether it is to be judged at all."""
         if subject.kind not in self.kinds or (self.promise and subject.promised(self.promise) is None):
             return False
-        return self.when is None or self.when(subject)
+        try:
+            return self.when is None or self.when(subject)
+        except (Broken, *PLUGIN_FAILURES):  # judging it says what is wrong
+            return True
 
 
 def law(

@@ -138,7 +138,10 @@ def _checked_items(polygons: Any) -> NDArray[np.object_]:
         raise MeshError(f"{name_cells(invalid)}: invalid, {reason}; shapely.make_valid may mend it")
     far = np.flatnonzero(~(np.abs(shapely.bounds(items)).max(axis=1) < _FARTHEST))
     if len(far):
-        raise MeshError(f"{name_cells(far)}: coordinates beyond {_FARTHEST:g}, whose squares are not finite")
+        raise MeshError(
+            f"{name_cells(far)}: coordinates beyond {_FARTHEST:g}, whose squares are not finite: "
+            "choose another unit of length"
+        )
     return items
 
 

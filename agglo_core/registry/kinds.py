@@ -44,7 +44,7 @@ class Kind:
 
 
 _ON_GRAPHS = ("deterministic", "invariant", "3d", "pickles")
-_ON_LEVELS = ("whole", "history", "levels", "promises", "in_a_run", "thorough")
+_ON_LEVELS = ("whole", "history", "block_levels", "promises", "in_a_run", "thorough")
 _RECORDS = (
     Kind(
         "bisector",

@@ -226,7 +226,7 @@ def unprivileged() -> Iterator[None]:
 
 def test_a_folder_that_is_read_only_is_named(tmp_path: Path) -> None:
     agglo.write(tmp_path / "first.vtu", samples.squares(2))  # modules are imported, kernels compiled
-    before = [(folder, folder.stat().st_mode) for folder in (tmp_path, *tmp_path.parents[:2])]
+    before = [(folder, folder.stat().st_mode) for folder in (tmp_path, *tmp_path.parents[:-1])]
     try:
         for folder, mode in before:
             folder.chmod(mode | 0o055)

@@ -106,10 +106,10 @@ def faces_of(mesh: Mesh) -> list[tuple[list[int], list[list[float]]]]:
 
 def cluster() -> Mesh:
     """A cube with a pyramid on top, a wedge and a cut cube at its sides, and a tetrahedron on the wedge."""
-    points = [*HEXAHEDRON, [0.5, 0.5, 2], [2, 0, 0], [2, 0, 1], [2, -1, 0.2]]
+    points = [*HEXAHEDRON, [0.5, 0.5, 2], [2, 0, 0], [2, 0, 1], [2, 1, 1.5]]
     points += [[-1, 0, 0], [-1, 1, 0], [-1, 1, 0.8], [-0.8, 1, 1], [-1, 0.8, 1], [-1, 0, 1]]
     elements = {"hexahedron": [range(8)], "pyramid": [[4, 5, 6, 7, 8]], "wedge": [[2, 9, 1, 6, 10, 5]]}
-    solids = polyhedra_from_elements(elements | {"tetra": [[5, 1, 9, 11]]})
+    solids = polyhedra_from_elements(elements | {"tetra": [[5, 10, 6, 11]]})
     cells = [
         [
             solids.vertices[solids.loop_offsets[f] : solids.loop_offsets[f + 1]].tolist()

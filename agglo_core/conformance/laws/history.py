@@ -97,7 +97,7 @@ def in_two_threads(subject: Subject) -> None:
     lines = _Stepper(home, 0, lambda: None)
     first = lines.run(lambda: _seeded(subject, subject.build(), few[0]))
     stops = sorted({int(line) for line in np.linspace(1, lines.count, _STOPS)} - {0})
-    for meanwhile in few[1], few[-1]:
+    for meanwhile in few[1:2] + few[-1:]:
         expected = [first, _seeded(subject, subject.build(), meanwhile)]
         for stop in stops:
             answers = _interrupted(subject, (few[0], meanwhile), home, stop)
