@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -59,8 +60,11 @@ def test_five_thousand_damaged_files(tmp_path: Path) -> None:
         str(tmp_path / "faults"),
     ]
     counts = [word for suffix, count in MANY.items() for word in (f"--{suffix[1:]}", str(count))]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     parts = [
-        subprocess.Popen([*program, *counts, "--part", f"{i}/2"], stdout=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [*program, *counts, "--part", f"{i}/2"], stdout=subprocess.PIPE, text=True, env=environment
+        )
         for i in range(2)
     ]
     said = [part.communicate()[0] for part in parts]
