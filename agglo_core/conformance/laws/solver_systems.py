@@ -1,4 +1,4 @@
-"""Laws of solvers of linear systems unlike those of diffusion: solve what is given, or say that you do not."""
+"""Laws of solvers of linear systems unlike those of diffusion: solve what is given, or say no."""
 
 from __future__ import annotations
 
