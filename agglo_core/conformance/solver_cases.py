@@ -16,7 +16,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion, Linear
 
-__all__ = ["SIDES", "awkward", "elsewhere", "halves", "on_levels", "plate", "uneven"]
+__all__ = ["SIDES", "awkward", "block", "elsewhere", "halves", "on_levels", "plate", "uneven"]
 
 SIDES = LEFT, RIGHT, BOTTOM, TOP = 1, 2, 3, 4
 """Boundary tags of a :func:`plate`."""
@@ -32,6 +32,19 @@ def plate(nx: int = 8, ny: int = 6, tag: str = "boundary") -> Hierarchy:
     tagged = replace(mesh, face_tags={tag: sides}, name=f"a plate of {nx} by {ny}")
     row, column = np.divmod(np.arange(nx * ny), nx)
     return on_levels(tagged, frozen_int(row // 2 * ((nx + 1) // 2) + column // 2))
+
+
+def block() -> Hierarchy:
+    """Boxes of unequal sizes that fill one in 3-D, its sides tagged 1 to 6: low and high x, y, z."""
+    mesh = small_meshes.boxes()
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    corners = mesh.points[mesh.face_vertices.reshape(mesh.n_faces, 4)]
+    ends = np.stack(
+        [each for d in range(3) for each in (low[d] - corners[..., d], corners[..., d] - high[d])]
+    )
+    sides = np.where((ends > -1e-9).all(axis=2).any(axis=0), 1 + (ends > -1e-9).all(axis=2).argmax(axis=0), 0)
+    tagged = replace(mesh, face_tags={"boundary": sides}, name="a block of boxes")
+    return on_levels(tagged, frozen_int(np.arange(mesh.n_cells) // 4))
 
 
 def halves(hierarchy: Hierarchy, left: float, right: float) -> Float:

@@ -80,7 +80,16 @@ _RECORDS = (
         "solves a problem with the help of a hierarchy",
         ("solve",),
         ("deterministic", "3d", "pickles", "symmetric"),
-        ("general", "solver", "solver_history", "solver_exact", "whole", "history", "promises"),
+        (
+            "general",
+            "solver",
+            "solver_systems",
+            "solver_history",
+            "solver_exact",
+            "whole",
+            "history",
+            "promises",
+        ),
     ),
     Kind(
         "format",

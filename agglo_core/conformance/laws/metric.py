@@ -51,7 +51,7 @@ def value_array(subject: Subject) -> None:
     for case in [*cases("metric"), *various()]:
         given = answer(subject, subject.build(), case)
         require(
-            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind in "iuf",
+            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind in "biuf",
             f"on {case.name}: it returned {in_words(given)}, expected an array of shape ({case.size},) of "
             "numbers, one for each of the labels 0..k-1: not one per cell, not a mean, not a list",
         )

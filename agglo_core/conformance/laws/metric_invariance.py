@@ -123,31 +123,39 @@ def far_parts_do_not_matter(subject: Subject) -> None:
         )  # fmt: skip
 
 
-@law("metric")
+@law("metric", when=lambda subject: not getattr(subject.build(), "directional", False))
 def better_is_better(subject: Subject) -> None:
-    """Squares are not worse than bars, zigzags and loose cells of the same sizes all alike."""
+    """A metric of shape does not take bars, zigzags or loose cells for better than squares of their sizes.
+
+    One that tells equal squares apart by where they are is not of shape, nor is one of directions.
+    """
     tool = subject.build()
     sign = 1.0 if tool.better == "high" else -1.0
     framings = (False,) if getattr(tool, "relative", False) else (False, True)
-    found = [_means(subject, framed) for framed in framings]
-    worse = [_worst_of_all(sign * means[0], [sign * mean for mean in means[1:]]) for means in found]
+    found = [means for framed in framings if (means := _means(subject, framed))]
+    worse = [_worst_of_all([sign * mean for mean in means]) for means in found]
     require(
-        not all(worse),
+        not worse or not all(worse),
         f"better is {tool.better!r}, yet the means of squares, bars, zigzags and loose cells are "
-        f"{[round(mean, 4) for mean in found[0]]}: declare the other direction",
+        f"{[[round(mean, 4) for mean in means] for means in found][:1]}: declare the other direction; if "
+        "long parts are wanted along some direction, say directional = True",
     )
 
 
 def _means(subject: Subject, framed: bool) -> list[float]:
-    """Of squares, and of the other layouts if all their values are defined."""
+    """Of squares, and of the other layouts if all their values are defined; none if equal squares differ."""
     squares, others = layouts(framed)
-    found = [_values(subject, each)[:16] for each in (squares, *others)]
+    found = [np.asarray(_values(subject, each)[:16], float) for each in (squares, *others)]
+    if np.ptp(found[0]) > _ROUNDED * np.abs(found[0]).max():
+        return []
     return [float(it.mean()) for it in found if np.isfinite(it).all()]
 
 
-def _worst_of_all(squares: float, others: list[float]) -> bool:
-    slack = 1e-6 * max(map(abs, [squares, *others]))
-    return bool(others) and all(squares < other - slack for other in others)
+def _worst_of_all(means: list[float]) -> bool:
+    """Whether none has a lower mean than the first, and two at least have a higher one."""
+    squares, others = means[0], np.array(means[1:])
+    slack = 1e-6 * max(map(abs, means))
+    return bool(np.all(others >= squares - slack) and np.count_nonzero(others > squares + slack) > 1)
 
 
 def _scaled_by(large: np.ndarray, before: np.ndarray, factor: float) -> bool:

@@ -20,7 +20,7 @@ from agglo_core.conformance.solver_answers import (
     solve_unless_refused,
     values,
 )
-from agglo_core.conformance.solver_cases import SIDES, elsewhere, halves, plate
+from agglo_core.conformance.solver_cases import SIDES, block, elsewhere, halves, plate
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 from agglo_core.hierarchy import Hierarchy
@@ -92,6 +92,24 @@ def linear_found(subject: Subject) -> None:
         subject, hierarchy, problem, plane, "a linear function as boundary values (face tag 'edge')",
         "the distance of a cell from the boundary is that of its centre from the face",
     )  # fmt: skip
+
+
+@law("solver", promise="3d", when=_takes_diffusion)
+def found_in_space(subject: Subject) -> None:
+    """In 3-D too a linear function is found, given on all sides or as a value and a flux."""
+    hierarchy = block()
+
+    def plane(points: Float) -> Float:
+        return np.asarray(0.3 + points @ np.array([1.0, -2.0, 3.0]))
+
+    for problem, exact in (
+        (Diffusion(2.0, 0.0, dict.fromkeys(range(1, 7), plane)), plane),
+        (Diffusion(4.0, 0.0, {5: 1.0}, {6: 3.0}), lambda points: 1.0 + 0.75 * points[:, 2]),
+    ):
+        _require_found(
+            subject, hierarchy, problem, exact, "on a block of boxes, a linear function",
+            "faces are areas in 3-D: take them and distances from the mesh, along z too",
+        )  # fmt: skip
 
 
 @law("solver", when=_takes_diffusion)

@@ -315,7 +315,48 @@ class OnTheBoundary(Extent):
         return sums[0] / sums[1]
 
 
+class Elongation(Extent):
+    """Root of the ratio of second moments of the vertices: 1 if round, and loose cells of a square are."""
+
+    bounds = (1.0, inf)
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        offsets, vertices = coarse.cell_vertices
+        each = np.split(coarse.local_points[vertices], offsets[1:-1])
+        moments = [np.linalg.eigvalsh(np.cov(points.T)) for points in each]
+        return np.array([np.sqrt(max(s[-1] / max(s[0], 1e-12 * s[-1]), 1.0)) for s in moments])
+
+
+class InOnePiece(Extent):
+    """Truth values, of no more than what is true or false."""
+
+    def measure(self, mesh, labels):
+        component = mesh.graph.components(labels)
+        return np.bincount(labels[np.unique(component, return_index=True)[1]]) == 1
+
+
+class AwayFromTheMiddle(Extent):
+    """Distance from the centroid of the mesh: of the place and not of the shape."""
+
+    better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 1
+
+    def measure(self, mesh, labels):
+        x = mesh.local_centroids - np.average(mesh.local_centroids, axis=0, weights=mesh.cell_measures)
+        moments = [np.bincount(labels, mesh.cell_measures * each) for each in x.T]
+        return np.linalg.norm(moments, axis=0) / np.bincount(labels, mesh.cell_measures)
+
+
+class CountsComplex(Extent):
+    def measure(self, mesh, labels):
+        return super().measure(mesh, labels) + 0j
+
+
 CORRECT = [
+    (InOnePiece, {"deterministic": True, "3d": True, "pickles": True}),
+    (AwayFromTheMiddle, {"deterministic": True, "3d": True, "pickles": True}),
     (Spread, {"deterministic": True, "3d": True, "pickles": True}),
     (Extent, {"deterministic": True, "3d": True, "pickles": True}),
     (Wanting, {"deterministic": True, "pickles": True}),
@@ -351,6 +392,8 @@ MUTANTS = [
     Mutant("each_call_alone", KnowsTheMesh, "keep nothing between calls"),
     Mutant("far_parts_do_not_matter", SharesUnsaid, "relative = True"),
     Mutant("better_is_better", WorseIsBetter, "the other direction"),
+    Mutant("better_is_better", Elongation, "the other direction"),
+    Mutant("value_array", CountsComplex, "of numbers"),
     Mutant("hand_values", Perimeter, "definition"),
     Mutant("shape_only_is_true", CountsCells, "drop shape_only"),
 ]

@@ -341,6 +341,47 @@ class UnitCells(_OtherProblem):
         return replace(problem, source=problem.source / measures.max())
 
 
+class MirrorsTheUpperTriangle(TwoPointFlux):
+    """Reads the upper triangle alone."""
+
+    def solve(self, problem, hierarchy):
+        if isinstance(problem, Linear):
+            upper = sparse.triu(problem.A, 1)
+            A = sparse.csr_array(upper + upper.T + sparse.diags_array(problem.A.diagonal()))
+            return super().solve(replace(problem, A=A), hierarchy)
+        return super().solve(problem, hierarchy)
+
+
+class MirrorsInSecret(MirrorsTheUpperTriangle):
+    """Returns the matrix given, and the residual in it, but judges by the other."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if not isinstance(problem, Linear):
+            return it
+        A = sparse.csr_array(problem.A)
+        coarse = sparse.csc_array(it.operators[0][1].T @ A @ it.operators[0][1])
+        residuals = np.append(it.residuals[:-1], np.linalg.norm(it.b - A @ it.x))
+        operators = [(A, it.operators[0][1]), (coarse, None)]
+        return replace(it, A=A, residuals=residuals, operators=operators)
+
+
+class ResidualOfTheOther(MirrorsInSecret):
+    """Returns the matrix given, and the residual in the mirrored one."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        mirrored = MirrorsTheUpperTriangle().solve(problem, hierarchy)
+        return replace(it, residuals=mirrored.residuals)
+
+
+class FlatInSpace(_OtherProblem):
+    """Knows boundary data of four sides."""
+
+    def other(self, problem, hierarchy):
+        return replace(problem, dirichlet={t: v for t, v in problem.dirichlet.items() if t < 5})
+
+
 CORRECT = [
     (TwoPointFlux, {"deterministic": True, "symmetric": True, "3d": True, "pickles": True}),
     (LinearOnly, {"deterministic": True, "symmetric": True, "3d": True, "pickles": True}),
@@ -364,6 +405,10 @@ MUTANTS = [
     Mutant("linear_in_the_data", NotLinear, "twice the right-hand side"),
     Mutant("disconnected_solved", OneComponentOnly, "must be connected"),
     Mutant("solution_record", NegativeSeconds, "numbers by name"),
+    Mutant("given_matrix_used", MirrorsTheUpperTriangle, "use the whole matrix"),
+    Mutant("given_matrix_used", MirrorsInSecret, "says converged"),
+    Mutant("given_matrix_used", ResidualOfTheOther, "the matrix given"),
+    Mutant("found_in_space", FlatInSpace, "areas in 3-D", {"3d": True}),
     Mutant("own_system_kept", ScaledSystem, "undo scaling"),
     Mutant("coarse_operators_inherited", RediscretisedUnsaid, "galerkin = False"),
     Mutant("scales_with_the_system", FixedTolerance, "not with a fixed number"),
