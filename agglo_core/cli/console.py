@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
@@ -21,6 +22,7 @@ __all__ = [
     "plain",
     "print_json",
     "quieten",
+    "say",
 ]
 
 _log = logging.getLogger("agglo")
@@ -37,7 +39,7 @@ class _Notices(logging.Handler):
         text = printable(self.format(record))
         if text not in self._shown:
             self._shown.add(text)
-            click.echo(f"note: {text}", err=True)
+            say(f"note: {text}")
 
 
 @contextmanager
@@ -63,7 +65,13 @@ def explain_compilation() -> None:
     from agglo_core.kernels.first_run import first_use
 
     if first_use():
-        click.echo("note: compiling the numerical kernels, once on this machine (about a minute)", err=True)
+        say("note: compiling the numerical kernels, once on this machine (about a minute)")
+
+
+def say(line: str) -> None:
+    """Print a line on stderr: above a bar that is shown there, which click would write into."""
+    if sys.stderr is not None:  # as it is where the caller has closed it
+        print(line, file=sys.stderr)
 
 
 def plain(value: Any) -> Any:

@@ -300,15 +300,31 @@ main(["run", "squares:n=24", "--bisector", "kmeans", "--h-factor", "4", "-o", "a
 """
 
 
-def on_terminal(folder: Path, *arguments: str) -> str:
-    """What ``agglo run`` shows on a terminal of 100 columns, without its control sequences."""
+NOTE_BESIDE_A_BAR = """
+import logging
+from agglo_core.cli.console import notices
+from agglo_core.progress import Progress, shown
+with notices(), shown() as listen:
+    listen(Progress("reading", 0.5, "x.vtu"))
+    logging.getLogger("agglo").warning("equal points merged: 3")
+"""
+
+NOTHING_TOLD = """
+from agglo_core.progress import shown
+with shown():
+    pass
+"""
+
+
+def on_terminal(folder: Path, *arguments: str, code: str = ON_TERMINAL) -> str:
+    """What Python code shows on a terminal of 100 columns, without its control sequences."""
     import pty
 
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
         os.environ |= {"TERM": "xterm", "COLUMNS": "100", "PYTHONPATH": os.pathsep.join(sys.path)}
-        os.execv(sys.executable, [sys.executable, "-c", ON_TERMINAL, *arguments])
+        os.execv(sys.executable, [sys.executable, "-c", code, *arguments])
     shown = b""
     while True:
         try:
@@ -322,7 +338,23 @@ def on_terminal(folder: Path, *arguments: str) -> str:
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
-@pytest.mark.skipif(importlib.util.find_spec("pty") is None or os.name != "posix", reason="no terminals")
+terminals = pytest.mark.skipif(
+    importlib.util.find_spec("pty") is None or os.name != "posix", reason="no terminals"
+)
+
+
+@terminals
+def test_a_note_stands_on_a_line_of_its_own_above_the_bar(tmp_path: Path) -> None:
+    text = on_terminal(tmp_path, code=NOTE_BESIDE_A_BAR)
+    assert re.search(r"[\r\n]note: equal points merged: 3\r?\n", text)
+
+
+@terminals
+def test_a_bar_that_is_told_nothing_leaves_no_line(tmp_path: Path) -> None:
+    assert on_terminal(tmp_path, code=NOTHING_TOLD) == ""
+
+
+@terminals
 def test_a_terminal_shows_phase_and_percent(tmp_path: Path) -> None:
     text = on_terminal(tmp_path)
     for name in ("reading", "agglomerating", "measuring", "writing"):
