@@ -87,7 +87,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         show(title, runs, only_finest=True)
         hint = f": open {page} in a browser" if page in outputs.written else ""
         print_lines(f"wrote {len(outputs.written)} files to {output}{hint}")
-    return outputs.finish(say=False)
+    return outputs.finish(listed=False)
 
 
 def _bisectors(quiet: bool) -> list[str]:

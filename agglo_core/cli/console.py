@@ -12,7 +12,8 @@ from typing import Any
 
 import click
 
-from agglo_core.cli.stdout import stdout
+from agglo_core.cli.stdout import stdout, terminal_columns
+from agglo_core.cli.tables import line_for
 from agglo_core.registry.containment import printable
 
 __all__ = [
@@ -69,9 +70,12 @@ def explain_compilation() -> None:
 
 
 def say(line: str) -> None:
-    """Print a line on stderr: above a bar that is shown there, which click would write into."""
+    """Print a line on stderr, folded to the terminal that it may be.
+
+    It stands above a bar that is shown there, into which click's own ``err=True`` writes.
+    """
     if sys.stderr is not None:  # as it is where the caller has closed it
-        print(line, file=sys.stderr)
+        click.echo(line_for(terminal_columns(sys.stderr), line), file=sys.stderr)
 
 
 def plain(value: Any) -> Any:

@@ -43,9 +43,9 @@ def stdout() -> TextIO:
     return sys.stdout if kept is None else kept
 
 
-def terminal_columns() -> int | None:
-    """Columns of the terminal that :func:`stdout` is; None if it is none."""
-    stream = stdout()
+def terminal_columns(stream: TextIO | None = None) -> int | None:
+    """Columns of the terminal that a stream (by default :func:`stdout`) is; None if it is none."""
+    stream = stdout() if stream is None else stream
     if stream is None or not stream.isatty():
         return None
     with suppress(KeyError, ValueError):

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from agglo_core.errors import OptionError
 from agglo_core.progress.phases import Listener, Progress
 
 __all__ = ["followed", "shown"]
@@ -35,7 +36,15 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
 
 @contextmanager
 def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | None]:
-    """The listener of a public function: ``progress``, and with ``verbose`` what :func:`shown` gives."""
+    """The listener of a public function: ``progress``, and with ``verbose`` what :func:`shown` gives.
+
+    Raises
+    ------
+    OptionError
+        If ``progress`` cannot be called.
+    """
+    if progress is not None and not callable(progress):
+        raise OptionError(f"progress must be a function of a Progress, given {progress!r:.60}")
     if not verbose:
         yield progress
         return
