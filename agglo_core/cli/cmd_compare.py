@@ -21,7 +21,7 @@ from agglo_core.cli.arguments import (
     refuse_duplicates,
 )
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import Outputs, check_report, draw_runs, refuse_3d_meshes
+from agglo_core.cli.outputs import Outputs, check_report, draw_runs, foretell_missing_pictures
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.progress import phase
@@ -84,7 +84,7 @@ def compare(
     with watched(quiet) as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
-        refuse_3d_meshes(mesh, source, {"--report": report})
+        foretell_missing_pictures(mesh, source, {"--report": report})
         refuse_metrics(mesh, metrics)
         if not quiet:
             explain_compilation()

@@ -13,7 +13,7 @@ import click
 
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs, refuse_3d_meshes
+from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs, foretell_missing_pictures
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.progress import phase
@@ -63,7 +63,7 @@ def run(
     with watched(quiet) as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
-        refuse_3d_meshes(mesh, source, {"--plot": plot, "--report": report})
+        foretell_missing_pictures(mesh, source, {"--plot": plot, "--report": report})
         refuse_metrics(mesh, metrics)
         if not quiet:
             explain_compilation()

@@ -12,7 +12,7 @@ import click
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import Outputs, check_picture, refuse_3d_meshes
+from agglo_core.cli.outputs import Outputs, check_picture, foretell_missing_pictures
 from agglo_core.cli.runs import watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
@@ -75,7 +75,7 @@ def solve(
     with watched() as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
-        refuse_3d_meshes(mesh, source, {"--plot": plot})
+        foretell_missing_pictures(mesh, source, {"--plot": plot})
         title = describe(default().record("solver", as_typed(solver)[0]))
         trusted = bool(agglomeration.get("allow_code"))
         asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot), allow_code=trusted)

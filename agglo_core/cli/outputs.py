@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import re
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -30,8 +31,10 @@ __all__ = [
     "check_picture",
     "check_report",
     "draw_runs",
-    "refuse_3d_meshes",
+    "foretell_missing_pictures",
 ]
+
+_log = logging.getLogger("agglo")
 
 _PICTURES = (".png", ".pdf", ".svg")
 _NO_RESULT, _NO_PICTURE = 2, 3
@@ -145,13 +148,13 @@ def check_report(report: Path) -> None:
     check_page(report)
 
 
-def refuse_3d_meshes(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
-    """Raise OptionError if a picture of a 3-D mesh is wanted; ``wanted`` is by option."""
+def foretell_missing_pictures(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
+    """Warn if a picture of a 3-D mesh is wanted, by option: whoever wants no more can stop in time."""
     flags = [flag for flag, path in wanted.items() if path is not None]
     if flags and mesh.dim != 2:
-        name = mesh.name or source
         verb = "draws" if len(flags) == 1 else "draw"
-        raise OptionError(f"{' and '.join(flags)} {verb} plane meshes; {name} is {mesh.dim}-dimensional")
+        text = "%s %s plane meshes; %s is %d-dimensional: the rest is made without"
+        _log.warning(text, " and ".join(flags), verb, mesh.name or source, mesh.dim)
 
 
 def check_picture(plot: Path) -> None:

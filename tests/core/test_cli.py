@@ -269,7 +269,6 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "no folder for output": (["run", "squares:n=4", "-o", "absent/out.vtu"], "absent"),
     "not a picture": (["run", "squares:n=4", "--plot", "out.doc"], ".png"),
     "no folder for the picture": (["run", "squares:n=4", "--plot", "absent/out.png"], "absent"),
-    "a picture of a solid": (["run", "boxes:n=2", "--plot", "out.png"], "plane meshes"),
     "quality of nothing": (["quality", "absent.vtu"], "absent.vtu"),
     "quality of a folder": (["quality", "folder"], "folder"),
     "an unknown suffix for a mesh": (["mesh", "squares:n=4", "-o", "out.xyzzy"], "xyzzy"),

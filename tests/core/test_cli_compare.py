@@ -128,10 +128,8 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "a negative size": (["compare", "squares:n=4", "--bisectors", "kmeans", "--h-star", "-1"], "-1"),
     "more parts than cells": (["compare", "squares:n=2", "--bisectors", "kmeans", "--parts", "5"], "5"),
     "not a web page": (["compare", "squares:n=4", "--report", "out.vtu"], "reports end in .html"),
-    "a solid": (["compare", "boxes:n=2", "--bisectors", "kmeans", "--report", "out.html"], "plane meshes"),
     "not a web page of run": (["run", "squares:n=4", "--report", "out.txt"], "reports end in .html"),
     "no folder for the page": (["run", "squares:n=4", "--report", "absent/out.html"], "absent"),
-    "a page of a solid": (["run", "boxes:n=2", "--report", "out.html", "-o", "left.vtu"], "plane meshes"),
 }
 
 

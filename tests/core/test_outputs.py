@@ -175,13 +175,28 @@ def test_the_demo_leaves_what_it_can(agglo: Agglo, monkeypatch: pytest.MonkeyPat
     assert all(Path(file).is_file() for file in files)
 
 
+@pytest.mark.parametrize(
+    ("command", "flag"), [("run", "--plot"), ("run", "--report"), ("compare", "--report")]
+)
+def test_a_picture_of_a_solid_costs_no_result(agglo: Agglo, command: str, flag: str) -> None:
+    pytest.importorskip("matplotlib")
+    picture = "a.png" if flag == "--plot" else "a.html"
+    output = ["-o", "a.vtu"] if command == "run" else []
+    code, out, err = agglo(
+        command, "boxes:n=3", "--bisector", "inertial", "--parts", "3", *output, flag, picture
+    )
+    assert code == 3
+    assert "inertial" in out
+    assert not Path(picture).exists()
+    assert not output or io.read("a.vtu").n_cells == 27
+    note, *_, error = err.splitlines()
+    assert note.startswith(f"note: {flag} draws plane meshes; boxes 3x3x3 is 3-dimensional")
+    assert error.startswith(f"error: {picture}: ")
+
+
 def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     monkeypatch.setattr("agglo_core.agglomeration.pipeline.agglomerate", raising(AssertionError("it ran")))
-    for command in ("run", "solve"):
-        code, out, err = agglo(command, "boxes:n=2", "--plot", "a.png")
-        assert (code, out) == (2, "")
-        assert "--plot draws plane meshes" in err
     os.mkfifo("a.png")
     for command in ("run", "solve"):
         done = agglo(command, "squares:n=4", "--plot", "a.png")
