@@ -21,7 +21,7 @@ import agglo_core as agglo
 from agglo_core import Diffusion, Progress, samples
 from agglo_core.cli.runs import watched
 from agglo_core.cli.stopping import stopped_by
-from agglo_core.errors import FileError
+from agglo_core.errors import FileError, OptionError
 from agglo_core.measure import measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.problems.solving import solved_by
@@ -264,6 +264,16 @@ def test_formats_of_others_may_tell(telling: None, tmp_path: Path, unhurried: No
     with pytest.raises(Stop):
         agglo.write(tmp_path / "b.told", MESH, progress=at("writing", Stop(), 0.2))
     assert [file.name for file in tmp_path.iterdir()] == ["a.told"]
+
+
+def test_a_listener_is_a_function(tmp_path: Path) -> None:
+    mesh = samples.squares(2)
+    for call in (
+        lambda: agglo.agglomerate(mesh, n_parts=2, progress=3),  # type: ignore[arg-type]
+        lambda: agglo.write(tmp_path / "m.npz", mesh, progress="bar"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(OptionError, match="progress must be a function of a Progress, given"):
+            call()
 
 
 def test_verbose_writes_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:

@@ -137,7 +137,10 @@ def test_listings_are_whole(show: Show, agglo: Agglo) -> None:
 
 def test_sentences_are_folded_between_words(show: Show) -> None:
     words = " ".join(show("solve", "squares:n=8", "--bisector", "inertial").split())
-    assert re.search(r"\d+ iterations \(tolerance met\), relative residual \d\.\d\de-0\d", words)
+    assert re.search(
+        r"\d+ iterations \(tolerance met by residual and energy error\), relative residual \d\.\d\de-0\d",
+        words,
+    )
     written = show("mesh", "squares:n=100", "-o", "out.vtu")
     assert " ".join(written.split()) == "wrote out.vtu: 10,000 cells, 10,201 points"
 
@@ -155,6 +158,32 @@ def test_a_real_terminal(tmp_path: Path) -> None:
     assert done.wait() == 0
     assert re.search(r"kmeans +100 parts +100 +0\.\d{3} +0\.\d{3} +0\.\d{3} +100 %", screen.text)
     assert max(map(len, screen.text.splitlines())) <= 80
+
+
+def test_errors_are_folded_to_the_terminal(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    set_width(slave, 60)
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    command = [sys.executable, "-m", "agglo_core", "run", "squares:n=4", "--bisector", "nope"]
+    done = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=slave, cwd=tmp_path, env=environment)
+    os.close(slave)
+    screen = Screen()
+    screen.read(master)
+    os.close(master)
+    assert done.wait() == 2
+    assert max(map(len, screen.text.splitlines())) <= 60
+    assert "no bisector is named 'nope'; available: coordinate," in " ".join(screen.text.split())
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_what_was_closed_stays_silent(tmp_path: Path, more: list[str]) -> None:
+    command = [sys.executable, "-m", "agglo_core", "mesh", "squares:n=4", "-o", "m.vtu"]
+    if more:
+        command = [sys.executable, "-m", "agglo_core", "plugins", *more]
+    line = ["sh", "-c", 'exec "$@" >&-', "sh", *command]
+    done = subprocess.run(line, stderr=subprocess.PIPE, cwd=tmp_path, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert bool(more) or (tmp_path / "m.vtu").exists()
 
 
 def a_table(rng: random.Random) -> Table:
