@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -19,6 +20,15 @@ class Done(NamedTuple):
     out: str
     err: str
 
+    @property
+    def data(self) -> Any:
+        """What was printed as JSON. Where it is none, stderr says why."""
+        try:
+            return json.loads(self.out)
+        except json.JSONDecodeError as error:
+            error.add_note(f"exit code {self.code}, stdout {self.out!r}, stderr {self.err!r}")
+            raise
+
 
 Agglo = Callable[..., Done]
 
@@ -31,6 +41,7 @@ def caller(capsys: pytest.CaptureFixture[str]) -> Agglo:
         with pytest.raises(SystemExit) as done:
             main(arguments)
         assert isinstance(done.value.code, int)
+        assert done.value.code != 143, "somebody sent SIGTERM to the tests, for instance a timeout"
         return Done(done.value.code, *capsys.readouterr())
 
     return call

@@ -21,7 +21,7 @@ from agglo_core.cli.cmd_plugins import plugins
 from agglo_core.cli.cmd_quality import quality
 from agglo_core.cli.cmd_run import run
 from agglo_core.cli.cmd_solve import solve
-from agglo_core.cli.console import notices
+from agglo_core.cli.console import notices, say
 from agglo_core.cli.readable import readable_output
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import AggloError, PluginError
@@ -154,7 +154,7 @@ def _give_up_output() -> None:
 
 def _fail(message: str) -> int:
     with suppress(OSError):  # stderr may be as full as stdout: the exit code still says it
-        click.echo(f"error: {printable(' '.join(message.split()))}", err=True)
+        say(f"error: {printable(' '.join(message.split()))}")
     return 2
 
 

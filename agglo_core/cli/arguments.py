@@ -216,7 +216,8 @@ def agglomeration_options(
     """
     if command is not None:
         return _gathering(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)
-    several = bisectors_option("How a piece is split (default kmeans); several are compared.")
+    usual = "all" if method == "several" else "kmeans"
+    several = bisectors_option(f"How a piece is split (default {usual}); several are compared.")
     chosen = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
     options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, *_CONFIG]

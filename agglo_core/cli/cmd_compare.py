@@ -100,7 +100,7 @@ def compare(
     with watched(quiet) as progress:
         draw_runs(outputs, mesh, runs, None, report, metrics, progress)
     failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
-    return outputs.finish(say=not (as_json or quiet)) or (3 if failed else 0)
+    return outputs.finish(listed=not (as_json or quiet)) or (3 if failed else 0)
 
 
 def _configured_method(given: Mapping[str, Any]) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import FILE, bisectors_option, choice
-from agglo_core.cli.console import explain_compilation, number, print_json, quieten
+from agglo_core.cli.console import explain_compilation, number, print_json, quieten, say
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, as_file_name, draw_runs
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, watched
@@ -87,7 +87,7 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
         show(title, runs, only_finest=True)
         hint = f": open {page} in a browser" if page in outputs.written else ""
         print_lines(f"wrote {len(outputs.written)} files to {output}{hint}")
-    return outputs.finish(say=False)
+    return outputs.finish(listed=False)
 
 
 def _bisectors(quiet: bool) -> list[str]:
@@ -95,7 +95,7 @@ def _bisectors(quiet: bool) -> list[str]:
     records = [record for record in default().list() if record.kind == "bisector"]
     for record in records:
         if record.state == "needs" and not quiet:
-            click.echo(f"note: without {record.name}: it {record.reason}", err=True)
+            say(f"note: without {record.name}: it {record.reason}")
     names = [record.name for record in records if record.state == "ok"]
     if not names:
         raise PluginError("there is no bisector that can be used: see agglo plugins")
@@ -145,10 +145,9 @@ def _pictures(
     """The box plots, and one of each run; none without matplotlib, which is said."""
     if find_spec("matplotlib") is None:
         if not quiet:
-            click.echo(
+            say(
                 "note: no pictures but those of report.html, for matplotlib is not installed: "
-                "pip install 'agglo[plot]'",
-                err=True,
+                "pip install 'agglo[plot]'"
             )
         return
     from agglo_core.draw.boxplot import draw_boxes

@@ -73,7 +73,7 @@ def run(
                 for (spec, given), file in zip_longest(plans.items(), files)
             ]
         except BaseException:
-            outputs.finish(say=False)  # what could not be written so far is told as well
+            outputs.finish(listed=False)  # what could not be written so far is told as well
             raise
     if as_json:
         print_json(data(mesh, source, [_plain(each) for each in runs]))
@@ -81,7 +81,7 @@ def run(
         show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
     with watched(quiet) as progress:
         draw_runs(outputs, mesh, runs, plot, report, metrics, progress)
-    return outputs.finish(say=not (as_json or quiet))
+    return outputs.finish(listed=not (as_json or quiet))
 
 
 def _carry_out(

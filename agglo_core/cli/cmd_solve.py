@@ -39,7 +39,7 @@ _NOT_CONVERGED = 3
 @click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
 @click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
-@click.option("--tol", "tolerance", type=float, help="Residual relative to the right-hand side.")
+@click.option("--tol", "tolerance", type=float, help="Relative residual and energy error to reach.")
 @click.option("--problem", default="constant", show_default=True, metavar="NAME[:opt=val,…]|FILE.toml")
 @click.option(
     "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
@@ -103,7 +103,7 @@ def solve(
     if plot is not None:
         with watched() as progress:
             _draw(outputs, plot, sampled, progress)
-    return outputs.finish(say=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
+    return outputs.finish(listed=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:

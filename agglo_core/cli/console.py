@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import logging
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import click
 
-from agglo_core.cli.stdout import stdout
+from agglo_core.cli.stdout import stdout, terminal_columns
+from agglo_core.cli.tables import line_for
 from agglo_core.registry.containment import printable
 
 __all__ = [
@@ -21,6 +23,7 @@ __all__ = [
     "plain",
     "print_json",
     "quieten",
+    "say",
 ]
 
 _log = logging.getLogger("agglo")
@@ -37,7 +40,7 @@ class _Notices(logging.Handler):
         text = printable(self.format(record))
         if text not in self._shown:
             self._shown.add(text)
-            click.echo(f"note: {text}", err=True)
+            say(f"note: {text}")
 
 
 @contextmanager
@@ -63,7 +66,16 @@ def explain_compilation() -> None:
     from agglo_core.kernels.first_run import first_use
 
     if first_use():
-        click.echo("note: compiling the numerical kernels, once on this machine (about a minute)", err=True)
+        say("note: compiling the numerical kernels, once on this machine (about a minute)")
+
+
+def say(line: str) -> None:
+    """Print a line on stderr, folded to the terminal that it may be.
+
+    It stands above a bar that is shown there, into which click's own ``err=True`` writes.
+    """
+    if sys.stderr is not None:  # as it is where the caller has closed it
+        click.echo(line_for(terminal_columns(sys.stderr), line), file=sys.stderr)
 
 
 def plain(value: Any) -> Any:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from agglo_core.cli.console import say
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, FileError, OptionError
@@ -76,19 +77,19 @@ class Outputs:
         self.written.append(path)
         return True
 
-    def finish(self, *, say: bool) -> int:
+    def finish(self, *, listed: bool) -> int:
         """The exit code. Says on stderr what is missing, with a traceback where that is a bug.
 
-        ``say``: list on stdout what is written.
+        ``listed``: name on stdout what is written.
         """
-        for path in self.written if say else ():
+        for path in self.written if listed else ():
             print_lines(f"wrote {path}")
         for path, error in self.failures:
             if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
                 click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
             why = str(error) if isinstance(error, AggloError) else raised(error)
             text = why if str(path) in why else f"{path}: {why}"
-            click.echo(f"error: {printable(' '.join(text.split()))}", err=True)
+            say(f"error: {printable(' '.join(text.split()))}")
         return self.code
 
 

@@ -36,16 +36,16 @@ class OwnCommand(click.Command):
 def stdout() -> TextIO:
     """The stream for what a command prints: the one :class:`OwnCommand` keeps, or else ``sys.stdout``.
 
-    None, as ``sys.stdout`` is, where the caller has closed it.
+    Outside such a command None, as ``sys.stdout`` is, where the caller has closed it.
     """
     context = click.get_current_context(silent=True)
     kept: TextIO | None = context.meta.get(_KEY) if context else None
     return sys.stdout if kept is None else kept
 
 
-def terminal_columns() -> int | None:
-    """Columns of the terminal that :func:`stdout` is; None if it is none."""
-    stream = stdout()
+def terminal_columns(stream: TextIO | None = None) -> int | None:
+    """Columns of the terminal that a stream (by default :func:`stdout`) is; None if it is none."""
+    stream = stdout() if stream is None else stream
     if stream is None or not stream.isatty():
         return None
     with suppress(KeyError, ValueError):
@@ -61,12 +61,13 @@ def _kept(*, quiet: bool) -> Iterator[TextIO]:
     with ExitStack() as stack:
         stray = stack.enter_context(open(os.devnull, "w")) if quiet else sys.stderr
         stream = sys.stdout
+        if stream is None:  # the caller has closed it: nothing of ours may go to stderr instead
+            stream = stack.enter_context(open(os.devnull, "w"))
         if _descriptor(stream) == 1 and _descriptor(stray) is not None:
             stream = stack.enter_context(_moved(stream, stray))
         stack.enter_context(redirect_stdout(stray))
         yield stream
-        if stream is not None:  # as it is where the caller has closed it
-            stream.flush()
+        stream.flush()
 
 
 @contextmanager

@@ -19,7 +19,7 @@ import click
 from agglo_core.cli.readable import can_show, shown
 from agglo_core.cli.stdout import stdout, terminal_columns
 
-__all__ = ["Table", "folded", "laid_out", "print_lines", "print_table"]
+__all__ = ["Table", "folded", "laid_out", "line_for", "print_lines", "print_table"]
 
 _PIPE = 200  # columns that words are folded to where the output is not a terminal
 _GAP = 2  # columns between columns
@@ -121,8 +121,13 @@ def print_lines(text: str) -> None:
     """Print the lines of a text on stdout, folded at spaces alone: paths stay whole."""
     width = terminal_columns()
     for line in shown(text).split("\n") if text else ():
-        indent = " " * (len(line) - len(line.lstrip()) + 2)
-        click.echo(line if width is None else "\n".join(folded(line, width, indent, _SPACES)), file=stdout())
+        click.echo(line_for(width, line), file=stdout())
+
+
+def line_for(width: int | None, line: str) -> str:
+    """A line, folded at spaces alone where a terminal of that many columns is too narrow."""
+    indent = " " * (len(line) - len(line.lstrip()) + 2)
+    return line if width is None else "\n".join(folded(line, width, indent, _SPACES))
 
 
 def laid_out(table: Table, width: int | None, *, boxed: bool) -> list[str]:

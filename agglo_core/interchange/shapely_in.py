@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["mesh_from_shapely"]
 
-_FARTHEST = 1e150  # products of two coordinates are still numbers
 _POLYGON, _MULTIPOLYGON = 3, 6  # shapely.GeometryType
 
 
@@ -136,12 +135,6 @@ def _checked_items(polygons: Any) -> NDArray[np.object_]:
     if len(invalid):
         reason = shapely.is_valid_reason(items[invalid[0]])
         raise MeshError(f"{name_cells(invalid)}: invalid, {reason}; shapely.make_valid may mend it")
-    far = np.flatnonzero(~(np.abs(shapely.bounds(items)).max(axis=1) < _FARTHEST))
-    if len(far):
-        raise MeshError(
-            f"{name_cells(far)}: coordinates beyond {_FARTHEST:g}, whose squares are not finite: "
-            "choose another unit of length"
-        )
     return items
 
 

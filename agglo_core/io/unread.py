@@ -20,7 +20,7 @@ def why_unread(path: Path) -> str | None:
     look = _LOOKS.get(path.suffix.lower())
     try:
         return look(path) if look is not None else None
-    except OSError:
+    except (OSError, ValueError):  # gone, or what should be a number is none
         return None
 
 

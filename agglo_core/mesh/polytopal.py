@@ -228,6 +228,8 @@ class Mesh(Derived):
 
         Raises
         ------
+        OptionError
+            If the tolerance is not a number from 0 to 0.01.
         MeshError
             In 3-D for outer faces that overlap in part, naming cells: they are not split.
 

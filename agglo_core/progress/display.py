@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from agglo_core.errors import OptionError
 from agglo_core.progress.phases import Listener, Progress
 
 __all__ = ["followed", "shown"]
@@ -35,7 +36,15 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
 
 @contextmanager
 def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | None]:
-    """The listener of a public function: ``progress``, and with ``verbose`` what :func:`shown` gives."""
+    """The listener of a public function: ``progress``, and with ``verbose`` what :func:`shown` gives.
+
+    Raises
+    ------
+    OptionError
+        If ``progress`` cannot be called.
+    """
+    if progress is not None and not callable(progress):
+        raise OptionError(f"progress must be a function of a Progress, given {progress!r:.60}")
     if not verbose:
         yield progress
         return
@@ -79,20 +88,24 @@ def _bar() -> Iterator[Listener]:
     )
     name = TextColumn("{task.description}", markup=False, table_column=Column(no_wrap=True))
     columns = SpinnerColumn(), name, BarColumn(20), TaskProgressColumn(), details
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0, text="", visible=False)
-        last = ""
+    on_screen = sys.stdout is not None and sys.stdout.isatty()
+    bar = Bar(*columns, console=Console(stderr=True), transient=True, redirect_stdout=on_screen)
+    task = bar.add_task("", total=1.0, text="")
+    last = ""
 
-        def listen(now: Progress) -> None:
-            nonlocal last
-            bar.update(
-                task,
-                description=now.phase,
-                completed=now.fraction,
-                text=now.text,
-                visible=True,
-                refresh=now.phase != last,  # what follows may keep the thread that redraws waiting
-            )
-            last = now.phase
+    def listen(now: Progress) -> None:
+        nonlocal last
+        bar.start()  # with the first phase: a bar that shows nothing would leave an empty line
+        bar.update(
+            task,
+            description=now.phase,
+            completed=now.fraction,
+            text=now.text,
+            refresh=now.phase != last,  # what follows may keep the thread that redraws waiting
+        )
+        last = now.phase
 
+    try:
         yield listen
+    finally:
+        bar.stop()

@@ -366,7 +366,5 @@ def test_lengths_whose_powers_are_no_numbers_are_refused(scale: float) -> None:
         lambda: Mesh.from_polyhedra(scale * points, solid),
         lambda: Mesh.from_shapely([shapely.box(0, 0, scale, scale)]),
     ):
-        with pytest.raises(
-            MeshError, match=r"(across; .* from 1e-50 to 1e\+50|squares are not finite): choose another unit"
-        ):
+        with pytest.raises(MeshError, match=r"across; .* from 1e-50 to 1e\+50: choose another unit"):
             make()

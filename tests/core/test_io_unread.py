@@ -82,6 +82,14 @@ def test_the_way_out_of_ucd_leads_somewhere(tmp_path: Path) -> None:
     assert read(tmp_path / "m.avs").cell_measures.tolist() == [0.5, 0.5]
 
 
+@pytest.mark.parametrize(("name", "text"), [("m.ele", "2 2\n1 2\n1 2.5 3\n"), ("m.off", "OFF\n3 ² 0\n² ²\n")])
+def test_numbers_that_are_none_explain_nothing(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    assert why_unread(tmp_path / name) is None
+    with pytest.raises(FileError):
+        read(tmp_path / name)
+
+
 def test_what_is_only_broken_is_not_explained_away(tmp_path: Path) -> None:
     (tmp_path / "m.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1\n")
     (tmp_path / "m.msh").write_text(MSH2.replace(" 34 ", " 2 "))

@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "arrays": set(),
     "errors": set(),
     "moved": set(),
-    "progress": set(),
+    "progress": {"errors"},
     "registry": {"errors"},
     "kernels": EVERYBODY,
     "mesh": EVERYBODY | {"kernels"},

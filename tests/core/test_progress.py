@@ -21,7 +21,7 @@ import agglo_core as agglo
 from agglo_core import Diffusion, Progress, samples
 from agglo_core.cli.runs import watched
 from agglo_core.cli.stopping import stopped_by
-from agglo_core.errors import FileError
+from agglo_core.errors import FileError, OptionError
 from agglo_core.measure import measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.problems.solving import solved_by
@@ -266,6 +266,16 @@ def test_formats_of_others_may_tell(telling: None, tmp_path: Path, unhurried: No
     assert [file.name for file in tmp_path.iterdir()] == ["a.told"]
 
 
+def test_a_listener_is_a_function(tmp_path: Path) -> None:
+    mesh = samples.squares(2)
+    for call in (
+        lambda: agglo.agglomerate(mesh, n_parts=2, progress=3),  # type: ignore[arg-type]
+        lambda: agglo.write(tmp_path / "m.npz", mesh, progress="bar"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(OptionError, match="progress must be a function of a Progress, given"):
+            call()
+
+
 def test_verbose_writes_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     told: list[Progress] = []
     agglo.agglomerate(MESH, **SIZES, verbose=True, progress=told.append)
@@ -300,15 +310,31 @@ main(["run", "squares:n=24", "--bisector", "kmeans", "--h-factor", "4", "-o", "a
 """
 
 
-def on_terminal(folder: Path, *arguments: str) -> str:
-    """What ``agglo run`` shows on a terminal of 100 columns, without its control sequences."""
+NOTE_BESIDE_A_BAR = """
+import logging
+from agglo_core.cli.console import notices
+from agglo_core.progress import Progress, shown
+with notices(), shown() as listen:
+    listen(Progress("reading", 0.5, "x.vtu"))
+    logging.getLogger("agglo").warning("equal points merged: 3")
+"""
+
+NOTHING_TOLD = """
+from agglo_core.progress import shown
+with shown():
+    pass
+"""
+
+
+def on_terminal(folder: Path, *arguments: str, code: str = ON_TERMINAL) -> str:
+    """What Python code shows on a terminal of 100 columns, without its control sequences."""
     import pty
 
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
         os.environ |= {"TERM": "xterm", "COLUMNS": "100", "PYTHONPATH": os.pathsep.join(sys.path)}
-        os.execv(sys.executable, [sys.executable, "-c", ON_TERMINAL, *arguments])
+        os.execv(sys.executable, [sys.executable, "-c", code, *arguments])
     shown = b""
     while True:
         try:
@@ -322,7 +348,23 @@ def on_terminal(folder: Path, *arguments: str) -> str:
     return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.decode())
 
 
-@pytest.mark.skipif(importlib.util.find_spec("pty") is None or os.name != "posix", reason="no terminals")
+terminals = pytest.mark.skipif(
+    importlib.util.find_spec("pty") is None or os.name != "posix", reason="no terminals"
+)
+
+
+@terminals
+def test_a_note_stands_on_a_line_of_its_own_above_the_bar(tmp_path: Path) -> None:
+    text = on_terminal(tmp_path, code=NOTE_BESIDE_A_BAR)
+    assert re.search(r"[\r\n]note: equal points merged: 3\r?\n", text)
+
+
+@terminals
+def test_a_bar_that_is_told_nothing_leaves_no_line(tmp_path: Path) -> None:
+    assert on_terminal(tmp_path, code=NOTHING_TOLD) == ""
+
+
+@terminals
 def test_a_terminal_shows_phase_and_percent(tmp_path: Path) -> None:
     text = on_terminal(tmp_path)
     for name in ("reading", "agglomerating", "measuring", "writing"):

@@ -160,6 +160,32 @@ def test_a_real_terminal(tmp_path: Path) -> None:
     assert max(map(len, screen.text.splitlines())) <= 80
 
 
+def test_errors_are_folded_to_the_terminal(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    set_width(slave, 60)
+    environment = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    command = [sys.executable, "-m", "agglo_core", "run", "squares:n=4", "--bisector", "nope"]
+    done = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=slave, cwd=tmp_path, env=environment)
+    os.close(slave)
+    screen = Screen()
+    screen.read(master)
+    os.close(master)
+    assert done.wait() == 2
+    assert max(map(len, screen.text.splitlines())) <= 60
+    assert "no bisector is named 'nope'; available: coordinate," in " ".join(screen.text.split())
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_what_was_closed_stays_silent(tmp_path: Path, more: list[str]) -> None:
+    command = [sys.executable, "-m", "agglo_core", "mesh", "squares:n=4", "-o", "m.vtu"]
+    if more:
+        command = [sys.executable, "-m", "agglo_core", "plugins", *more]
+    line = ["sh", "-c", 'exec "$@" >&-', "sh", *command]
+    done = subprocess.run(line, stderr=subprocess.PIPE, cwd=tmp_path, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert bool(more) or (tmp_path / "m.vtu").exists()
+
+
 def a_table(rng: random.Random) -> Table:
     count = rng.randrange(1, 9)
     names = ["name", *(f"column {'x' * rng.randrange(9)}{place}" for place in range(count))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ H_STAR = "0.17677669529663687,0.35355339059327373,0.7071067811865476"
 def test_json_of_the_papers_case(agglo: Agglo) -> None:
     done = agglo("solve", "paper:triangles", "--h-star", H_STAR, "--levels", "3", "--degree", "2", "--json")
     assert done.code == 0
-    data = json.loads(done.out)
+    data = done.data
     assert list(data) == [
         "dofs",
         "levels",
@@ -51,7 +50,7 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
 
 def test_errors_of_the_sine_fall_with_the_degree(agglo: Agglo) -> None:
     asked = ("squares:n=8", "--problem", "sine", "--tol", "1e-9", "--no-cg", "--json")
-    found = [json.loads(agglo("solve", *asked, "--degree", degree).out) for degree in "123"]
+    found = [agglo("solve", *asked, "--degree", degree).data for degree in "123"]
     for error in ("error_l2", "error_dg"):
         first, second, third = (data[error] for data in found)
         assert first > 4 * second > 16 * third > 0
@@ -79,23 +78,21 @@ def test_components_targets_and_levels_that_do_not_nest(agglo: Agglo) -> None:
         *("--solver", "polydg_mg_paper:penalty=12,coarse_solver=dense", "--smoothing-steps", "5", "--json"),
     )
     assert done.code == 0
-    data = json.loads(done.out)
+    data = done.data
     assert [level["cells"] for level in data["levels"]] == [256, 64, 16]
 
 
 def test_a_problem_of_a_file(agglo: Agglo) -> None:
     Path("problem.toml").write_text("kappa = 2.0\nsource = 16.0\n")
-    ours = json.loads(agglo("solve", "squares:n=4", "--problem", "problem.toml", "--json").out)
-    constant = json.loads(agglo("solve", "squares:n=4", "--json").out)
+    ours = agglo("solve", "squares:n=4", "--problem", "problem.toml", "--json").data
+    constant = agglo("solve", "squares:n=4", "--json").data
     assert ours["energy"] == pytest.approx(2 * constant["energy"], rel=1e-5)
 
 
 def test_smoother_and_coarse_solver_are_chosen_by_name(agglo: Agglo) -> None:
     asked = ("solve", "squares:n=8", "--json", "--no-cg", "--tol", "1e-9", "--solver")
     found = {
-        (smoother, coarse): json.loads(
-            agglo(*asked, f"polydg_mg_paper:smoother={smoother},coarse_solver={coarse}").out
-        )
+        (smoother, coarse): agglo(*asked, f"polydg_mg_paper:smoother={smoother},coarse_solver={coarse}").data
         for smoother in ("schwarz", "block_jacobi")
         for coarse in ("lu", "dense")
     }
@@ -106,7 +103,7 @@ def test_smoother_and_coarse_solver_are_chosen_by_name(agglo: Agglo) -> None:
 
 
 def test_plain_conjugate_gradients_are_a_solver_of_their_own(agglo: Agglo) -> None:
-    data = json.loads(agglo("solve", "paper:squares", "--solver", "polydg_cg:degree=2", "--json").out)
+    data = agglo("solve", "paper:squares", "--solver", "polydg_cg:degree=2", "--json").data
     assert data["iterations"] == data["cg_iterations"] == pytest.approx(365, rel=0.01)
     assert data["levels"] == [{"cells": 256, "dofs": 6 * 256}]
     done = agglo("solve", "squares:n=8", "--solver", "polydg_cg:max_iterations=5")
@@ -119,7 +116,7 @@ def test_energy_is_the_work_of_the_loads(agglo: Agglo) -> None:
     """u = 1 on the boundary adds 1 to u, and with it ∫ f to the energy; b holds the penalty of 1 as well."""
     Path("shifted.toml").write_text("source = 8.0\n[dirichlet]\n0 = 1.0\n")
     asked = ("solve", "squares:n=8", "--tol", "1e-10", "--json", "--no-cg")
-    shifted, plain = (json.loads(agglo(*asked, *more).out) for more in (("--problem", "shifted.toml"), ()))
+    shifted, plain = (agglo(*asked, *more).data for more in (("--problem", "shifted.toml"), ()))
     assert shifted["energy"] == pytest.approx(plain["energy"] + 8.0, rel=1e-6)
 
 
@@ -132,7 +129,7 @@ def test_a_strong_contrast_is_solved_or_said_not_to_be(agglo: Agglo) -> None:
     write("m.npz", replace(mesh, cell_tags={"material": material}, face_tags={"boundary": sides.astype(int)}))
     Path("jump.toml").write_text("source = 0\n[kappa.material]\n1 = 1\n2 = 1e6\n[dirichlet]\n1 = 0\n2 = 1\n")
     for more in ((), ("--solver", "polydg_cg")):
-        data = json.loads(agglo("solve", "m.npz", "--problem", "jump.toml", "--json", *more).out)
+        data = agglo("solve", "m.npz", "--problem", "jump.toml", "--json", *more).data
         assert data["converged"]
         assert data["relative_residual"] <= 1e-6
         assert data["cg_iterations"] > 100
@@ -143,7 +140,7 @@ def test_a_strong_contrast_is_solved_or_said_not_to_be(agglo: Agglo) -> None:
 
 def test_the_report_of_what_did_not_converge(agglo: Agglo) -> None:
     done = agglo("solve", "squares:n=8", "--solver", "polydg_mg_paper:max_iterations=2", "--json")
-    data = json.loads(done.out)
+    data = done.data
     assert (done.code, data["converged"], data["iterations"]) == (3, False, 2)
     assert len(data["residuals"]) == 3
     assert data["relative_residual"] == data["residuals"][2] / data["residuals"][0] > 1e-6
@@ -152,7 +149,7 @@ def test_the_report_of_what_did_not_converge(agglo: Agglo) -> None:
 
 def test_energy_and_errors_are_those_of_the_function(agglo: Agglo) -> None:
     """∫ f u_h with f = 2π² sin πx sin πy, and the norms of u − u_h, by quadrature of the file's values."""
-    data = json.loads(agglo("solve", "squares:n=16", "--problem", "sine", "--json", "-o", "u.vtu").out)
+    data = agglo("solve", "squares:n=16", "--problem", "sine", "--json", "-o", "u.vtu").data
     document = parse(Path("u.vtu").read_bytes())
     arrays = {each.get("Name"): document.array(each, 1 << 20) for each in document.root.iter("DataArray")}
     corners = arrays["connectivity"].reshape(-1, 3)
@@ -185,7 +182,7 @@ def test_problems_that_have_no_solution(agglo: Agglo) -> None:
 
 def test_levels_that_do_not_coarsen_are_skipped_with_a_notice(agglo: Agglo) -> None:
     done = agglo("solve", "squares:n=4", "--parts", "16,4", "--json")
-    assert [level["cells"] for level in json.loads(done.out)["levels"]] == [16, 4]
+    assert [level["cells"] for level in done.data["levels"]] == [16, 4]
     assert "level 0 is skipped: its 16 parts are no fewer than the 16 above" in done.err
 
 
