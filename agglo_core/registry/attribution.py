@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
-from agglo_core.registry.containment import PLUGIN_FAILURES, at_home, raised
+from agglo_core.registry.containment import PLUGIN_FAILURES, folder_kept, raised
 
 __all__ = ["Member", "attributed"]
 
@@ -37,7 +37,7 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
         What passes as it is. A PluginError is given its owner even then.
     """
     try:
-        with at_home(owner):
+        with folder_kept(owner):
             yield
     except PluginError as error:
         raise PluginError(f"{owner}: {error}") from error

@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from agglo_core.errors import AggloError, OptionError, PluginError
-from agglo_core.registry.containment import PLUGIN_FAILURES, LoadingError, at_home, loading, raised, shown
+from agglo_core.registry.containment import PLUGIN_FAILURES, LoadingError, folder_kept, loading, raised, shown
 from agglo_core.registry.kinds import KINDS
 from agglo_core.registry.options import Text, convert, options_of, parse_value, wants_registry
 from agglo_core.registry.records import Record, describe, unusable
@@ -55,7 +55,7 @@ def construct(record: Record, options: Mapping[str, Any], registry: object = Non
         raise PluginError(f"{describe(record)}: its target is {shown(target)}, expected a class or a factory")
     chosen = checked_options(record, target, options)
     try:
-        with at_home(describe(record)):
+        with folder_kept(describe(record)):
             built = target(**chosen, **({"registry": registry} if wants_registry(target) else {}))
     except AggloError:
         raise

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 
-__all__ = ["PLUGIN_FAILURES", "LoadingError", "at_home", "loading", "printable", "raised", "shown"]
+__all__ = ["PLUGIN_FAILURES", "LoadingError", "folder_kept", "loading", "printable", "raised", "shown"]
 
 PLUGIN_FAILURES = (Exception, SystemExit)
 """What a component may raise without taking the program down.
@@ -37,7 +37,7 @@ def loading(what: str) -> Iterator[None]:
     """
     elsewhere = sys.stderr if sys.stdout is sys.__stdout__ else sys.stdout
     try:
-        with redirect_stdout(elsewhere), at_home(what):
+        with redirect_stdout(elsewhere), folder_kept(what):
             yield
     except KeyboardInterrupt as interrupt:
         interrupt.add_note(f"while loading {what}")
@@ -47,7 +47,7 @@ def loading(what: str) -> Iterator[None]:
 
 
 @contextmanager
-def at_home(what: str) -> Iterator[None]:
+def folder_kept(what: str) -> Iterator[None]:
     """Go back to the current folder if the code within has left it, with a warning that names ``what``."""
     home = _folder()
     try:
