@@ -39,10 +39,9 @@ def block() -> Hierarchy:
     mesh = small_meshes.boxes()
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     corners = mesh.points[mesh.face_vertices.reshape(mesh.n_faces, 4)]
-    ends = np.stack(
-        [each for d in range(3) for each in (low[d] - corners[..., d], corners[..., d] - high[d])]
-    )
-    sides = np.where((ends > -1e-9).all(axis=2).any(axis=0), 1 + (ends > -1e-9).all(axis=2).argmax(axis=0), 0)
+    beyond = np.stack((low - corners, corners - high), axis=-1) > -1e-9
+    on_side = beyond.all(axis=1).reshape(mesh.n_faces, 6)
+    sides = np.where(on_side.any(axis=1), 1 + on_side.argmax(axis=1), 0)
     tagged = replace(mesh, face_tags={"boundary": sides}, name="a block of boxes")
     return on_levels(tagged, frozen_int(np.arange(mesh.n_cells) // 4))
 

@@ -125,10 +125,7 @@ def far_parts_do_not_matter(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: not getattr(subject.build(), "directional", False))
 def better_is_better(subject: Subject) -> None:
-    """A metric of shape does not take bars, zigzags or loose cells for better than squares of their sizes.
-
-    One that tells equal squares apart by where they are is not of shape, nor is one of directions.
-    """
+    """If equal squares have equal values, they are not the worst beside bars, zigzags and loose cells."""
     tool = subject.build()
     sign = 1.0 if tool.better == "high" else -1.0
     framings = (False,) if getattr(tool, "relative", False) else (False, True)
@@ -143,7 +140,10 @@ def better_is_better(subject: Subject) -> None:
 
 
 def _means(subject: Subject, framed: bool) -> list[float]:
-    """Of squares, and of the other layouts if all their values are defined; none if equal squares differ."""
+    """Of squares, and of the other layouts if all their values are defined.
+
+    None if equal squares differ: such a metric is of their place, and has no say about shapes.
+    """
     squares, others = layouts(framed)
     found = [np.asarray(_values(subject, each)[:16], float) for each in (squares, *others)]
     if np.ptp(found[0]) > _ROUNDED * np.abs(found[0]).max():
