@@ -66,16 +66,18 @@ def _places(graph: Graph, nodes: Int, offsets: Int) -> Float:
     of all components from the middle, and along their mean weighted by squared distance, and the squared
     distance itself. Coordinates are for labels that have a symmetry, where those are equal.
     """
-    starts, first = graph.offsets[:-1], offsets[:-1]
-    middle = np.add.reduceat(graph.centroids, starts) / graph.sizes[:, None]
-    local = graph.centroids - middle[graph.block_ids]
-    radius = np.sqrt(np.maximum.reduceat((local**2).sum(axis=1), starts))
-    local /= np.where(radius > 0.0, radius, 1.0)[graph.block_ids, None]
-    mean = np.add.reduceat(local[nodes], first) / np.diff(offsets)[:, None]
-    squares = (mean**2).sum(axis=1)
+    first, counts = offsets[:-1], np.diff(offsets)[:, None]
+    total = np.add.reduceat(graph.centroids.take(nodes, axis=0), first)
     block = graph.block_ids[nodes[first]]
-    blocks = np.searchsorted(block, np.arange(graph.n_blocks))
-    count = np.diff(blocks, append=len(block))[:, None]
-    axes = [np.add.reduceat(each, blocks) / count for each in (mean, squares[:, None] * mean)]
-    along = [(mean * axis[block]).sum(axis=1) for axis in axes]
-    return frozen_float(np.column_stack((*along, squares, mean)))
+    starts = np.flatnonzero(np.diff(block, prepend=-1))  # components are numbered block by block
+    of = np.cumsum(np.diff(block, prepend=block[0]) > 0)
+
+    def average(values: Float, weights: Int) -> Float:
+        return np.asarray(np.add.reduceat(values, starts) / np.add.reduceat(weights, starts))
+
+    mean = total / counts - average(total, counts)[of]
+    furthest = np.sqrt(np.maximum.reduceat((mean**2).sum(axis=1), starts))
+    mean /= np.where(furthest > 0.0, furthest, 1.0)[of, None]
+    squares = (mean**2).sum(axis=1)
+    axes = [average(each, np.ones_like(counts))[of] for each in (mean, squares[:, None] * mean)]
+    return frozen_float(np.column_stack((*((mean * axis).sum(axis=1) for axis in axes), squares, mean)))
