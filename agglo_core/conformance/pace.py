@@ -34,7 +34,7 @@ class Slow:
 
 
 def too_slow(subject: Subject) -> Slow | None:
-    """The first of some questions, each of twice as many cells, that takes longer than its share of the limit.
+    """The first of some questions, each twice as large, that takes longer than its share of the limit.
 
     Asked once; what it answers and whether it fails is for laws to judge.
     """
@@ -42,7 +42,8 @@ def too_slow(subject: Subject) -> Slow | None:
         return None
     if not subject.pace:
         subject.pace.append(_measured(subject))
-    return subject.pace[0]
+    found: Slow | None = subject.pace[0]
+    return found
 
 
 def bearable(subject: Subject, asked: list[Case]) -> list[Case]:

@@ -1,4 +1,4 @@
-"""Levels of many small pieces of real meshes with ragged parts: what squares and straight stripes do not show."""
+"""Levels of many small pieces of real meshes with ragged parts: they show what squares and stripes do not."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def ragged_in_space() -> tuple[Graph, Int]:
 
 
 def grown(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
-    """Which of the nodes ``seeds`` reaches each node first ``(n,)``, at random speeds: connected, ragged parts.
+    """Which of the nodes ``seeds`` reaches each node first ``(n,)``, at random speeds: ragged, but connected.
 
     Every block needs a seed.
     """

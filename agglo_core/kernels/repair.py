@@ -12,8 +12,13 @@ _TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rou
 
 
 @kernel
-def _foremost(one, other, places):
-    """Whether component ``one`` comes before ``other``: the larger in the first place where they differ."""
+def _before(one, other, value, beside, places):
+    """Whether component ``one`` of some value comes before ``other``; of equal ones the one further along.
+
+    That is the one whose ``places (components, k)`` are larger where they first differ.
+    """
+    if abs(value - beside) > _TIE * max(value, beside):
+        return value > beside
     for k in range(places.shape[1]):
         if abs(places[one, k] - places[other, k]) > _TIE:
             return places[one, k] > places[other, k]
@@ -29,9 +34,7 @@ def keepers(part_of, sizes, places, n_parts):
     kept = np.full(n_parts, -1)
     for c in range(len(part_of)):
         best = kept[part_of[c]]
-        if best < 0 or sizes[c] > sizes[best] * (1.0 + _TIE):
-            kept[part_of[c]] = c
-        elif sizes[c] >= sizes[best] * (1.0 - _TIE) and _foremost(c, best, places):
+        if best < 0 or _before(c, best, sizes[c], sizes[best], places):
             kept[part_of[c]] = c
     return kept
 
@@ -66,9 +69,7 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
             choice[w] = -1
             for t in range(count):
                 p, best = touched[t], choice[w]
-                if best < 0 or shared[p] > shared[best] * (1.0 + _TIE):
-                    choice[w] = p
-                elif shared[p] >= shared[best] * (1.0 - _TIE) and _foremost(keeper[p], keeper[best], places):
+                if best < 0 or _before(keeper[p], keeper[best], shared[p], shared[best], places):
                     choice[w] = p
             for t in range(count):
                 shared[touched[t]] = 0.0

@@ -29,7 +29,7 @@ def bounded_time(subject: Subject) -> None:
     slow = too_slow(subject)
     if slow is not None:
         raise Broken(
-            f"{slow.cells:,} cells took {slow.seconds:.1f} s, allowed are {TIME_LIMIT:g} for 5,000: look at the "
+            f"{slow.cells:,} cells took {slow.seconds:.1f} s, allowed are {TIME_LIMIT:g} for 5,000: look at "
             "cells on the border of parts alone, bound the number of sweeps, update instead of computing anew"
         )
 

@@ -135,7 +135,7 @@ def space(subject: Subject) -> None:
         if subject.kind in ("refiner", "fixer"):
             kept = same_parts(case.given[0], case.given[1], values)
             require(kept, f"on {case.name}: the parts are no longer those they were")
-            worse = in_more_pieces(subject.kind, *case.given[:2], values)
+            worse = in_more_pieces(subject.kind, case.given[0], case.given[1], values)
             require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
 
 
