@@ -19,7 +19,7 @@ from agglo_core.conformance.asking import ask
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases, level_case
 from agglo_core.conformance.hard_cases import crowded, many_parts, partitions, ragged_cases, unusual_cases
-from agglo_core.conformance.pace import bearable
+from agglo_core.conformance.speed import bearable
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError

@@ -40,7 +40,7 @@ class Subject:
     thorough : bool
         Whether the laws that take their time are asked too.
     pace : list
-        Whether it is too slow for large questions (see :mod:`agglo_core.conformance.pace`), once asked.
+        Whether it is too slow for large questions (see :mod:`agglo_core.conformance.speed`), once asked.
     disturbed : list of str
         Settings of the process that building it changed, as far as it has been built.
     """
