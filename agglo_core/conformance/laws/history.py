@@ -21,8 +21,8 @@ from agglo_core.conformance.case import Case
 from agglo_core.conformance.fresh_import import imported_again
 from agglo_core.conformance.hard_cases import SIBLINGS, siblings, unusual_cases
 from agglo_core.conformance.law import law
-from agglo_core.conformance.speed import bearable
 from agglo_core.conformance.questions import answer, global_random, plain, questions, same, taken
+from agglo_core.conformance.speed import bearable
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.graph import Graph

@@ -10,8 +10,8 @@ from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import level_case, part_of_level
 from agglo_core.conformance.hard_cases import crowded
 from agglo_core.conformance.law import law
-from agglo_core.conformance.speed import too_slow
 from agglo_core.conformance.questions import chunks, plain, same
+from agglo_core.conformance.speed import too_slow
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.conformance.law import law
-from agglo_core.conformance.speed import TIME_LIMIT, too_slow
 from agglo_core.conformance.questions import answer, chunks, every_graph, in_words, plain
+from agglo_core.conformance.speed import TIME_LIMIT, too_slow
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.graph import Graph

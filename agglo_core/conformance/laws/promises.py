@@ -15,7 +15,6 @@ from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import same_parts
 from agglo_core.conformance.laws.refiner import in_more_pieces, loose_parts
-from agglo_core.conformance.speed import too_slow
 from agglo_core.conformance.questions import (
     answer,
     chunks,
@@ -27,6 +26,7 @@ from agglo_core.conformance.questions import (
     same_labelling,
     taken,
 )
+from agglo_core.conformance.speed import too_slow
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.mesh import Mesh
