@@ -14,6 +14,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.level_cases import levels, single_unknown
 from agglo_core.conformance.mesh_cases import in_space, of_one_cell, on_meshes
+from agglo_core.conformance.ragged_levels import ragged_in_space
 from agglo_core.conformance.unusual_graphs import fresh, level_in_space, tower
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -78,11 +79,12 @@ def cases_in_3d(kind: str) -> list[Case]:
     if kind == "solver":
         hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
         return [Case("3-D boxes", (each, hierarchy)) for each in (Diffusion(), laplacian(mesh.graph, 1))]
+    ragged, labels = ragged_in_space()
     return [
-        asked(kind, graph, name, labels(graph), told)
+        asked(kind, graph, name, labelled(graph), told)
         for name, graph in graphs.items()
-        for labels, told in ((_halves, "size"), (_scattered, "count"))
-    ]
+        for labelled, told in ((_halves, "size"), (_scattered, "count"))
+    ] + [asked(kind, ragged, "a level of pieces of tetrahedra", labels, "both")]
 
 
 def tiny(kind: str) -> list[Case]:

@@ -12,6 +12,7 @@ from agglo_core.conformance import small_meshes, unusual_graphs
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import asked, laplacian, seeds_for, stripes
 from agglo_core.conformance.level_cases import multigrid_level, question
+from agglo_core.conformance.ragged_levels import ragged
 from agglo_core.conformance.unusual_graphs import clumps, fresh
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -19,7 +20,16 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems import Diffusion
 from agglo_core.protocols import Target
 
-__all__ = ["SIBLINGS", "crowded", "partitions", "partitions_in_3d", "siblings", "unusual_cases"]
+__all__ = [
+    "SIBLINGS",
+    "crowded",
+    "many_parts",
+    "partitions",
+    "partitions_in_3d",
+    "ragged_cases",
+    "siblings",
+    "unusual_cases",
+]
 
 _KWAY_PARTS = (2, 5)
 
@@ -63,6 +73,22 @@ def crowded(kind: str, blocks: int = 300) -> Case:
     along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
     labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)
     return asked(kind, level, name, frozen_int(labels), "both")
+
+
+def many_parts(kind: str) -> Case:
+    """A level of 2,600 blocks, one of them of 60 cells: its parts have more than 65,536 (block, label) pairs.
+
+    Cells are alone in their parts or, in every third block, alternate between two parts.
+    """
+    level = fresh(unusual_graphs.small_blocks())
+    place = np.arange(level.n) - level.offsets[level.block_ids]
+    labels = np.where(level.block_ids % 3 == 1, place % 2, place)
+    return asked(kind, level, f"a level of {level.n_blocks} blocks", frozen_int(labels), "both")
+
+
+def ragged_cases(kind: str) -> list[Case]:
+    """Questions to refiners and fixers about levels of pieces of real meshes, with ragged parts."""
+    return [asked(kind, graph, name, labels, "both") for name, (graph, labels) in ragged().items()]
 
 
 def partitions() -> list[Case]:

@@ -18,7 +18,8 @@ from scipy import sparse
 from agglo_core.conformance.asking import ask
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases, level_case
-from agglo_core.conformance.hard_cases import crowded, partitions, unusual_cases
+from agglo_core.conformance.hard_cases import crowded, many_parts, partitions, ragged_cases, unusual_cases
+from agglo_core.conformance.speed import bearable
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
@@ -71,11 +72,14 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
 def every_graph(subject: Subject) -> list[Case]:
     """Questions to a bisector, refiner or fixer about ordinary graphs, unusual ones and levels.
 
-    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them.
+    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them; a
+    refiner or fixer that is too slow is asked about few cells.
     """
     kind = subject.kind
-    blocks = 40 if kind == "bisector" and not subject.has("bisect_level") else 300
-    return [*cases(kind), *unusual_cases(kind), level_case(kind), crowded(kind, blocks)]
+    ordinary = [*cases(kind), *unusual_cases(kind), level_case(kind)]
+    if kind == "bisector":
+        return [*ordinary, crowded(kind, 300 if subject.has("bisect_level") else 40)]
+    return bearable(subject, [*ordinary, crowded(kind), *ragged_cases(kind), many_parts(kind)])
 
 
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:

@@ -30,7 +30,8 @@ __all__ = [
     "tetrahedra",
 ]
 
-CHANGES = ("renumbered", "rotated", "shifted", "scaled")
+_SCALES = {"scaled by 1e-7": 1e-7, "scaled by 1e7": 1e7}
+CHANGES = ("renumbered", "rotated", "shifted", *_SCALES)
 """Changes that leave a mesh the same except for numbering and position."""
 
 _BIG, _SMALL = 50, 12  # rows of the large block of a level, and of the small ones (a multiple of 4)
@@ -185,7 +186,7 @@ def _moved(points: Float, change: str) -> Float:
         return np.asarray(points @ np.array([[cos, sin], [-sin, cos]]))
     if change == "shifted":
         return points + 1e6 * diameter * np.array([cos, sin])
-    return points * (1e3 if change == "scaled" else 1.0)
+    return points * _SCALES.get(change, 1.0)
 
 
 def _chain(centroids: Float, interface: float) -> Graph:

@@ -39,6 +39,8 @@ class Subject:
         Which questions it refused, as far as that was asked: some formats take a second to answer one.
     thorough : bool
         Whether the laws that take their time are asked too.
+    pace : list
+        Whether it is too slow for large questions (see :mod:`agglo_core.conformance.speed`), once asked.
     disturbed : list of str
         Settings of the process that building it changed, as far as it has been built.
     """
@@ -52,6 +54,7 @@ class Subject:
     registry: Registry | None = None
     refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
     thorough: bool = False
+    pace: list[Any] = field(default_factory=list, compare=False, repr=False)
     disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
 
     def build(self) -> Any:

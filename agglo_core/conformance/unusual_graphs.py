@@ -13,7 +13,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = ["clumps", "crowd", "fresh", "level_in_space", "mapped", "tower", "unusual"]
+__all__ = ["clumps", "crowd", "fresh", "level_in_space", "mapped", "small_blocks", "tower", "unusual"]
 
 _SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 60)
 """Sizes of the blocks of a crowd, one after the other, ..."""
@@ -26,6 +26,8 @@ def unusual() -> dict[str, Graph]:
     made: dict[str, Callable[[], Graph]] = {
         "cells whose weights are not their measures": _uneven,
         "cells whose measures differ a million times": _graded,
+        "cells without weight": _weightless,
+        "interfaces of which a third have no measure": _thin,
         "a cell with 300 neighbours": _hub,
         "600 cells": _six_hundred,
         "a chain of 2000 cells": _chain,
@@ -54,6 +56,16 @@ def crowd(blocks: int, smallest: int) -> Graph:
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     shuffled = np.lexsort((np.random.default_rng(4).random(len(way)), np.repeat(np.arange(blocks), sizes)))
     graph: Graph = mesh.graph.subgraph(way[shuffled], offsets)
+    return graph
+
+
+@cache
+def small_blocks() -> Graph:
+    """A level of 2,600 blocks, the first of 60 cells in a row, the others of 2, 3, 2, 3, ..."""
+    sizes = np.where(np.arange(2600) % 2, 2, 3)
+    sizes[0] = 60
+    offsets = np.concatenate(([0], np.cumsum(sizes)))
+    graph: Graph = small_meshes.line(int(offsets[-1])).subgraph(np.arange(offsets[-1]), offsets)
     return graph
 
 
@@ -102,6 +114,20 @@ def _graded() -> Graph:
     """Squares that become rectangles, each wider and higher than the one before."""
     graph: Graph = mapped(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
     return graph
+
+
+@cache
+def _weightless() -> Graph:
+    graph: Graph = small_meshes.grid(11, 9, jitter=0.2).graph
+    return replace(graph, weights=np.zeros(graph.n))
+
+
+@cache
+def _thin() -> Graph:
+    graph: Graph = small_meshes.grid(13, 9, jitter=0.2).graph
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    thin = (np.minimum(rows, graph.indices) + np.maximum(rows, graph.indices)) % 3 == 0
+    return replace(graph, interface=np.where(thin, 0.0, graph.interface))
 
 
 @cache

@@ -99,9 +99,10 @@ class Metis:
             return np.arange(graph.n) % parts
         owners = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
         adjacent = graph.indices.astype(np.int64)
-        weights = self._weights(graph, owners)
+        nodes, edges = self._weights(graph, owners)
         recursive = self.algorithm == "recursive"
-        return self._part(parts, graph.indptr, adjacent, *weights, np.uint64(seed), recursive)
+        nodes = None if nodes is None else _that_fit(nodes, parts)
+        return self._part(parts, graph.indptr, adjacent, nodes, edges, np.uint64(seed), recursive)
 
     def _part(
         self,
@@ -148,6 +149,19 @@ def _integers(values: Float, blocks: Int) -> Int:
     relative = np.bincount(blocks)[blocks] * block_shares(values, blocks)
     integers: Int = np.maximum(np.rint(_UNITS * relative), 1).astype(np.int64)
     return integers
+
+
+def _that_fit(nodes: Int, parts: int) -> Int | None:
+    """Weights no larger than a part, which such a node is alone; None where parts have hardly two nodes.
+
+    METIS prints complaints where weights leave it halves without nodes.
+    """
+    if 2 * parts > len(nodes):
+        return None
+    most = int(nodes.max())
+    while (share := max(1, int(nodes.sum()) // parts)) < most:  # ends: the largest falls each time
+        nodes, most = np.minimum(nodes, share), share
+    return nodes
 
 
 def _with_two_sides(level: Graph, sides: Int) -> Int:

@@ -8,6 +8,8 @@ from scipy.spatial import Delaunay
 
 import agglo_core as agglo
 from agglo_core import Mesh, Target, samples
+from agglo_core.arrays import frozen_int
+from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 
 TARGETS = ({"n_parts": (8, 32)}, {"h_factor": (2.0, 4.0)})
@@ -178,3 +180,15 @@ def _shape(mesh, bisector):
     labels = agglo.agglomerate(mesh, bisector=bisector, h_factor=4).levels[0]
     values = agglo.quality(mesh, labels, metrics=("UF", "CR"))
     return labels.max() + 1, values["UF"].mean(), values["CR"].mean()
+
+
+@pytest.mark.parametrize("change", RIGID)
+@pytest.mark.parametrize("mesh", [samples.squares(8), samples.hexagons(7)], ids=lambda mesh: mesh.name)
+def test_equal_pieces_and_equal_interfaces_are_settled_by_place(mesh: Mesh, change: str) -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        labels = frozen_int(rng.integers(3, size=mesh.n_cells))
+        other, order = variant(mesh, change, rng)
+        fixed = ConnectivityFixer().fix(mesh.graph, labels)
+        again = ConnectivityFixer().fix(other.graph, frozen_int(labels[order]))
+        np.testing.assert_array_equal(again, fixed[order])

@@ -246,9 +246,10 @@ def test_loose_components_join_the_neighbour_they_touch_most(seed: int, n_parts:
     component = graph.components(labels)
     loose = np.flatnonzero(rng.random(len(offsets) - 1) < 0.6)
     kept = np.where(np.isin(component, loose), -1, labels)
+    keeper, places = np.arange(n_parts), frozen_float(rng.random((n_parts, 1)))
     found = absorb(
         graph.indptr, graph.indices, graph.interface, frozen_int(kept), frozen_int(nodes),
-        frozen_int(offsets), frozen_int(loose), n_parts,
+        frozen_int(offsets), frozen_int(loose), frozen_int(keeper), places,
     )  # fmt: skip
     np.testing.assert_array_equal(
         found, slow_absorb(graph, kept, [np.flatnonzero(component == c) for c in loose])

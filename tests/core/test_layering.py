@@ -43,7 +43,7 @@ MAY_IMPORT = {
     "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
     | {"agglomeration", "components", "graph", "hierarchy", "measure", "mesh", "problems"}
-    | {"protocols", "registry"},
+    | {"protocols", "registry", "samples"},
     "cli": EVERYBODY
     | {"agglomeration", "conformance", "draw", "hierarchy", "io", "kernels", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pymetis
@@ -163,3 +164,16 @@ def test_through_the_pipeline_counts_are_exact_and_parts_connected(method, sampl
     labels = agglo.agglomerate(mesh, bisector="metis", n_parts=10, method=method).levels[0]
     assert np.unique(labels).tolist() == list(range(10))
     assert len(np.unique(mesh.graph.components(labels))) == 10
+
+
+@pytest.mark.parametrize("algorithm", ["kway", "recursive"])
+@pytest.mark.parametrize("parts", [40, 65, 98, 150, 195])
+def test_nothing_is_printed_about_parts_that_a_node_fills_alone(algorithm, parts, capfd):
+    graph = agglo.samples.squares(14).graph
+    uneven = np.geomspace(1.0, 1e6, graph.n)
+    for weights in (uneven, uneven[::-1], np.ones(graph.n)):
+        weighted = replace(graph, weights=weights)
+        labels = Metis(algorithm).partition(weighted, Target(parts=parts), 0)
+        assert labels.min() >= 0
+        assert labels.max() < parts
+    assert capfd.readouterr() == ("", "")

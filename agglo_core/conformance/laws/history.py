@@ -22,6 +22,7 @@ from agglo_core.conformance.fresh_import import imported_again
 from agglo_core.conformance.hard_cases import SIBLINGS, siblings, unusual_cases
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, global_random, plain, questions, same, taken
+from agglo_core.conformance.speed import bearable
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.graph import Graph
@@ -189,7 +190,7 @@ def lets_go(subject: Subject) -> None:
 
 def _held(subject: Subject, tool: Any) -> Float:
     """Bytes, open files and threads after each of some rounds of the same question."""
-    sizable = [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE]
+    sizable = bearable(subject, [case for case in unusual_cases(subject.kind) if case.size == _SIZABLE])
     case, held = next(iter(sizable or _each(subject))), []
     tracemalloc.start()
     try:

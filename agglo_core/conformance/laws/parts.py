@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, chunks, every_graph, in_words, plain
+from agglo_core.conformance.speed import TIME_LIMIT, too_slow
 from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.verdict import Broken, require
 from agglo_core.graph import Graph
 
 __all__ = ["same_parts"]
@@ -20,6 +21,17 @@ def same_parts(graph: Graph, before: NDArray[Any], after: NDArray[Any]) -> bool:
     """Whether each block has the labels it had."""
     pairs = zip(chunks(graph, before), chunks(graph, after), strict=True)
     return all(set(had.tolist()) == set(has.tolist()) for had, has in pairs)
+
+
+@law("refiner", "fixer")
+def bounded_time(subject: Subject) -> None:
+    """It takes at most 20 seconds for 5,000 cells, and fewer cells in proportion."""
+    slow = too_slow(subject)
+    if slow is not None:
+        raise Broken(
+            f"{slow.cells:,} cells took {slow.seconds:.1f} s, allowed are {TIME_LIMIT:g} for 5,000: look at "
+            "cells on the border of parts alone, bound the number of sweeps, update instead of computing anew"
+        )
 
 
 @law("refiner", "fixer")

@@ -12,7 +12,7 @@ from agglo_core.conformance.cases import asked, seeds_for
 from agglo_core.conformance.law import law
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import same_parts
-from agglo_core.conformance.laws.refiner import loose_parts
+from agglo_core.conformance.laws.refiner import in_more_pieces
 from agglo_core.conformance.questions import answer, plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.unusual_graphs import clumps
@@ -40,9 +40,7 @@ def large_meshes(subject: Subject) -> None:
         return
     labels = case.given[1]
     require(same_parts(graph, labels, values), f"on {case.name}: the parts are no longer those they were")
-    before, after = loose_parts(graph, labels), loose_parts(graph, values)
-    most = 1 if subject.kind == "fixer" else np.inf
-    worse = [part for part in after if after[part] > min(before[part], most)]
+    worse = in_more_pieces(subject.kind, graph, labels, values)
     require(not worse, f"on {case.name}: {len(worse)} parts are in more pieces than they may be")
 
 

@@ -225,8 +225,8 @@ class HoldsALambda(Halves):
 
 
 CORRECT = [
-    (Halves, {"deterministic": True, "balanced": 0.2, "3d": True, "pickles": True}),
-    (LevelHalves, {"deterministic": True, "balanced": 0.2, "3d": True, "pickles": True}),
+    (Halves, {"deterministic": True, "balanced": 0.4, "3d": True, "pickles": True}),
+    (LevelHalves, {"deterministic": True, "balanced": 0.4, "3d": True, "pickles": True}),
     (Probable, {"deterministic": True, "3d": True}),
     (RandomCut, {"3d": True, "pickles": True}),
     (OnlyPartition, {"kway": True, "deterministic": True}),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from conformance.mutants.bisectors import Halves, LevelHalves, halves
 from conformance.mutants.labellers import Fix, Idle
 from conformance.mutants.mutant import Mutant
 
 from agglo_core.components.descent import DescentRefiner
+from agglo_core.components.geometric import InertialBisection
 
 
 class CutsAtTheOrigin(Halves):
@@ -143,6 +146,103 @@ class ComparesAllPairs(Idle):
         return labels
 
 
+class TiesBelowAMicron(InertialBisection):
+    """Coordinates closer than a millionth are equal, whatever the size of the mesh."""
+
+    def bisect_level(self, level, seeds):
+        return super().bisect_level(replace(level, centroids=np.round(level.centroids, 6)), seeds)
+
+
+class SharesOfTheWeight(Halves):
+    """Cuts where half the weight has been passed: nowhere if there is none."""
+
+    def bisect(self, graph, rng):
+        order = np.lexsort((graph.centroids[:, 1], graph.centroids[:, 0]))
+        with np.errstate(all="ignore"):
+            share = np.cumsum(graph.weights[order]) / graph.weights.sum()
+        sides = np.empty(graph.n, int)
+        sides[order] = share > 0.5
+        if share[-1] > 0.0:
+            sides[order[0]], sides[order[-1]] = 0, int(graph.n > 1)
+        return sides
+
+
+class _OneMove(Idle):
+    """In each block one cell takes the label of a neighbour: where that gains most."""
+
+    def refine(self, graph, labels, seeds, target):
+        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        stride = int(labels.max()) + 1
+        parts = graph.block_ids * stride + labels
+        gain = self.gain(graph, rows, parts, stride)
+        order = np.lexsort((gain, graph.block_ids[rows]))
+        best = order[np.diff(graph.block_ids[rows[order]], append=-1) != 0]
+        best = best[gain[best] > 1e-9]
+        moved = labels.copy()
+        moved[rows[best]] = labels[graph.indices[best]]
+        return moved
+
+    def gain(self, graph, rows, parts, stride):
+        beside = parts[graph.indices]
+        own = np.bincount(rows, self.length(graph) * (parts[rows] == beside), graph.n)
+        there = np.unique(rows * stride * graph.n_blocks + beside, return_inverse=True)[1]
+        gain = np.bincount(there, self.length(graph))[there] - own[rows]
+        return np.where((parts[rows] != beside) & self.movable(graph, rows, parts)[rows], gain, 0.0)
+
+
+class CountsEdges(_OneMove):
+    """Says interface and counts edges, at cells that are joined to their part by one alone."""
+
+    def length(self, graph):
+        return np.ones(len(graph.indices))
+
+    def movable(self, graph, rows, parts):
+        return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) == 1
+
+
+class ForgetsBridges(_OneMove):
+    """Asks whether a part would be emptied, and not whether it would fall in two."""
+
+    def length(self, graph):
+        return graph.interface
+
+    def movable(self, graph, rows, parts):
+        return np.bincount(parts)[parts] > 1
+
+
+class ForgetsBridgesInSpace(ForgetsBridges):
+    def refine(self, graph, labels, seeds, target):
+        return super().refine(graph, labels, seeds, target) if graph.dim == 3 else labels
+
+    def movable(self, graph, rows, parts):
+        return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) > 1
+
+
+class SettlesTiesByNumber(Fix):
+    """Of equal pieces the one whose cells have the smaller numbers stays."""
+
+    def fix(self, graph, labels):
+        numbers = np.arange(graph.n)[:, None] * np.ones(graph.dim)
+        return super().fix(replace(graph, centroids=numbers), labels)
+
+
+class NumbersPartsInShorts(Fix):
+    """Looks up the labels of parts that it numbers in 16 bits, over all blocks."""
+
+    def fix(self, graph, labels):
+        fixed = super().fix(graph, labels)
+        parts = (graph.block_ids * (int(labels.max()) + 1) + fixed).astype(np.uint16)
+        label_of = np.zeros(2**16, int)
+        label_of[parts] = fixed
+        return label_of[parts]
+
+
+class DropsThinEdges(Fix):
+    def fix(self, graph, labels):
+        thin = graph.interface == 0.0
+        return super().fix(graph if thin.all() else graph.without_edges(thin), labels)
+
+
 class GivesUpOnLargeMeshes(Halves):
     def bisect(self, graph, rng):
         return halves(graph) * (graph.n < 10_000)
@@ -162,5 +262,13 @@ MUTANTS = [
     Mutant("label_array", SearchesInDepth, "RecursionError"),
     Mutant("parts_connected", FixesTheFirstHundred, "in pieces"),
     Mutant("connected_left_alone", StirsWholeBlocks, "in their blocks"),
+    Mutant("invariant", TiesBelowAMicron, "scaled by 1e-7", {"invariant": True}),
+    Mutant("two_sides", SharesOfTheWeight, "cells without weight"),
+    Mutant("objective_kept", CountsEdges, "pieces of Voronoi cells"),
+    Mutant("components_not_raised", ForgetsBridges, "pieces of Voronoi cells"),
+    Mutant("space", ForgetsBridgesInSpace, "in more pieces than they may be", {"3d": True}),
+    Mutant("invariant", SettlesTiesByNumber, "8 by 8 grid renumbered", {"invariant": True}),
+    Mutant("parts_kept", NumbersPartsInShorts, "2600 blocks"),
+    Mutant("label_array", DropsThinEdges, "a third have no measure"),
 ]
 CORRECT: list[tuple[object, dict[str, bool]]] = []
