@@ -61,14 +61,19 @@ def unusual_cases(kind: str) -> list[Case]:
 
 
 def crowded(kind: str, blocks: int = 300) -> Case:
-    """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones."""
-    level = fresh(unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1))  # single cells are not split
+    """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones.
+
+    It carries data whose size differs from block to block.
+    """
+    level = unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1)  # single cells are not split
+    place = np.arange(level.n) - level.offsets[level.block_ids]
+    carried = 10.0 ** (level.block_ids * 3 % 7) * (1.0 + place * 5 % 3)
+    level = fresh(replace(level, data={"permeability": frozen_float(carried)}))
     name = f"a level of {blocks} blocks"
     if kind == "bisector":
         return Case(name, (level, seeds_for(blocks, 7)))
     sizes = level.sizes[level.block_ids]
     parts = np.minimum(sizes, 1 + level.block_ids % 4)
-    place = np.arange(level.n) - level.offsets[level.block_ids]
     along = np.empty(level.n, np.int64)
     along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
     labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)

@@ -26,6 +26,7 @@ def results() -> Results:
     return own_results()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", OWN, ids=":".join)
 def test_our_components_keep_the_laws(results: Results, own: tuple[str, str]) -> None:
     assert [(result.law, result.message) for result in results[own] if not result.passed] == []
@@ -40,6 +41,7 @@ def test_the_page_of_laws_is_up_to_date() -> None:
     assert page.read_text(encoding="utf-8") == laws_page(), f"python -m agglo_core.conformance laws > {page}"
 
 
+@pytest.mark.slow
 def test_the_page_of_compliance_is_up_to_date(results: Results) -> None:
     page = PAGES / "compliance.md"
     assert page.read_text(encoding="utf-8") == compliance_page(results), (

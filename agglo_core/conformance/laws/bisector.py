@@ -78,6 +78,12 @@ def told_the_target(subject: Subject) -> None:
     for target in _TARGETS:
         tools.append(_for_target(tool, target))
         before.append([_both_sides(subject, tools[-1], case, target) for case in asked])
+        fresh = _for_target(subject.build(), target)
+        require(
+            all(same(plain(subject, fresh, case), one) for case, one in zip(asked, before[-1], strict=True)),
+            f"for {target} it answers otherwise once for_target was called for another target: what it keeps "
+            "must be keyed by the whole target",
+        )
     for told, answers in zip(tools, before, strict=True):
         after = [plain(subject, told, case) for case in asked]
         require(

@@ -15,6 +15,7 @@ from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import same_parts
 from agglo_core.conformance.laws.refiner import in_more_pieces, loose_parts
+from agglo_core.conformance.mesh_changes import MOTIONS, moved
 from agglo_core.conformance.questions import (
     answer,
     chunks,
@@ -106,6 +107,8 @@ def invariant(subject: Subject) -> None:
         asked.append((small_meshes.grid(50, 40, jitter=0.3), every[:1]))
     if subject.kind == "fixer":
         asked += [(small_meshes.grid(8, 8), every)]  # which random labels make irregular
+    if subject.kind == "bisector" and subject.promised("3d"):
+        _require_unmoved_in_space(subject)
     for mesh, changes in asked:
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
         for change in changes:
@@ -117,6 +120,18 @@ def invariant(subject: Subject) -> None:
                     f"on {mesh.name} {change}: {np.count_nonzero(one[order] != two)} of {len(two)} cells "
                     "changed side: use distances and principal axes; break ties by geometry, not numbering",
                 )
+
+
+def _require_unmoved_in_space(subject: Subject) -> None:
+    solid = small_meshes.boxes(7, 4, 3)
+    before = plain(subject, subject.build(), _on("bisector", solid, solid, None)[0])
+    for name, motion in MOTIONS.items():
+        after = plain(subject, subject.build(), _on("bisector", solid, moved(solid, motion), None)[0])
+        require(
+            same_labelling(before, after, swap=True),
+            f"on {solid.name} {name}: {np.count_nonzero(before != after)} of {len(after)} cells moved: "
+            "use distances and principal axes in space",
+        )
 
 
 @law(*_promising("3d"), promise="3d")

@@ -55,6 +55,42 @@ class AnyOption(Halves):
         self.options = options
 
 
+def split_along(level, key):
+    """Sides by the median of a key in each block."""
+    order = np.lexsort((key, level.block_ids))
+    sides = np.empty(level.n, np.int64)
+    place = np.arange(level.n) - level.offsets[level.block_ids]
+    sides[order] = place >= (level.sizes[level.block_ids] + 1) // 2
+    return sides
+
+
+class LevelWideData:
+    """Scales what the cells carry by the largest of the whole level."""
+
+    def bisect_level(self, level, seeds):
+        key = level.centroids[:, 0].copy()
+        for values in level.data.values():
+            if values.ndim == 1:
+                key += values / np.abs(values).max()
+        return split_along(level, key)
+
+
+class BoxOfAllPoints:
+    """Takes the box of the points of all blocks for that of the piece."""
+
+    def bisect(self, graph, rng):
+        axis = int(np.argmax(np.ptp(graph.points, axis=0)))
+        return split_along(graph, graph.centroids[:, axis])
+
+
+class AxisInThePlane:
+    """In 3-D too the principal axis of x and y."""
+
+    def bisect(self, graph, rng):
+        x = graph.centroids[:, :2] - graph.centroids[:, :2].mean(axis=0)
+        return split_along(graph, x @ np.linalg.eigh(x.T @ x)[1][:, -1])
+
+
 class CannotBuild(Halves):
     def __init__(self):
         raise ZeroDivisionError
@@ -254,6 +290,8 @@ MUTANTS = [
     Mutant("survives", CrashesOnOneCell, "one cell"),
     Mutant("survives", LeftInOnePlace, "any halving will do"),
     Mutant("a_level_is_its_blocks", LevelWideScale, "within each block"),
+    Mutant("a_level_is_its_blocks", LevelWideData, "within each block"),
+    Mutant("a_level_is_its_blocks", BoxOfAllPoints, "within each block"),
     Mutant("a_level_is_its_blocks", RemembersFirstBlock, "nothing from the block before"),
     Mutant("space_served_or_refused", PlaneOnly, "only for 2-D"),
     Mutant("works_in_a_run", FailsInSmallPieces, "a piece this small"),
@@ -263,6 +301,7 @@ MUTANTS = [
     Mutant("connected", Halves, "drop the promise", {"connected": True}),
     Mutant("balanced", UnequalHalves, "promise a wider", {"balanced": 0.1}),
     Mutant("invariant", Halves, "principal axes", {"invariant": True}),
+    Mutant("invariant", AxisInThePlane, "axes in space", {"invariant": True, "3d": True}),
     Mutant("kway_labels", FromOne, "expected 0..", {"kway": True}),
     Mutant("kway_parts", TwoParts, "how many are wanted", {"kway": True}),
     Mutant("space", OneSideInSpace, "all on one side", {"3d": True}),

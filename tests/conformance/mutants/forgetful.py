@@ -176,6 +176,18 @@ class ChangesItself(ForEachTarget):
         return self
 
 
+class OneForEachCount(ForEachTarget):
+    """Keeps what it made by the number of parts alone, which is None for every size."""
+
+    def __init__(self, across=0):
+        super().__init__()
+        self.across, self.made = across, {}
+
+    def for_target(self, target):
+        across = int((target.h_star or 0.0) > 100.0)
+        return self.made.setdefault(target.parts, type(self)(across))
+
+
 class ForgetsToReturn(ForEachTarget):
     def for_target(self, target):
         self.target = target
@@ -321,6 +333,7 @@ MUTANTS = [
     Mutant("lets_go", KeepsGraphs, "still in memory"),
     Mutant("lets_go", LeavesFilesOpen, "files open"),
     Mutant("told_the_target", ChangesItself, "another target"),
+    Mutant("told_the_target", OneForEachCount, "whole target"),
     Mutant("told_the_target", ForgetsToReturn, "expected an object"),
     Mutant("told_the_target", OneSidedWhenTold, "on one side"),
     Mutant("answers", CountsAlone, "TypeError"),
