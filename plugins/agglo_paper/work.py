@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Hierarchy, OptionError, agglomerate, default, quality
+from agglo_core.authoring import Diffusion, Hierarchy, OptionError, Solution, agglomerate, default, quality
 from agglo_paper.grids import load, targets
 from agglo_paper.strategies import Strategy
 
@@ -60,7 +60,10 @@ def measure(
 
 
 def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
-    """Multigrid iterations on a hierarchy, and whether they converged."""
+    """Multigrid iterations on a hierarchy until the paper's test is met, and whether it was.
+
+    That is the size of the residual alone; the solver goes on until the energy error is as small.
+    """
     solver = default().build(
         "solver",
         SOLVER,
@@ -70,7 +73,14 @@ def _iterations(hierarchy: Hierarchy, setting: Setting) -> tuple[int, bool]:
         tolerance=setting.tolerance,
     )
     solution = solver.solve(Diffusion(source=_PROBLEM), hierarchy)
-    return int(solution.iterations), bool(solution.converged)
+    first = _first_met(solution, setting.tolerance)
+    return (int(solution.iterations), False) if first is None else (first, True)
+
+
+def _first_met(solution: Solution, tolerance: float) -> int | None:
+    """The first iteration whose residual is small enough; None if there is none."""
+    met = solution.residuals <= tolerance * solution.residuals[0]
+    return int(np.argmax(met)) if met.any() else None
 
 
 def count(
@@ -104,8 +114,7 @@ def plain(source: str, degree: int, tolerances: Sequence[float]) -> dict[str, An
     hierarchy = agglomerate(mesh, bisector="inertial", n_parts=1)
     solver = default().build("solver", _PLAIN, degree=degree, tolerance=min(tolerances))
     solution = solver.solve(Diffusion(source=_PROBLEM), hierarchy)
-    met = [solution.residuals <= tolerance * solution.residuals[0] for tolerance in tolerances]
-    first = [int(np.argmax(each)) if each.any() else None for each in met]
+    first = [_first_met(solution, tolerance) for tolerance in tolerances]
     return {"iterations": first, "smallest": int(solution.iterations)}
 
 
