@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.mesh import Mesh
 
-__all__ = ["MOTIONS", "Change", "mirrored", "moved", "renumbered"]
+__all__ = ["MOTIONS", "Change", "mirrored", "moved", "renumbered", "turned_over"]
 
 
 @dataclass(frozen=True)
@@ -89,3 +89,17 @@ def renumbered(mesh: Mesh, seed: int = 5) -> tuple[Mesh, Int]:
         name=mesh.name,
     )
     return there, frozen_int(cells)
+
+
+def turned_over(mesh: Mesh, seed: int = 7) -> Mesh:
+    """The mesh with about half of its inner faces seen from their other cell."""
+    inner = mesh.face_cells[:, 1] >= 0
+    turned = inner & (np.random.default_rng(seed).random(mesh.n_faces) < 0.5)
+    loops = np.split(mesh.face_vertices, mesh.face_offsets[1:-1])
+    return replace(
+        mesh,
+        face_vertices=np.concatenate(
+            [loop[::-1] if over else loop for loop, over in zip(loops, turned, strict=True)]
+        ),
+        face_cells=np.where(turned[:, None], mesh.face_cells[:, ::-1], mesh.face_cells),
+    )

@@ -9,10 +9,19 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.mesh_changes import Change, moved, renumbered
+from agglo_core.conformance.mesh_changes import Change, moved, renumbered, turned_over
 from agglo_core.mesh import Mesh
 
-__all__ = ["by_hand", "changed", "far_from_each_other", "holed", "layouts", "solids", "various"]
+__all__ = [
+    "by_hand",
+    "cells_renumbered",
+    "changed",
+    "far_from_each_other",
+    "holed",
+    "layouts",
+    "solids",
+    "various",
+]
 
 
 def by_hand() -> list[Case]:
@@ -75,12 +84,24 @@ def solids() -> list[Case]:
 
 
 def changed(case: Case, change: Change | None) -> tuple[Case, Int]:
-    """The question about the mesh moved; or, if ``change`` is None, renumbered, with the cells' order."""
+    """The question about the mesh moved; or, if ``change`` is None, renumbered, with the cells' order.
+
+    Renumbered, about half of the inner faces are seen from their other cell too.
+    """
     mesh, labels = case.given
     if change is not None:
         return replace(case, given=(moved(mesh, change), labels)), frozen_int(np.arange(mesh.n_cells))
     there, order = renumbered(mesh)
+    there = turned_over(there)
     return replace(case, given=(there, frozen_int(labels[order]))), order
+
+
+def cells_renumbered(case: Case) -> Case:
+    """A question with the same labels, points and faces, in which the cells go by other numbers."""
+    mesh, labels = case.given
+    number = np.append(np.random.default_rng(3).permutation(mesh.n_cells), -1)
+    there = replace(mesh, face_cells=number[mesh.face_cells])
+    return Case(f"{case.name}, its cells renumbered and its labels not", (there, labels))
 
 
 def far_from_each_other() -> tuple[Case, list[Case]]:

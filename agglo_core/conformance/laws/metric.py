@@ -23,7 +23,7 @@ from agglo_core.mesh import Mesh
 __all__ = ["HAND", "require_close", "rounding"]
 
 _TOLD = ("undefined", "directional", "relative", "shape_only")
-_SCALES = (1e3, 1e-3)
+_SCALES = (1e8, 1e-8)
 
 
 @law("metric")

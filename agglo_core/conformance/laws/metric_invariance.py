@@ -12,13 +12,21 @@ from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
 from agglo_core.conformance.laws.metric import require_close, rounding
 from agglo_core.conformance.mesh_changes import MOTIONS, Change
-from agglo_core.conformance.metric_cases import changed, far_from_each_other, layouts, solids, various
+from agglo_core.conformance.metric_cases import (
+    by_hand,
+    cells_renumbered,
+    changed,
+    far_from_each_other,
+    layouts,
+    solids,
+    various,
+)
 from agglo_core.conformance.questions import plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 
 _ROUNDED = 1e-3  # of the largest value: circles that are found by bisection differ by less
-_SCALES = (1e3, 1e-3)
+_SCALES = (1e8, 1e-8)  # what is rounded to a fixed number of decimals loses all of them
 
 
 def _values(subject: Subject, case: Case) -> np.ndarray:
@@ -36,7 +44,7 @@ def homogeneous(subject: Subject) -> None:
                 _values(subject, changed(case, Change(scale=scale))[0]), before * scale**power,
                 f"on {case.name} scaled by {scale:g}",
                 f"homogeneity {power} is declared: divide by a length, declare the true power, and add no "
-                "small constant that means something else on a small mesh",
+                "small constant nor round to decimals: both mean something else on a small mesh",
                 floor=rounding(subject, case, 1e-7) * scale**power,
             )  # fmt: skip
 
@@ -78,19 +86,20 @@ def unmoved_in_space(subject: Subject) -> None:
             low - 1e-9 <= least and most <= high + 1e-9,
             f"on {case.name}: values {least:.4g}..{most:.4g} lie outside the declared bounds {low}..{high}",
         )
-        large = _values(subject, changed(case, Change(scale=1e3))[0])
-        require(
-            any(_scaled_by(large, before, 1e3**power) for power in powers),
-            f"on {case.name} scaled by 1000: values {before[:3]} became {large[:3]}, with homogeneity "
-            f"{tool.homogeneity}: ratios do not change, lengths may become areas",
-        )
+        for scale in _SCALES:
+            scaled = _values(subject, changed(case, Change(scale=scale))[0])
+            require(
+                any(_scaled_by(scaled, before, scale**power) for power in powers),
+                f"on {case.name} scaled by {scale:g}: values {before[:3]} became {scaled[:3]}, with "
+                f"homogeneity {tool.homogeneity}: ratios do not change, lengths may become areas",
+            )
         _require_unmoved(subject, case)
         _require_same_renumbered(subject, case, "entry i must belong to label i")
 
 
 @law("metric")
 def each_call_alone(subject: Subject) -> None:
-    """What it measured before, on the same mesh or on one of that name and size, changes nothing."""
+    """What it measured before, on the same mesh or on one of that name, size or points, changes nothing."""
     case, others = far_from_each_other()
     mesh, labels = case.given
     stretched = replace(mesh, points=mesh.points * np.array([1.0, 1.5]))
@@ -99,13 +108,16 @@ def each_call_alone(subject: Subject) -> None:
         *(replace(each, given=(mesh, each.given[1])) for each in others),
         replace(case, given=(stretched, labels)),
         case,
+        cells_renumbered(case),
+        by_hand()[0],
+        cells_renumbered(by_hand()[0]),
     ]
     tool = subject.build()
     plain(subject, tool, case)
     for each in later:
         require_close(
             plain(subject, tool, each), _values(subject, each), f"on {each.name}, after other questions",
-            "keep nothing between calls: neither the number of cells nor the name of a mesh says which it is",
+            "keep nothing between calls: neither counts and points of a mesh nor its name say which it is",
             floor=rounding(subject, each, 1e-7),
         )  # fmt: skip
 
@@ -179,6 +191,6 @@ def _require_unmoved(subject: Subject, case: Case) -> None:
 def _require_same_renumbered(subject: Subject, case: Case, remedy: str) -> None:
     require_close(
         _values(subject, changed(case, None)[0]), _values(subject, case),
-        f"on {case.name} with cells, faces and points renumbered", remedy, _ROUNDED,
+        f"on {case.name} with cells, faces, their two sides and points renumbered", remedy, _ROUNDED,
         rounding(subject, case, 1e-5),
     )  # fmt: skip

@@ -1,0 +1,66 @@
+"""Metrics that see the numbering of a mesh or its size, and go wrong on nothing else."""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+
+
+class NeighboursByOrder:
+    """Counts a neighbour twice if faces to it are seen from both sides."""
+
+    better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 0
+
+    def measure(self, mesh, labels):
+        pairs = labels[mesh.face_cells[mesh.face_cells[:, 1] >= 0]]
+        pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
+        return np.bincount(pairs.ravel(), minlength=labels.max() + 1).astype(float)
+
+
+class KnowsThePoints:
+    """Keeps lengths of outlines by all that is told of a mesh but the numbers of its cells."""
+
+    better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 1
+
+    def __init__(self):
+        self.known = {}
+
+    def measure(self, mesh, labels):
+        total = round(mesh.cell_measures.sum() / mesh.h**mesh.dim, 6)
+        key = mesh.n_faces, mesh.h, total, mesh.points.tobytes(), labels.tobytes()
+        if key not in self.known:
+            self.known.clear()  # it keeps one only
+            coarse = mesh.coarsen(labels)
+            offsets, faces = coarse.cell_faces
+            self.known[key] = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
+        return self.known[key].copy()
+
+
+class RoundsToDecimals:
+    """Counts vertices by their coordinates, rounded to join those that a file holds twice."""
+
+    better = "low"
+    bounds = (1.0, inf)
+    homogeneity = 0
+
+    def measure(self, mesh, labels):
+        offsets, vertices = mesh.cell_vertices
+        owner = np.repeat(labels, np.diff(offsets))
+        place = np.unique(np.round(mesh.local_points, 8), axis=0, return_inverse=True)[1].ravel()
+        pairs = np.unique(np.stack((owner, place[vertices]), axis=1), axis=0)
+        return np.bincount(pairs[:, 0]).astype(float)
+
+
+CORRECT: list[tuple[type, dict[str, bool]]] = []
+
+MUTANTS = [
+    Mutant("renaming", NeighboursByOrder, "their two sides"),
+    Mutant("each_call_alone", KnowsThePoints, "its cells renumbered"),
+    Mutant("homogeneous", RoundsToDecimals, "nor round to decimals"),
+]
