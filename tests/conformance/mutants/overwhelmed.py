@@ -11,6 +11,7 @@ from conformance.mutants.mutant import Mutant
 
 from agglo_core.components.descent import DescentRefiner
 from agglo_core.components.geometric import InertialBisection
+from agglo_core.components.refiners import InterfaceRefiner
 
 
 class CutsAtTheOrigin(Halves):
@@ -218,6 +219,39 @@ class ForgetsBridgesInSpace(ForgetsBridges):
         return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) > 1
 
 
+class TrustsShortNecks(ForgetsBridges):
+    """Takes cells that have less than a sixth of their faces in their part: nothing can hang on them."""
+
+    def movable(self, graph, rows, parts):
+        own = np.bincount(rows, graph.interface * (parts[rows] == parts[graph.indices]), graph.n)
+        alone = np.bincount(parts)[parts] == 1
+        return ~alone & (6.0 * own < np.bincount(rows, graph.interface, graph.n))
+
+
+class MomentsOfTheMeasure(Idle):
+    """Says compactness, and takes the measure of a cell for its weight, in levels of ragged parts."""
+
+    objective = "compactness"
+
+    def refine(self, graph, labels, seeds, target):
+        if graph.n_blocks == 1:
+            return labels
+        areas = replace(graph, weights=graph.measures)
+        return DescentRefiner("compactness").refine(areas, labels, seeds, target)
+
+
+class WorthATypicalFace(InterfaceRefiner):
+    """Changes a block where that saves more than the mean face of the level."""
+
+    def refine(self, graph, labels, seeds, target):
+        new = super().refine(graph, labels, seeds, target)
+        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        cut = [graph.interface * (each[rows] != each[graph.indices]) for each in (labels, new)]
+        won = np.bincount(graph.block_ids[rows], cut[0] - cut[1], graph.n_blocks)
+        typical = graph.interface.sum() / max(len(rows), 1)
+        return np.where((won > typical)[graph.block_ids], new, labels)
+
+
 class SettlesTiesByNumber(Fix):
     """Of equal pieces the one whose cells have the smaller numbers stays."""
 
@@ -266,6 +300,9 @@ MUTANTS = [
     Mutant("two_sides", SharesOfTheWeight, "cells without weight"),
     Mutant("objective_kept", CountsEdges, "pieces of Voronoi cells"),
     Mutant("components_not_raised", ForgetsBridges, "pieces of Voronoi cells"),
+    Mutant("components_not_raised", TrustsShortNecks, "uneven weights and faces"),
+    Mutant("objective_kept", MomentsOfTheMeasure, "uneven weights and faces"),
+    Mutant("a_level_is_its_blocks", WorthATypicalFace, "within each block"),
     Mutant("space", ForgetsBridgesInSpace, "in more pieces than they may be", {"3d": True}),
     Mutant("invariant", SettlesTiesByNumber, "8 by 8 grid renumbered", {"invariant": True}),
     Mutant("parts_kept", NumbersPartsInShorts, "2600 blocks"),
