@@ -63,7 +63,8 @@ def unusual_cases(kind: str) -> list[Case]:
 def crowded(kind: str, blocks: int = 300) -> Case:
     """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones.
 
-    It carries data whose size differs from block to block.
+    It carries data whose size differs from block to block; for refiners and fixers the faces of a block are
+    up to 1,000 times as long as those of the next.
     """
     level = unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1)  # single cells are not split
     place = np.arange(level.n) - level.offsets[level.block_ids]
@@ -77,6 +78,8 @@ def crowded(kind: str, blocks: int = 300) -> Case:
     along = np.empty(level.n, np.int64)
     along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
     labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)
+    rows = np.repeat(level.block_ids, np.diff(level.indptr))
+    level = replace(level, interface=frozen_float(level.interface * 10.0 ** -(rows % 4)))
     return asked(kind, level, name, frozen_int(labels), "both")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -25,7 +26,9 @@ _NOISE = 0.2  # share of the border cells of every other block that take the lab
 def ragged() -> dict[str, tuple[Graph, Int]]:
     """Levels in the plane and labels of 2 to 5 ragged parts in each block, by the name of the mesh."""
     meshes = {"Voronoi cells": _voronoi, "triangles": _triangles, "hexagons": _hexagons}
-    return {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
+    found = {f"a level of pieces of {name}": _afresh(make) for name, make in meshes.items()}
+    uneven = {f"{name} with uneven weights and faces": _uneven(*each) for name, each in found.items()}
+    return found | uneven
 
 
 def ragged_in_space() -> tuple[Graph, Int]:
@@ -43,6 +46,17 @@ def grown(graph: Graph, seeds: Int, rng: np.random.Generator) -> Int:
     links = sparse.csr_array((times, graph.indices, graph.indptr), shape=(graph.n, graph.n))
     first: Int = dijkstra(links, indices=seeds, min_only=True, return_predecessors=True)[2]
     return frozen_int(np.searchsorted(seeds, first))
+
+
+def _uneven(level: Graph, labels: Int) -> tuple[Graph, Int]:
+    """The same with weights unlike the measures and faces of any size, so that much hangs on short ones."""
+    rng = np.random.default_rng(5)
+    rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
+    edges = np.minimum(rows, level.indices) * level.n + np.maximum(rows, level.indices)
+    edge = np.unique(edges, return_inverse=True)[1]
+    interface = 10.0 ** rng.uniform(-1, 1, len(rows))[edge]
+    weights = 10.0 ** rng.uniform(-1, 1, level.n)
+    return fresh(replace(level, weights=weights, interface=interface)), labels
 
 
 def _afresh(make: Callable[[], Mesh]) -> tuple[Graph, Int]:

@@ -10,6 +10,7 @@ from conformance.mutants import (
     numbered,
     overwhelmed,
     problems,
+    ragged,
     samples,
     sections,
     smoothers,
@@ -30,6 +31,7 @@ _KINDS = (
     sections,
     forgetful,
     overwhelmed,
+    ragged,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]

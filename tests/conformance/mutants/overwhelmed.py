@@ -167,57 +167,6 @@ class SharesOfTheWeight(Halves):
         return sides
 
 
-class _OneMove(Idle):
-    """In each block one cell takes the label of a neighbour: where that gains most."""
-
-    def refine(self, graph, labels, seeds, target):
-        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-        stride = int(labels.max()) + 1
-        parts = graph.block_ids * stride + labels
-        gain = self.gain(graph, rows, parts, stride)
-        order = np.lexsort((gain, graph.block_ids[rows]))
-        best = order[np.diff(graph.block_ids[rows[order]], append=-1) != 0]
-        best = best[gain[best] > 1e-9]
-        moved = labels.copy()
-        moved[rows[best]] = labels[graph.indices[best]]
-        return moved
-
-    def gain(self, graph, rows, parts, stride):
-        beside = parts[graph.indices]
-        own = np.bincount(rows, self.length(graph) * (parts[rows] == beside), graph.n)
-        there = np.unique(rows * stride * graph.n_blocks + beside, return_inverse=True)[1]
-        gain = np.bincount(there, self.length(graph))[there] - own[rows]
-        return np.where((parts[rows] != beside) & self.movable(graph, rows, parts)[rows], gain, 0.0)
-
-
-class CountsEdges(_OneMove):
-    """Says interface and counts edges, at cells that are joined to their part by one alone."""
-
-    def length(self, graph):
-        return np.ones(len(graph.indices))
-
-    def movable(self, graph, rows, parts):
-        return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) == 1
-
-
-class ForgetsBridges(_OneMove):
-    """Asks whether a part would be emptied, and not whether it would fall in two."""
-
-    def length(self, graph):
-        return graph.interface
-
-    def movable(self, graph, rows, parts):
-        return np.bincount(parts)[parts] > 1
-
-
-class ForgetsBridgesInSpace(ForgetsBridges):
-    def refine(self, graph, labels, seeds, target):
-        return super().refine(graph, labels, seeds, target) if graph.dim == 3 else labels
-
-    def movable(self, graph, rows, parts):
-        return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) > 1
-
-
 class SettlesTiesByNumber(Fix):
     """Of equal pieces the one whose cells have the smaller numbers stays."""
 
@@ -264,9 +213,6 @@ MUTANTS = [
     Mutant("connected_left_alone", StirsWholeBlocks, "in their blocks"),
     Mutant("invariant", TiesBelowAMicron, "scaled by 1e-7", {"invariant": True}),
     Mutant("two_sides", SharesOfTheWeight, "cells without weight"),
-    Mutant("objective_kept", CountsEdges, "pieces of Voronoi cells"),
-    Mutant("components_not_raised", ForgetsBridges, "pieces of Voronoi cells"),
-    Mutant("space", ForgetsBridgesInSpace, "in more pieces than they may be", {"3d": True}),
     Mutant("invariant", SettlesTiesByNumber, "8 by 8 grid renumbered", {"invariant": True}),
     Mutant("parts_kept", NumbersPartsInShorts, "2600 blocks"),
     Mutant("label_array", DropsThinEdges, "a third have no measure"),

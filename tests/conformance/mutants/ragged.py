@@ -1,0 +1,107 @@
+"""Refiners that do well on whole meshes, and fail on levels of ragged parts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from conformance.mutants.labellers import Idle
+from conformance.mutants.mutant import Mutant
+
+from agglo_core.components.descent import DescentRefiner
+from agglo_core.components.refiners import InterfaceRefiner
+
+
+class _OneMove(Idle):
+    """In each block one cell takes the label of a neighbour: where that gains most."""
+
+    def refine(self, graph, labels, seeds, target):
+        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        stride = int(labels.max()) + 1
+        parts = graph.block_ids * stride + labels
+        gain = self.gain(graph, rows, parts, stride)
+        order = np.lexsort((gain, graph.block_ids[rows]))
+        best = order[np.diff(graph.block_ids[rows[order]], append=-1) != 0]
+        best = best[gain[best] > 1e-9]
+        moved = labels.copy()
+        moved[rows[best]] = labels[graph.indices[best]]
+        return moved
+
+    def gain(self, graph, rows, parts, stride):
+        beside = parts[graph.indices]
+        own = np.bincount(rows, self.length(graph) * (parts[rows] == beside), graph.n)
+        there = np.unique(rows * stride * graph.n_blocks + beside, return_inverse=True)[1]
+        gain = np.bincount(there, self.length(graph))[there] - own[rows]
+        return np.where((parts[rows] != beside) & self.movable(graph, rows, parts)[rows], gain, 0.0)
+
+
+class CountsEdges(_OneMove):
+    """Says interface and counts edges, at cells that are joined to their part by one alone."""
+
+    def length(self, graph):
+        return np.ones(len(graph.indices))
+
+    def movable(self, graph, rows, parts):
+        return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) == 1
+
+
+class ForgetsBridges(_OneMove):
+    """Asks whether a part would be emptied, and not whether it would fall in two."""
+
+    def length(self, graph):
+        return graph.interface
+
+    def movable(self, graph, rows, parts):
+        return np.bincount(parts)[parts] > 1
+
+
+class ForgetsBridgesInSpace(ForgetsBridges):
+    def refine(self, graph, labels, seeds, target):
+        return super().refine(graph, labels, seeds, target) if graph.dim == 3 else labels
+
+    def movable(self, graph, rows, parts):
+        return np.bincount(rows, parts[rows] == parts[graph.indices], graph.n) > 1
+
+
+class TrustsShortNecks(ForgetsBridges):
+    """Takes cells that have less than a sixth of their faces in their part: nothing can hang on them."""
+
+    def movable(self, graph, rows, parts):
+        own = np.bincount(rows, graph.interface * (parts[rows] == parts[graph.indices]), graph.n)
+        alone = np.bincount(parts)[parts] == 1
+        return ~alone & (6.0 * own < np.bincount(rows, graph.interface, graph.n))
+
+
+class MomentsOfTheMeasure(Idle):
+    """Says compactness, and takes the measure of a cell for its weight, in levels of ragged parts."""
+
+    objective = "compactness"
+
+    def refine(self, graph, labels, seeds, target):
+        if graph.n_blocks == 1:
+            return labels
+        areas = replace(graph, weights=graph.measures)
+        return DescentRefiner("compactness").refine(areas, labels, seeds, target)
+
+
+class WorthATypicalFace(InterfaceRefiner):
+    """Changes a block where that saves more than the mean face of the level."""
+
+    def refine(self, graph, labels, seeds, target):
+        new = super().refine(graph, labels, seeds, target)
+        rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+        cut = [graph.interface * (each[rows] != each[graph.indices]) for each in (labels, new)]
+        won = np.bincount(graph.block_ids[rows], cut[0] - cut[1], graph.n_blocks)
+        typical = graph.interface.sum() / max(len(rows), 1)
+        return np.where((won > typical)[graph.block_ids], new, labels)
+
+
+MUTANTS = [
+    Mutant("objective_kept", CountsEdges, "pieces of Voronoi cells"),
+    Mutant("components_not_raised", ForgetsBridges, "pieces of Voronoi cells"),
+    Mutant("components_not_raised", TrustsShortNecks, "uneven weights and faces"),
+    Mutant("objective_kept", MomentsOfTheMeasure, "uneven weights and faces"),
+    Mutant("a_level_is_its_blocks", WorthATypicalFace, "within each block"),
+    Mutant("space", ForgetsBridgesInSpace, "in more pieces than they may be", {"3d": True}),
+]
+CORRECT: list[tuple[object, dict[str, bool]]] = []
