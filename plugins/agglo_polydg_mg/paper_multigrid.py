@@ -23,12 +23,12 @@ from agglo_core.authoring import (
     frozen_int,
     phase,
 )
-from agglo_polydg_mg.cycle import SmoothedLevel, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.operators import LevelOperators, level_operators
 from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
 from agglo_polydg_mg.smoothers import set_up, smoother_of, smoother_title
+from agglo_polydg_mg.stationary import SmoothedLevel, Step, stationary, unsolved, v_cycle
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["PaperMultigrid"]

@@ -9,7 +9,6 @@ from scipy.linalg import block_diag
 from scipy.sparse.linalg import cg
 
 from agglo_core.problems.conjugate_gradients import conjugate_gradients
-from agglo_polydg_mg.cycle import SmoothedLevel, stationary, v_cycle
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.schwarz import (
     COARSE_SOLVERS,
@@ -20,6 +19,7 @@ from agglo_polydg_mg.schwarz import (
     pcg_steps,
     schwarz,
 )
+from agglo_polydg_mg.stationary import SmoothedLevel, stationary, v_cycle
 from agglo_polydg_mg.transfer import injection
 
 WIDTH = 2

@@ -16,7 +16,7 @@ from agglo_core import OptionError, PluginError, samples
 from agglo_core.registry import Registry
 from agglo_paper import figures, plan
 from agglo_paper.grids import FAMILIES, GRIDS, load, targets
-from agglo_paper.multigrid import TABLES
+from agglo_paper.multigrid_tables import TABLES
 from agglo_paper.published import Band, band, judge, judged, printed
 from agglo_paper.record import Cell, Page, Row, Table
 from agglo_paper.shape_tables import ratio
