@@ -4,7 +4,7 @@ from agglo_core.problems.choosing import discretisation_of, named_problem, read_
 from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.linear import Linear
-from agglo_core.problems.multigrid_level import MultigridLevel
+from agglo_core.problems.multigrid_level import MultigridLevel, Patches
 from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.solution import Lifting, Solution
 from agglo_core.problems.system import System
@@ -16,6 +16,7 @@ __all__ = [
     "Lifting",
     "Linear",
     "MultigridLevel",
+    "Patches",
     "Problem",
     "Samples",
     "Solution",

@@ -8,7 +8,25 @@ from typing import Any
 
 from agglo_core.arrays import Float, Int
 
-__all__ = ["MultigridLevel"]
+__all__ = ["MultigridLevel", "Patches"]
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Groups of parts whose unknowns are solved for together; they may overlap.
+
+    Attributes
+    ----------
+    offsets : (q + 1,) int
+        The parts of patch i are ``parts[offsets[i]:offsets[i + 1]]``.
+    parts : (m,) int
+    """
+
+    offsets: Int
+    parts: Int
+
+    def __len__(self) -> int:
+        return len(self.offsets) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +49,8 @@ class MultigridLevel:
         Maps a residual ``(n,)`` to the correction ``(n,)`` by the next level; None if there is to be none.
     steps : int
         Smoothing steps asked for in one application.
+    patches : Patches, optional
+        Groups of parts that meet at a vertex, where the method has found them.
     """
 
     A: Any
@@ -40,3 +60,4 @@ class MultigridLevel:
     P: Any
     coarse: Callable[[Float], Float] | None
     steps: int
+    patches: Patches | None = None

@@ -33,6 +33,7 @@ MAY_IMPORT = {
     "graph": EVERYBODY | {"kernels", "mesh"},
     "hierarchy": EVERYBODY | {"graph", "mesh"},
     "problems": EVERYBODY | {"hierarchy", "mesh", "registry"},
+    "multigrid": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "problems"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},
     "agglomeration": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "protocols", "registry"},
     "components": EVERYBODY | {"graph", "kernels", "mesh", "protocols", "registry"},

@@ -1,0 +1,6 @@
+"""Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
+
+from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
+
+__all__ = ["Level", "LevelSmoother", "LevelStack", "cycle"]

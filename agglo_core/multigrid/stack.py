@@ -1,0 +1,105 @@
+"""The levels of a multigrid method, set up and ready for cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agglo_core.arrays import Int
+from agglo_core.problems import Patches
+
+__all__ = ["Level", "LevelSmoother", "LevelStack", "Real", "Solve"]
+
+Real = NDArray[np.floating[Any]]
+"""Vector in single or double precision."""
+
+Solve = Callable[[Real], Real]
+"""Maps a right-hand side ``(n,)`` to a solution."""
+
+
+class LevelSmoother(Protocol):
+    """A smoother set up on a level: what a cycle does before the correction by the next level, and after.
+
+    ``after`` must be the mirror image of ``before`` for the cycle to be symmetric: if before takes
+    x = B b from 0, after takes x + Bᵀ (b − A x).
+    """
+
+    def before(self, b: Real) -> tuple[Real, Real]:
+        """Return x ``(n,)``, reached from 0, and the residual b − A x."""
+        ...
+
+    def after(self, b: Real, x: Real) -> Real:
+        """Return a better x of A x = b; the array given may be changed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One level: its matrix, and the way to the next coarser one, which the coarsest lacks.
+
+    Attributes
+    ----------
+    A : (n, n) sparse
+    block_offsets : (parts + 1,) int
+        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
+    P : (n, m) sparse, optional
+        Prolongation from the next level.
+    smoother : LevelSmoother, optional
+    labels : (n_cells,) int, optional
+        Part of this level that holds each cell of the mesh, where parts are agglomerates.
+    patches : Patches, optional
+        Groups of parts that are smoothed together.
+    """
+
+    A: Any
+    block_offsets: Int
+    P: Any = None
+    smoother: LevelSmoother | None = None
+    labels: Int | None = None
+    patches: Patches | None = None
+
+    @cached_property
+    def PT(self) -> Any:
+        """Pᵀ, stored by rows: the transpose of a matrix is made once, not in each cycle."""
+        return sparse.csr_array(self.P.T)
+
+
+@dataclass(frozen=True, eq=False)
+class LevelStack:
+    """The levels of a multigrid method, finest first, and the solver of the coarsest.
+
+    Attributes
+    ----------
+    levels : sequence of Level
+    coarse : callable
+        Solves on the last level.
+    dtype : numpy dtype
+        Precision of the vectors inside a cycle: float32 or float64.
+    """
+
+    levels: Sequence[Level]
+    coarse: Solve
+    dtype: Any = np.float64
+
+    @property
+    def operators(self) -> list[tuple[Any, Any]]:
+        """``(A, P)`` of each level, finest first; P of the coarsest is None."""
+        return [(level.A, level.P) for level in self.levels]
+
+    @property
+    def operator_complexity(self) -> float:
+        """Matrix entries of all levels over those of the finest."""
+        entries = [level.A.nnz for level in self.levels]
+        return float(sum(entries) / entries[0])
+
+    @property
+    def grid_complexity(self) -> float:
+        """Unknowns of all levels over those of the finest."""
+        unknowns = [level.A.shape[0] for level in self.levels]
+        return float(sum(unknowns) / unknowns[0])
