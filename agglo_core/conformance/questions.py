@@ -29,6 +29,7 @@ from agglo_core.registry.containment import PLUGIN_FAILURES
 
 __all__ = [
     "answer",
+    "as_array",
     "chunks",
     "digest",
     "every_graph",
@@ -57,6 +58,14 @@ def answer(subject: Subject, tool: Any, case: Case) -> Any:
         raise
     except PLUGIN_FAILURES as error:
         raise Broken(f"on {case.name}: {_blame(subject, tool, error)}") from error
+
+
+def as_array(given: Any) -> NDArray[Any]:
+    """An answer as the core takes it: lists become arrays, and what cannot become one an array of objects."""
+    try:
+        return np.asarray(given)
+    except ValueError:
+        return np.asarray(given, dtype=object)
 
 
 def questions(subject: Subject, seed: int = 0) -> list[Case]:

@@ -12,7 +12,7 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.hard_cases import crowded, unusual_cases
 from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, every_graph, in_words, plain, same
+from agglo_core.conformance.questions import answer, as_array, every_graph, in_words, plain, same
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 from agglo_core.graph import Graph
@@ -39,10 +39,11 @@ def side_array(subject: Subject) -> None:
     """It returns one side per cell: an array of integers, booleans or floats of shape (n,)."""
     for case in every_graph(subject):
         given = answer(subject, subject.build(), case)
+        sides = as_array(given)
         require(
-            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind in "iubf",
+            sides.shape == (case.size,) and sides.dtype.kind in "iubf",
             f"on {case.name}: it returned {in_words(given)}, expected an array of shape ({case.size},) of "
-            "integers, booleans or floats: np.asarray(sides) makes one of a list",
+            "integers, booleans or floats: one side for each cell",
         )
 
 

@@ -15,7 +15,7 @@ from agglo_core.conformance.law import law
 from agglo_core.conformance.mesh_changes import Change
 from agglo_core.conformance.metric_cases import by_hand, changed, holed, various
 from agglo_core.conformance.metric_values import HAND, PLAIN
-from agglo_core.conformance.questions import answer, in_words, plain
+from agglo_core.conformance.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.mesh import Mesh
@@ -50,10 +50,11 @@ def value_array(subject: Subject) -> None:
     """It returns one number per agglomerate: an array of shape (k,)."""
     for case in [*cases("metric"), *various()]:
         given = answer(subject, subject.build(), case)
+        values = as_array(given)
         require(
-            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind in "biuf",
+            values.shape == (case.size,) and values.dtype.kind in "biuf",
             f"on {case.name}: it returned {in_words(given)}, expected an array of shape ({case.size},) of "
-            "numbers, one for each of the labels 0..k-1: not one per cell, not a mean, not a list",
+            "numbers, one for each of the labels 0..k-1: not one per cell, not a mean",
         )
 
 

@@ -11,7 +11,7 @@ from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.hard_cases import unusual_cases
 from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, in_words
+from agglo_core.conformance.questions import answer, as_array, in_words
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 from agglo_core.protocols import Target
@@ -30,13 +30,14 @@ def kway_labels(subject: Subject) -> None:
         graph = case.given[0]
         for parts in {1, *(k for k in _PARTS if k <= graph.n), min(graph.n, 300)}:
             given = _partition(subject, case, parts)
+            labels = as_array(given)
             require(
-                isinstance(given, np.ndarray) and given.shape == (graph.n,) and given.dtype.kind in "iu",
+                labels.shape == (graph.n,) and labels.dtype.kind in "iub",
                 f"on {case.name}: partition returned {in_words(given)}, expected ({graph.n},) integers",
             )
             require(
-                given.min() >= 0 and given.max() < parts,
-                f"on {case.name}: labels {given.min()}..{given.max()} for {parts} parts, expected "
+                labels.min() >= 0 and labels.max() < parts,
+                f"on {case.name}: labels {labels.min()}..{labels.max()} for {parts} parts, expected "
                 f"0..{parts - 1}",
             )
 

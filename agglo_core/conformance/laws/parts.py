@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, chunks, every_graph, in_words, plain
+from agglo_core.conformance.questions import answer, as_array, chunks, every_graph, in_words, plain
 from agglo_core.conformance.speed import TIME_LIMIT, too_slow
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
@@ -39,10 +38,11 @@ def label_array(subject: Subject) -> None:
     """It returns one label per cell: an array of integers of shape (n,)."""
     for case in every_graph(subject):
         given = answer(subject, subject.build(), case)
+        labels = as_array(given)
         require(
-            isinstance(given, np.ndarray) and given.shape == (case.size,) and given.dtype.kind in "iu",
+            labels.shape == (case.size,) and labels.dtype.kind in "iub",
             f"on {case.name}: it returned {in_words(given)}, expected an array of integers of shape "
-            f"({case.size},): np.asarray(labels) makes one of a list",
+            f"({case.size},): one label for each cell",
         )
 
 

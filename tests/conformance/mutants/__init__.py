@@ -38,7 +38,7 @@ CORRECT = [given for kind in _KINDS for given in kind.CORRECT]
 
 NEWCOMERS = [
     bisectors.OneAndTwo,
-    bisectors.ListOfSides,
+    bisectors.NamesOfSides,
     bisectors.ForgetsTheSeed,
     bisectors.LevelWideScale,
     bisectors.ScalesInPlace,

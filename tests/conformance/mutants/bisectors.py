@@ -127,6 +127,11 @@ class ListOfSides(Halves):
         return halves(graph).tolist()
 
 
+class NamesOfSides(Halves):
+    def bisect(self, graph, rng):
+        return np.where(halves(graph), "right", "left")
+
+
 class ColumnOfSides(LevelHalves):
     def bisect_level(self, level, seeds):
         return halves(level)[:, None]
@@ -261,6 +266,7 @@ class HoldsALambda(Halves):
 
 
 CORRECT = [
+    (ListOfSides, {"deterministic": True}),
     (Halves, {"deterministic": True, "balanced": 0.4, "3d": True, "pickles": True}),
     (LevelHalves, {"deterministic": True, "balanced": 0.4, "3d": True, "pickles": True}),
     (Probable, {"deterministic": True, "3d": True}),
@@ -275,7 +281,7 @@ MUTANTS = [
     Mutant("answers", RaisesOnRings, "no ends"),
     Mutant("input_untouched", ScalesInPlace, "change a copy"),
     Mutant("input_untouched", AddsData, "work on a copy"),
-    Mutant("side_array", ListOfSides, "np.asarray"),
+    Mutant("side_array", NamesOfSides, "integers, booleans or floats"),
     Mutant("side_array", ColumnOfSides, "shape"),
     Mutant("side_values", OneAndTwo, "subtract the smallest"),
     Mutant("side_values", FloatsAboveOne, "probabilities of side 1"),

@@ -22,9 +22,16 @@ class Fix(ConnectivityFixer):
     pass
 
 
-class ListOfLabels(Idle):
+class ListsOfLabels(Idle):
+    """Booleans where there are two parts in all."""
+
     def refine(self, graph, labels, seeds, target):
-        return labels.tolist()
+        return (labels > 0 if labels.max() == 1 else labels).tolist()
+
+
+class NamesOfParts(Idle):
+    def refine(self, graph, labels, seeds, target):
+        return [f"part {label}" for label in labels]
 
 
 class FixesToFloats(Fix):
@@ -141,13 +148,14 @@ class CountsBlocks(Fix):
 
 
 CORRECT = [
+    (ListsOfLabels, {"deterministic": True}),
     (PursuesUF, {"deterministic": True}),
     (Idle, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
     (Fix, {"deterministic": True, "invariant": True, "3d": True, "pickles": True}),
 ]
 
 MUTANTS = [
-    Mutant("label_array", ListOfLabels, "np.asarray"),
+    Mutant("label_array", NamesOfParts, "an array of integers"),
     Mutant("label_array", FixesToFloats, "integers"),
     Mutant("parts_kept", DropsALabel, "lost its last cell"),
     Mutant("parts_kept", RenumbersAcrossBlocks, "block"),

@@ -78,7 +78,11 @@ class BalancesTheMeasure(Idle):
     objective = "balance"
 
     def refine(self, graph, labels, seeds, target):
-        if graph.weights is graph.measures or np.array_equal(graph.weights, graph.measures):
+        if (
+            graph.n_blocks > 1
+            or graph.weights is graph.measures
+            or np.array_equal(graph.weights, graph.measures)
+        ):
             return labels
         moved = DescentRefiner("balance").refine(graph, labels, seeds, target)
         return labels if (moved == labels).all() else _worst_swap(graph, labels)
