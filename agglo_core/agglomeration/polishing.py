@@ -113,14 +113,19 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
 
 
 def _without_bad_moves(pieces: Graph, before: Int, after: Int, limit: float) -> Int:
-    """Undo all moves into or out of parts that became disconnected or too wide, until none is left."""
+    """Undo all moves into or out of parts that became empty, disconnected or too wide, until none is left.
+
+    A part is emptied where the move that filled it is undone, and not yet that which took its last cell.
+    """
     while True:
-        component = pieces.components(after)
-        part_of = np.zeros(int(component.max()) + 1, np.int64)
-        part_of[component] = after
-        bad = np.bincount(part_of, minlength=int(after.max()) + 1) > 1
-        if np.isfinite(limit):
-            bad |= pieces.part_diameters(after) > limit
+        bad = np.bincount(after, minlength=int(before.max()) + 1) == 0
+        if not bad.any():
+            component = pieces.components(after)
+            part_of = np.zeros(int(component.max()) + 1, np.int64)
+            part_of[component] = after
+            bad = np.bincount(part_of, minlength=len(bad)) > 1
+            if np.isfinite(limit):
+                bad |= pieces.part_diameters(after) > limit
         back = (bad[after] | bad[before]) & (after != before)
         if not back.any():
             return after

@@ -1,0 +1,39 @@
+"""Moves that spoil a part are undone, whatever a post-refiner moved."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agglo_core import samples
+from agglo_core.agglomeration.polishing import _without_bad_moves
+
+
+def test_a_part_emptied_by_undoing_another_move_gets_its_cells_back() -> None:
+    """Part 1 moved along by a cell; as part 2 becomes too wide the cell that part 1 took goes back."""
+    strip = samples.strip(8).graph
+    before = np.array([0, 1, 2, 2, 2, 3, 3, 3])
+    after = np.array([0, 0, 1, 2, 2, 2, 2, 3])
+    limit = 1.000001 * strip.part_diameters(before).max()
+    np.testing.assert_array_equal(_without_bad_moves(strip, before, after, limit), before)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 10**6))
+def test_parts_stay_whole_connected_and_small(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    graph = samples.squares(6).graph
+    rank = rng.permutation(36)[:5]
+    x = graph.centroids
+    before = ((x[:, None] - x[rank][None]) ** 2).sum(axis=2).argmin(axis=1)
+    after = np.where(rng.random(36) < 0.3, rng.integers(5, size=36), before)
+    after[rng.permutation(36)[:5]] = np.arange(5)  # as refiners must, it empties none
+    pieces = graph.components(before).max() + 1
+    if pieces > 5:  # the parts to begin with are in pieces
+        return
+    limit = float(graph.part_diameters(before).max())
+    result = _without_bad_moves(graph, before, after, limit)
+    assert set(result) == set(range(5))
+    assert graph.components(result).max() + 1 == 5
+    assert graph.part_diameters(result).max() <= limit
