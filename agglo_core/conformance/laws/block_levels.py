@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.arrays import frozen_float
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import level_case, part_of_level
-from agglo_core.conformance.hard_cases import crowded
+from agglo_core.conformance.hard_cases import crowded, many_parts
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import chunks, plain, same
 from agglo_core.conformance.speed import too_slow
@@ -25,6 +25,8 @@ def a_level_is_its_blocks(subject: Subject) -> None:
         (level_case(subject.kind), (0, 1, 2, 30, 60)),
         (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
     ]
+    if subject.kind == "bisector" and subject.has("bisect_level"):
+        levels.append((many_parts(subject.kind), (3, 0, 255, 4095, 4097, 4999)))
     for case, chosen in levels if too_slow(subject) is None else [_few_blocks(levels[0][0])]:
         _same_in_any_company(subject, case, chosen)
 

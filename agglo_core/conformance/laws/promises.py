@@ -141,8 +141,16 @@ def space(subject: Subject) -> None:
     if subject.kind in ("solver", "format"):
         asked = taken(subject, asked)
         require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
+    tool = subject.build()
+    for case in [*questions(subject)[:1], *asked]:  # one in the plane first
+        plain(subject, tool, case)
     for case in asked:
         values = plain(subject, subject.build(), case)
+        later = plain(subject, tool, case)
+        require(
+            same(values, later),
+            f"on {case.name}: it answers otherwise after a question in the plane: keep no dimension in self",
+        )
         require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
             apart = len(one_sided(case.given[0], values)) == 0

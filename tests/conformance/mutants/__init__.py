@@ -3,6 +3,7 @@
 from conformance.mutants import (
     bisectors,
     constraints,
+    elsewhere,
     forgetful,
     formats,
     labellers,
@@ -32,6 +33,7 @@ _KINDS = (
     forgetful,
     overwhelmed,
     ragged,
+    elsewhere,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]
