@@ -17,7 +17,7 @@ from scipy import sparse
 
 from agglo_core.conformance.asking import ask
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, level_case
+from agglo_core.conformance.cases import cases, cases_in_3d, level_case
 from agglo_core.conformance.hard_cases import (
     crowded,
     large_case,
@@ -41,6 +41,7 @@ __all__ = [
     "every_graph",
     "fingerprints",
     "global_random",
+    "in_space",
     "in_words",
     "plain",
     "questions",
@@ -92,6 +93,11 @@ def every_graph(subject: Subject) -> list[Case]:
             return [*ordinary, crowded(kind, 40)]
         return [*ordinary, crowded(kind), *([] if subject.fallback else [many_parts(kind)])]
     return bearable(subject, [*ordinary, crowded(kind), *ragged_cases(kind), many_parts(kind)])
+
+
+def in_space(subject: Subject) -> list[Case]:
+    """The questions in 3-D to a component that promises to answer them."""
+    return cases_in_3d(subject.kind) if subject.promised("3d") else []
 
 
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:

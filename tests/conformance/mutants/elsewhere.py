@@ -6,7 +6,7 @@ from copy import copy
 
 import numpy as np
 from conformance.mutants.bisectors import Halves, LevelHalves, halves
-from conformance.mutants.labellers import Fix
+from conformance.mutants.labellers import Fix, Idle, Worsens
 from conformance.mutants.metrics import Extent
 from conformance.mutants.mutant import Mutant
 
@@ -188,6 +188,35 @@ class RemembersItsPlane(Halves):
         return sides
 
 
+class MeansInSpace(Halves):
+    """Halves the weight in the plane; in space it cuts at the mean."""
+
+    def bisect(self, graph, rng):
+        x = graph.centroids[:, 0]
+        if graph.dim == 2 or np.ptp(x) == 0.0:
+            return _Along().bisect(graph, rng)
+        return x > x.min() + 0.3 * np.ptp(x)
+
+
+class MoreInSpace(Worsens):
+    """In space alone it moves a cell that lengthens the interface."""
+
+    def refine(self, graph, labels, seeds, target):
+        return super().refine(graph, labels, seeds, target) if graph.dim == 3 else labels
+
+
+class PairsInWords(Idle):
+    """Numbers pairs of cells in 32 bits; of 46,341 cells there are too many."""
+
+    def refine(self, graph, labels, seeds, target):
+        rows = np.repeat(np.arange(graph.n, dtype=np.int32), np.diff(graph.indptr))
+        with np.errstate(over="ignore"):
+            pairs = rows * np.int32(graph.n) + graph.indices.astype(np.int32)
+        lost = pairs < 0
+        mistaken = (np.bincount(rows[lost], minlength=graph.n) > 0) & (np.arange(graph.n) % 2 == 0)
+        return np.where(mistaken, 0, labels)
+
+
 class IgnoresSlivers(Fix):
     """Parts below an area of 1e-12 come from rounding."""
 
@@ -232,6 +261,9 @@ MUTANTS = [
     Mutant("answers", SignedSeeds, "non-negative"),
     Mutant("same_seed_same_result", DrawsForLargePieces, "on 2000 cells"),
     Mutant("space", RemembersItsPlane, "in the plane", {"3d": True}),
+    Mutant("balanced", MeansInSpace, "3-D boxes", {"balanced": 0.02, "3d": True}),
+    Mutant("objective_kept", MoreInSpace, "3-D boxes", {"3d": True}),
+    Mutant("large_meshes", PairsInWords, "50000 cells", thorough=True),
     Mutant("parts_connected", IgnoresSlivers, "of a size of 1e-8"),
     Mutant("nothing_carried_over", RemembersLabels, "the same labels"),
     Mutant("renaming", CountsPartsInBytes, "295 parts"),
