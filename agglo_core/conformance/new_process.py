@@ -48,7 +48,7 @@ def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
     task = task_of(subject)
     if subject.promised("pickles"):
         task["pickled"] = base64.b64encode(pickle.dumps(subject.build())).decode()
-    command = [sys.executable, "-c", "from agglo_core.conformance.elsewhere import main; main()"]
+    command = [sys.executable, "-c", "from agglo_core.conformance.new_process import main; main()"]
     other = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
     with TemporaryDirectory() as folder:
         try:
