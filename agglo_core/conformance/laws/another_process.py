@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from agglo_core.conformance.new_process import answers_elsewhere, can_be_sent
 from agglo_core.conformance.hard_cases import SIBLINGS
 from agglo_core.conformance.law import law
+from agglo_core.conformance.new_process import answers_elsewhere, can_be_sent
 from agglo_core.conformance.questions import global_random, plain, questions, same
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require

@@ -16,6 +16,7 @@ from conformance.mutants import (
     sections,
     smoothers,
     solvers,
+    units,
 )
 
 _KINDS = (
@@ -34,6 +35,7 @@ _KINDS = (
     overwhelmed,
     ragged,
     elsewhere,
+    units,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]
