@@ -20,7 +20,7 @@ from agglo_core.problems import MultigridLevel, Problem, require_accepted
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
 
-__all__ = ["ask"]
+__all__ = ["ask", "for_target"]
 
 
 def ask(kind: str, tool: Any, case: Case) -> Any:
@@ -38,6 +38,18 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
         return tool
     method = "example" if kind == "problem" else KINDS[kind].methods[0]
     return getattr(tool, method)(*case.given)
+
+
+def for_target(tool: Any, target: Target) -> Any:
+    """The bisector for a target; Broken if it is none. A target may be refused by an AggloError."""
+    told = (getattr(tool, "for_target", None) or tool.aim)(target)
+    bisects = any(callable(getattr(told, name, None)) for name in ("bisect_level", "bisect"))
+    if not bisects or isinstance(told, type):
+        raise Broken(
+            f"for {target} it returned a {type(told).__name__} ({told!r:.40}), expected an object with "
+            "bisect_level or bisect"
+        )
+    return told
 
 
 def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:

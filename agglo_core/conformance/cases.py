@@ -146,8 +146,9 @@ def part_of_level(case: Case, blocks: ArrayLike) -> Case:
 
 
 def seeds_for(blocks: int, seed: int = 0) -> UInt64:
-    """Well-spread seeds of each block ``(B,)``."""
-    drawn = np.random.default_rng(seed).integers(2**63, size=blocks, dtype=np.uint64)
+    """Well-spread seeds of each block ``(B,)``; the first is 2^63 or more, as half of those of a run are."""
+    drawn = np.random.default_rng(seed).integers(2**64, size=blocks, dtype=np.uint64)
+    drawn[:1] |= np.uint64(2**63)
     seeds: UInt64 = frozen(drawn, np.uint64)
     return seeds
 

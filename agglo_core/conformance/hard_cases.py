@@ -23,6 +23,7 @@ from agglo_core.protocols import Target
 __all__ = [
     "SIBLINGS",
     "crowded",
+    "large_case",
     "many_parts",
     "partitions",
     "partitions_in_3d",
@@ -60,6 +61,16 @@ def unusual_cases(kind: str) -> list[Case]:
     return found + [asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()]
 
 
+def large_case(kind: str, seed: int = 0) -> list[Case]:
+    """A question about 2,000 cells; none for kinds that are not given a graph."""
+    if kind not in ("bisector", "refiner", "fixer"):
+        return []
+    graph = fresh(unusual_graphs.large())
+    if kind == "bisector":
+        return [Case("2000 cells", (graph, seeds_for(1, seed)))]
+    return [asked(kind, graph, "2000 cells", clumps(graph, 20, strays=0.02), "both", seed)]
+
+
 def crowded(kind: str, blocks: int = 300) -> Case:
     """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones.
 
@@ -84,14 +95,17 @@ def crowded(kind: str, blocks: int = 300) -> Case:
 
 
 def many_parts(kind: str) -> Case:
-    """A level of 2,600 blocks, one of them of 60 cells: its parts have more than 65,536 (block, label) pairs.
+    """A level of 5,000 blocks, one of them of 60 cells: its parts have more than 65,536 (block, label) pairs.
 
     Cells are alone in their parts or, in every third block, alternate between two parts.
     """
     level = fresh(unusual_graphs.small_blocks())
+    name = f"a level of {level.n_blocks} blocks"
+    if kind == "bisector":
+        return Case(name, (level, seeds_for(level.n_blocks, 3)))
     place = np.arange(level.n) - level.offsets[level.block_ids]
     labels = np.where(level.block_ids % 3 == 1, place % 2, place)
-    return asked(kind, level, f"a level of {level.n_blocks} blocks", frozen_int(labels), "both")
+    return asked(kind, level, name, frozen_int(labels), "both")
 
 
 def ragged_cases(kind: str) -> list[Case]:
@@ -122,6 +136,9 @@ def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
             for parts in (3, 4 - place % 2):
                 labels = clumps(graph, parts, strays=0.1 * (1 + place))
                 yield asked(kind, graph, f"63 cells ({place})", labels, "both", seed=place)
+        for graph in _graphs():
+            labels = np.random.default_rng(6).integers(3, size=graph.n)
+            yield asked(kind, graph, "63 cells with the same labels", frozen_int(labels), "both")
     elif kind == "metric":
         for make in _MESHES:
             for labels in (np.arange(63) // 16, np.arange(63) % 9 // 3):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import os
 import queue
@@ -13,22 +12,22 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import IO, Any
 
+from agglo_core.conformance.handing_over import environment, subject_from, task_of
 from agglo_core.conformance.judging import Result, judge, laws_for
 from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.conformance.own_components import own_components
-from agglo_core.conformance.subject import Subject, subject_of
+from agglo_core.conformance.subject import Subject
 from agglo_core.errors import OptionError
-from agglo_core.registry import Component
 from agglo_core.registry.containment import PLUGIN_FAILURES
-from agglo_core.registry.options import Text
 
 __all__ = ["judge_apart", "main"]
 
 _STOPS = 2  # laws that may time out before the rest is skipped
 _START = 120.0  # seconds for a new process to import the suite and the component, and for numba to compile
+_START_ANOTHER = ("same_in_another_process",)  # laws that start a process themselves
 
 Listen = Callable[[float], dict[str, Any]]
 """Returns the next message of the other process; the argument is the timeout in seconds."""
@@ -46,14 +45,15 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
     OptionError
         If the component is an object, which no other process can have, or needs an option.
     """
-    task, results, left = _task(subject), list[Result](), list[str]()
+    task, results, left = task_of(subject), list[Result](), list[str]()
     for _ in range(_STOPS):
         try:
             with _other_process({**task, "laws": left}) as listen:
                 listen(_START)
                 left = listen(timeout)["laws"]
                 while left:
-                    results.append(Result(**listen(timeout)))
+                    starting = _START if left[0] in _START_ANOTHER else 0.0
+                    results.append(Result(**listen(timeout + starting)))
                     left = left[1:]
             return results
         except _Stopped as stopped:
@@ -68,11 +68,15 @@ def judge_apart(subject: Subject, timeout: float) -> list[Result]:
 def _other_process(task: Mapping[str, Any]) -> Iterator[Listen]:
     """A process that judges ``task``, as a function that gives its messages; killed at the end."""
     command = [sys.executable, "-c", "from agglo_core.conformance.isolation import main; main()"]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
     lines: queue.Queue[str] = queue.Queue()
     with tempfile.TemporaryFile("w+") as errors:
         child = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, env=environment
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            env=environment(),
         )
 
         def next_message(seconds: float, allowed: float) -> dict[str, Any]:
@@ -128,36 +132,6 @@ def _failed(name: str, message: str) -> Result:
     return Result(law.name, law.sentence, False, message, 0.0, law.promise)
 
 
-def _task(subject: Subject) -> dict[str, Any]:
-    """What another process needs to find the component again."""
-    texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
-    task: dict[str, Any] = {"kind": subject.kind, "texts": texts}
-    task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
-    task["thorough"] = subject.thorough
-    record, given = subject.record, subject.given
-    if record is not None and record.component is not None:
-        if record.distribution and subject.registry is None:
-            return task | {"name": f"{record.distribution}/{record.name}"}
-        return task | {"component": asdict(record.component)}
-    if hasattr(given, "__qualname__") and "<" not in given.__qualname__ and given.__module__ != "__main__":
-        return task | {"target": [given.__module__, given.__qualname__]}
-    raise OptionError("a timeout needs a name, a declaration or a class that can be imported: not an object")
-
-
-def _found(task: dict[str, Any]) -> Subject:
-    given: Any = task.get("name")
-    if "component" in task:
-        given = Component(**task["component"] | {"requires": tuple(task["component"]["requires"])})
-    if "target" in task:
-        module, qualname = task["target"]
-        given = importlib.import_module(module)
-        for part in qualname.split("."):
-            given = getattr(given, part)
-    options = task["options"] | {name: Text(task["options"][name]) for name in task["texts"]}
-    subject = subject_of(given, task["kind"], options=options, promises=task["promises"])
-    return replace(subject, thorough=task["thorough"])
-
-
 def main() -> None:
     """Judge what stdin describes, one JSON line for each law; whatever else is printed goes to stderr.
 
@@ -177,7 +151,7 @@ def main() -> None:
 
         task = json.loads(sys.stdin.read())
         laws_of(task["kind"])
-        subject = _found(task)
+        subject = subject_from(task)
         with contextlib.suppress(*PLUGIN_FAILURES):  # the law builds says why
             _ = subject.target
         own_components().build("bisector", "inertial")

@@ -54,16 +54,16 @@ def holed() -> list[Case]:
 
 def various() -> list[Case]:
     """Tagged cells of unequal sizes, many parts, single cells, many neighbours, crooked parts."""
-    many = small_meshes.grid(16, 12, jitter=0.2)
-    row, column = np.divmod(np.arange(many.n_cells), 16)
-    lone = np.where(row < 8, np.arange(many.n_cells), 128 + (row - 8) // 2 * 4 + column // 4)
+    many = small_meshes.grid(20, 20, jitter=0.2)
+    row, column = np.divmod(np.arange(many.n_cells), 20)
+    lone = np.where(row < 14, np.arange(many.n_cells), 280 + (row - 14) // 2 * 5 + column // 4)
     long = small_meshes.grid(50, 2, height=0.7, jitter=0.15)
     alone = np.where(np.arange(100) < 50, 0, np.arange(100) - 49)
     i, j = np.divmod(np.arange(63), 7)
     crooked = np.array([0, 1, 1, 0, 2, 2, 0])[(i + j // 2) % 7] + 3 * (i > 6)
     return [
         Case("tagged cells of unequal sizes", (_graded(), _shuffled(np.arange(63) * 11 // 63))),
-        Case("136 parts, most of one cell", (many, _shuffled(lone))),
+        Case("295 parts, most of one cell", (many, _shuffled(lone))),
         Case("a long part beside fifty cells", (long, frozen_int(alone))),
         Case("crooked parts", (small_meshes.grid(7, 9, jitter=0.2), _shuffled(crooked))),
         *(case for case in holed() if "point" not in case.name),

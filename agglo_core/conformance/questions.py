@@ -17,8 +17,15 @@ from scipy import sparse
 
 from agglo_core.conformance.asking import ask
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, level_case
-from agglo_core.conformance.hard_cases import crowded, many_parts, partitions, ragged_cases, unusual_cases
+from agglo_core.conformance.cases import cases, cases_in_3d, level_case
+from agglo_core.conformance.hard_cases import (
+    crowded,
+    large_case,
+    many_parts,
+    partitions,
+    ragged_cases,
+    unusual_cases,
+)
 from agglo_core.conformance.speed import bearable
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
@@ -35,6 +42,7 @@ __all__ = [
     "every_graph",
     "fingerprints",
     "global_random",
+    "in_space",
     "in_words",
     "plain",
     "questions",
@@ -71,24 +79,34 @@ def as_array(given: Any) -> NDArray[Any]:
 def questions(subject: Subject, seed: int = 0) -> list[Case]:
     """The ordinary questions to a component, less what it refuses as a whole; none to a format never written.
 
-    A solver that names further kinds of problem in ``accepts`` is asked for their examples too, a bisector
-    that makes direct partitions for some of them.
+    The largest is about 2,000 cells, as some components take another way from some size on. A solver that
+    names further kinds of problem in ``accepts`` is asked for their examples too, a bisector that makes
+    direct partitions for some of them.
     """
     more = partitions() if subject.partitions else _further_problems(subject)
-    return taken(subject, [*cases(subject.kind, seed), *more])
+    large = bearable(subject, large_case(subject.kind, seed))
+    return taken(subject, [*cases(subject.kind, seed), *large, *more])
 
 
 def every_graph(subject: Subject) -> list[Case]:
     """Questions to a bisector, refiner or fixer about ordinary graphs, unusual ones and levels.
 
-    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them; a
-    refiner or fixer that is too slow is asked about few cells.
+    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them; one
+    with a fallback need not split thousands of pieces of two cells. A refiner or fixer that is too slow is
+    asked about few cells.
     """
     kind = subject.kind
     ordinary = [*cases(kind), *unusual_cases(kind), level_case(kind)]
     if kind == "bisector":
-        return [*ordinary, crowded(kind, 300 if subject.has("bisect_level") else 40)]
+        if not subject.has("bisect_level"):
+            return [*ordinary, crowded(kind, 40)]
+        return [*ordinary, crowded(kind), *([] if subject.fallback else [many_parts(kind)])]
     return bearable(subject, [*ordinary, crowded(kind), *ragged_cases(kind), many_parts(kind)])
+
+
+def in_space(subject: Subject) -> list[Case]:
+    """The questions in 3-D to a component that promises to answer them."""
+    return cases_in_3d(subject.kind) if subject.promised("3d") else []
 
 
 def taken(subject: Subject, asked: list[Case]) -> list[Case]:

@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from agglo_core.conformance.asking import for_target
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import OptionError, PluginError
+from agglo_core.protocols import Target
 from agglo_core.registry import KINDS, Component, Record, Registry, default, describe
 from agglo_core.registry.construct import construct, resolve
 from agglo_core.registry.containment import PLUGIN_FAILURES
@@ -43,6 +45,8 @@ class Subject:
         Whether it is too slow for large questions (see :mod:`agglo_core.conformance.speed`), once asked.
     disturbed : list of str
         Settings of the process that building it changed, as far as it has been built.
+    told : Target, optional
+        Of a bisector: what is judged is what its ``for_target`` returns for this.
     """
 
     kind: str
@@ -56,13 +60,15 @@ class Subject:
     thorough: bool = False
     pace: list[Any] = field(default_factory=list, compare=False, repr=False)
     disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
+    told: Target | None = None
 
     def build(self) -> Any:
         """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
         try:
-            return self.make()
+            tool = self.make()
         except PLUGIN_FAILURES as error:
             raise Broken("it cannot be built: the law builds says why") from error
+        return tool if self.told is None else for_target(tool, self.told)
 
     def make(self, **more: Any) -> Any:
         """A fresh object with further options; whatever its constructor raises passes through.

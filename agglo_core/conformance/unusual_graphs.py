@@ -13,7 +13,17 @@ from agglo_core.conformance import small_meshes
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 
-__all__ = ["clumps", "crowd", "fresh", "level_in_space", "mapped", "small_blocks", "tower", "unusual"]
+__all__ = [
+    "clumps",
+    "crowd",
+    "fresh",
+    "large",
+    "level_in_space",
+    "mapped",
+    "small_blocks",
+    "tower",
+    "unusual",
+]
 
 _SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 60)
 """Sizes of the blocks of a crowd, one after the other, ..."""
@@ -31,6 +41,12 @@ def unusual() -> dict[str, Graph]:
         "a cell with 300 neighbours": _hub,
         "600 cells": _six_hundred,
         "a chain of 2000 cells": _chain,
+        "cells whose weights differ a trillion times": _steep,
+        "cells that weigh a trillionth": lambda: _weighing(1e-12),
+        "cells that weigh a trillion": lambda: _weighing(1e12),
+        "cells of a size of 1e-8": lambda: _sized(1e-8),
+        "cells of a size of 1e8": lambda: _sized(1e8),
+        "cells far from the origin": _far,
     }
     return {name: fresh(graph()) for name, graph in made.items()}
 
@@ -61,11 +77,18 @@ def crowd(blocks: int, smallest: int) -> Graph:
 
 @cache
 def small_blocks() -> Graph:
-    """A level of 2,600 blocks, the first of 60 cells in a row, the others of 2, 3, 2, 3, ..."""
-    sizes = np.where(np.arange(2600) % 2, 2, 3)
+    """A level of 5,000 blocks, the first of 60 cells in a row, the others of 2, 3, 2, 3, ..."""
+    sizes = np.where(np.arange(5000) % 2, 2, 3)
     sizes[0] = 60
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     graph: Graph = small_meshes.line(int(offsets[-1])).subgraph(np.arange(offsets[-1]), offsets)
+    return graph
+
+
+@cache
+def large() -> Graph:
+    """Two thousand cells in one block."""
+    graph: Graph = small_meshes.grid(50, 40, jitter=0.2).graph
     return graph
 
 
@@ -120,6 +143,32 @@ def _graded() -> Graph:
 def _weightless() -> Graph:
     graph: Graph = small_meshes.grid(11, 9, jitter=0.2).graph
     return replace(graph, weights=np.zeros(graph.n))
+
+
+@cache
+def _steep() -> Graph:
+    graph: Graph = small_meshes.grid(10, 9, jitter=0.2).graph
+    return replace(graph, weights=10.0 ** np.random.default_rng(8).uniform(-6, 6, graph.n))
+
+
+@cache
+def _weighing(weight: float) -> Graph:
+    graph: Graph = small_meshes.grid(8, 7, jitter=0.2).graph
+    return replace(graph, weights=weight * np.random.default_rng(9).uniform(1, 2, graph.n))
+
+
+@cache
+def _sized(size: float) -> Graph:
+    graph: Graph = mapped(small_meshes.grid(9, 8, jitter=0.2), lambda points: size * points).graph
+    return graph
+
+
+@cache
+def _far() -> Graph:
+    """A bare graph: the centroids of a mesh would be relative to its middle."""
+    graph: Graph = small_meshes.grid(9, 7, jitter=0.2).graph
+    away = np.array([4e6, -7e6])
+    return replace(graph, centroids=graph.centroids + away, points=graph.points + away)
 
 
 @cache

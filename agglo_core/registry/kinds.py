@@ -44,7 +44,16 @@ class Kind:
 
 
 _ON_GRAPHS = ("deterministic", "invariant", "3d", "pickles")
-_ON_LEVELS = ("whole", "history", "block_levels", "promises", "in_a_run", "thorough")
+_ON_LEVELS = (
+    "whole",
+    "history",
+    "block_levels",
+    "promises",
+    "told_promises",
+    "in_a_run",
+    "another_process",
+    "thorough",
+)
 _RECORDS = (
     Kind(
         "bisector",
@@ -73,7 +82,16 @@ _RECORDS = (
         "one number for each agglomerate",
         ("measure",),
         ("deterministic", "3d", "pickles"),
-        ("general", "metric", "metric_invariance", "whole", "history", "promises", "in_a_run"),
+        (
+            "general",
+            "metric",
+            "metric_invariance",
+            "whole",
+            "history",
+            "promises",
+            "in_a_run",
+            "another_process",
+        ),
     ),
     Kind(
         "solver",
@@ -89,6 +107,7 @@ _RECORDS = (
             "whole",
             "history",
             "promises",
+            "another_process",
         ),
     ),
     Kind(
@@ -118,7 +137,7 @@ _RECORDS = (
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
-        ("general", "level_smoother", "whole", "smoother_levels", "history", "promises"),
+        ("general", "level_smoother", "whole", "smoother_levels", "history", "promises", "another_process"),
     ),
     Kind(
         "constraint",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -9,25 +11,40 @@ from numpy.typing import NDArray
 
 from agglo_core.agglomeration.border import one_sided_blocks
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.conformance import small_meshes
+from agglo_core.conformance.asking import for_target
 from agglo_core.conformance.case import Case
+from agglo_core.conformance.cases import seeds_for
+from agglo_core.conformance.fresh_import import imported_again
 from agglo_core.conformance.hard_cases import crowded, unusual_cases
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, as_array, every_graph, in_words, plain, same
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
+from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
-__all__ = ["one_sided"]
+__all__ = ["one_sided", "told", "two_sides"]
 
 
-_TARGETS = (Target(parts=2), Target(h_star=0.5), Target(parts=400), Target(h_star=500.0))
+_SIZES = (1e-3, 0.03, 0.15, 0.5, 3.0, 8.0, 500.0)
+_TARGETS = (
+    *(Target(parts=parts) for parts in (2, 3, 5, 16, 400)),
+    *(Target(h_star=size) for size in _SIZES),
+    *(Target(parts=16, h_star=size) for size in (0.03, 3.0)),
+)
 
 
 def one_sided(graph: Graph, sides: NDArray[Any]) -> Int:
     """Blocks of two cells or more that are all on one side."""
     alike = one_sided_blocks(graph, frozen_int(sides))
     return alike[graph.sizes[alike] > 1]
+
+
+def told(subject: Subject) -> bool:
+    """Whether it is a bisector that wants to know the target."""
+    return _bisects(subject) and (subject.has("for_target") or subject.has("aim"))
 
 
 def _bisects(subject: Subject) -> bool:
@@ -65,44 +82,56 @@ def side_values(subject: Subject) -> None:
         )
 
 
-def _told(subject: Subject) -> bool:
-    return _bisects(subject) and (subject.has("for_target") or subject.has("aim"))
-
-
-@law("bisector", when=_told)
+@law("bisector", when=told)
 def told_the_target(subject: Subject) -> None:
     """What for_target returns splits pieces in two, whatever target others are told, as does the original."""
+    asked = [_long_piece(), unusual_cases("bisector")[0], crowded("bisector", 40)]
+    expected = {}
+    for target in _targets_taken(subject):
+        with imported_again(subject) as unused:
+            tool = for_target(unused.build(), target)
+            expected[target] = [_both_sides(subject, tool, case, target) for case in asked]
+    for order in (list(expected), list(reversed(expected))):
+        _told_in_turn(subject, asked, {target: expected[target] for target in order})
+
+
+def _told_in_turn(subject: Subject, asked: list[Case], expected: dict[Target, list[NDArray[Any]]]) -> None:
+    """One object is asked for the bisectors of all targets; none of them disturbs another, or the object."""
     tool = subject.build()
-    asked = [*unusual_cases("bisector")[:2], crowded("bisector", 40)]
+    before = [plain(subject, tool, case) for case in asked]
     tools = [tool]
-    before = [[plain(subject, tool, case) for case in asked]]
-    for target in _TARGETS:
-        tools.append(_for_target(tool, target))
-        before.append([_both_sides(subject, tools[-1], case, target) for case in asked])
-        fresh = _for_target(subject.build(), target)
+    for target, answers in expected.items():
+        tools.append(for_target(tool, target))
         require(
-            all(same(plain(subject, fresh, case), one) for case, one in zip(asked, before[-1], strict=True)),
+            _as_before(subject, tools[-1], asked, answers),
             f"for {target} it answers otherwise once for_target was called for another target: what it keeps "
             "must be keyed by the whole target",
         )
-    for told, answers in zip(tools, before, strict=True):
-        after = [plain(subject, told, case) for case in asked]
-        require(
-            all(map(same, answers, after)),
-            "it answers otherwise after for_target was called for another target: return a new object, and "
-            "leave self as it is",
-        )
-
-
-def _for_target(tool: Any, target: Target) -> Any:
-    """The bisector for a target; Broken if it is none."""
-    told = (getattr(tool, "for_target", None) or tool.aim)(target)
-    bisects = any(callable(getattr(told, name, None)) for name in ("bisect_level", "bisect"))
     require(
-        bisects and not isinstance(told, type),
-        f"for {target} it returned {in_words(told)}, expected an object with bisect_level or bisect",
+        all(map(_as_before, repeat(subject), tools, repeat(asked), [before, *expected.values()])),
+        "it answers otherwise after for_target was called for another target: return a new object, and "
+        "leave self as it is",
     )
-    return told
+
+
+def _as_before(subject: Subject, tool: Any, asked: list[Case], answers: list[NDArray[Any]]) -> bool:
+    return all(same(plain(subject, tool, case), one) for case, one in zip(asked, answers, strict=True))
+
+
+def _targets_taken(subject: Subject) -> list[Target]:
+    """The targets that it does not refuse by an AggloError."""
+    taken = []
+    for target in _TARGETS:
+        with suppress(AggloError):
+            for_target(subject.build(), target)
+            taken.append(target)
+    require(taken, "for_target refuses every target, numbers of parts and sizes: return self instead")
+    return taken
+
+
+def _long_piece() -> Case:
+    """Three times as long as wide: cuts along and across differ."""
+    return Case("a long piece", (small_meshes.grid(15, 5, jitter=0.2).graph, seeds_for(1)))
 
 
 def _both_sides(subject: Subject, tool: Any, case: Case, target: Target) -> NDArray[Any]:

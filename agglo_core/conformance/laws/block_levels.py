@@ -10,9 +10,9 @@ import numpy as np
 from agglo_core.arrays import frozen_float
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import level_case, part_of_level
-from agglo_core.conformance.hard_cases import crowded
+from agglo_core.conformance.hard_cases import crowded, many_parts
 from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import chunks, plain, same
+from agglo_core.conformance.questions import chunks, in_space, plain, same
 from agglo_core.conformance.speed import too_slow
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
@@ -25,6 +25,9 @@ def a_level_is_its_blocks(subject: Subject) -> None:
         (level_case(subject.kind), (0, 1, 2, 30, 60)),
         (crowded(subject.kind, 40), (0, 3, 9, 20, 21, 39)),
     ]
+    if subject.kind == "bisector" and subject.has("bisect_level"):
+        levels.append((many_parts(subject.kind), (3, 0, 255, 4095, 4097, 4999)))
+    levels += [(case, (0, 1, 2)) for case in in_space(subject) if case.given[0].n_blocks == 3]
     for case, chosen in levels if too_slow(subject) is None else [_few_blocks(levels[0][0])]:
         _same_in_any_company(subject, case, chosen)
 
@@ -59,7 +62,7 @@ def _same_in_any_company(subject: Subject, case: Case, chosen: Sequence[int]) ->
             f"a block of {len(alone)} cells has another result alone than in a level: {remedy}",
         )
     others = np.random.default_rng(3).permutation(np.delete(np.arange(graph.n_blocks), chosen[0]))
-    order = np.insert(others[:20], 7, chosen[0])
+    order = np.insert(others[:20], min(7, len(others)), chosen[0])
     shuffled = part_of_level(case, order)
     for block, part in zip(order, chunks(shuffled.given[0], plain(subject, tool, shuffled)), strict=True):
         require(

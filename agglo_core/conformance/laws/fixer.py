@@ -12,7 +12,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
 from agglo_core.conformance.laws.refiner import loose_parts
-from agglo_core.conformance.questions import every_graph, plain
+from agglo_core.conformance.questions import every_graph, in_space, plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 
@@ -33,7 +33,7 @@ def parts_connected(subject: Subject) -> None:
 @law("fixer")
 def connected_left_alone(subject: Subject) -> None:
     """In a block whose parts are all connected the labels come back as they are."""
-    for case in every_graph(subject):
+    for case in [*every_graph(subject), *in_space(subject)]:
         graph, labels = case.given
         broken = np.isin(graph.block_ids, broken_blocks(graph, labels))
         if broken.all():
@@ -49,7 +49,7 @@ def connected_left_alone(subject: Subject) -> None:
 @law("fixer")
 def fixed_once(subject: Subject) -> None:
     """Fixing its own result a second time changes nothing."""
-    for case in every_graph(subject):
+    for case in [*every_graph(subject), *in_space(subject)]:
         once = frozen_int(plain(subject, subject.build(), case))
         twice = plain(subject, subject.build(), replace(case, given=(case.given[0], once)))
         require(

@@ -44,9 +44,10 @@ def kway_labels(subject: Subject) -> None:
 
 @law("bisector", when=_partitions)
 def kway_parts(subject: Subject) -> None:
-    """At least half of the parts asked for come out (gaps are closed, missing parts split later)."""
+    """At least half of the parts asked for come out, if no cell outweighs a part (gaps are closed later)."""
     for case in [*cases("bisector"), *unusual_cases("bisector")]:
-        for parts in (k for k in _PARTS if 2 * k <= case.given[0].n):
+        weights = case.given[0].weights
+        for parts in (k for k in _PARTS if 2 * k <= len(weights) and k * weights.max() <= weights.sum()):
             used = len(np.unique(_partition(subject, case, parts)))
             require(
                 2 * used >= parts and used > 1,

@@ -15,12 +15,13 @@ from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import same_parts
 from agglo_core.conformance.laws.refiner import in_more_pieces, loose_parts
-from agglo_core.conformance.mesh_changes import MOTIONS, moved
+from agglo_core.conformance.mesh_changes import MOTIONS, Change, moved, renumbered
 from agglo_core.conformance.questions import (
     answer,
     chunks,
     digest,
     every_graph,
+    in_space,
     plain,
     questions,
     same,
@@ -34,6 +35,8 @@ from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS
 from agglo_core.registry.containment import PLUGIN_FAILURES
+
+_IN_SPACE = {**MOTIONS, "scaled by 1e-7": Change(scale=1e-7), "scaled by 1e7": Change(scale=1e7)}
 
 
 def _promising(promise: str) -> tuple[str, ...]:
@@ -71,7 +74,7 @@ def deterministic(subject: Subject) -> None:
 @law("bisector", promise="connected")
 def connected(subject: Subject) -> None:
     """Both sides of a connected graph are connected."""
-    for case in every_graph(subject):
+    for case in [*every_graph(subject), *in_space(subject)]:
         graph = case.given[0]
         sides = plain(subject, subject.build(), case).astype(np.int64)
         pieces = max(loose_parts(graph, sides).values())
@@ -83,7 +86,7 @@ def balanced(subject: Subject) -> None:
     """The sides' shares of the weight differ from a half by the promised tolerance and one cell at most."""
     tolerance = subject.promised("balanced")
     allowed = 0.0 if tolerance is True or tolerance is None else float(tolerance)
-    for case in every_graph(subject):
+    for case in [*every_graph(subject), *in_space(subject)]:
         graph = case.given[0]
         sides = plain(subject, subject.build(), case)
         for weights, ones in zip(chunks(graph, graph.weights), chunks(graph, sides), strict=True):
@@ -107,7 +110,7 @@ def invariant(subject: Subject) -> None:
         asked.append((small_meshes.grid(50, 40, jitter=0.3), every[:1]))
     if subject.kind == "fixer":
         asked += [(small_meshes.grid(8, 8), every)]  # which random labels make irregular
-    if subject.kind == "bisector" and subject.promised("3d"):
+    if subject.promised("3d"):
         _require_unmoved_in_space(subject)
     for mesh, changes in asked:
         before = [plain(subject, subject.build(), case) for case in _on(subject.kind, mesh, mesh, None)]
@@ -124,14 +127,16 @@ def invariant(subject: Subject) -> None:
 
 def _require_unmoved_in_space(subject: Subject) -> None:
     solid = small_meshes.boxes(7, 4, 3)
-    before = plain(subject, subject.build(), _on("bisector", solid, solid, None)[0])
-    for name, motion in MOTIONS.items():
-        after = plain(subject, subject.build(), _on("bisector", solid, moved(solid, motion), None)[0])
-        require(
-            same_labelling(before, after, swap=True),
-            f"on {solid.name} {name}: {np.count_nonzero(before != after)} of {len(after)} cells moved: "
-            "use distances and principal axes in space",
-        )
+    before = [plain(subject, subject.build(), case) for case in _on(subject.kind, solid, solid, None)]
+    changes = {name: (moved(solid, motion), None) for name, motion in _IN_SPACE.items()}
+    for name, (other, order) in {**changes, "renumbered": renumbered(solid)}.items():
+        for case, one in zip(_on(subject.kind, solid, other, order), before, strict=True):
+            expected, after = one if order is None else one[order], plain(subject, subject.build(), case)
+            require(
+                same_labelling(expected, after, swap=subject.kind == "bisector"),
+                f"on {solid.name} {name}: {np.count_nonzero(expected != after)} of {len(after)} cells moved: "
+                "use distances and principal axes in space",
+            )
 
 
 @law(*_promising("3d"), promise="3d")
@@ -141,8 +146,16 @@ def space(subject: Subject) -> None:
     if subject.kind in ("solver", "format"):
         asked = taken(subject, asked)
         require(asked or not subject.has("write"), "it refuses every 3-D mesh: drop the promise 3d")
+    tool = subject.build()
+    for case in [*questions(subject)[:1], *asked]:  # one in the plane first
+        plain(subject, tool, case)
     for case in asked:
         values = plain(subject, subject.build(), case)
+        later = plain(subject, tool, case)
+        require(
+            same(values, later),
+            f"on {case.name}: it answers otherwise after a question in the plane: keep no dimension in self",
+        )
         require(np.isfinite(values).all(), f"on {case.name}: values are {values[:4]}")
         if subject.kind == "bisector":
             apart = len(one_sided(case.given[0], values)) == 0
@@ -207,7 +220,7 @@ def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
     """Cases on ``other`` whose labels, if any, are those of ``mesh`` carried over."""
     if kind == "bisector":
         return [Case(other.name, (other.graph, seeds_for(1)))]
-    x, y = mesh.local_centroids.T
+    x, y = mesh.local_centroids.T[:2]
     rng = np.random.default_rng(1)
     scattered = [rng.integers(parts, size=len(x)) for parts in ((2, *[3] * 11) if kind == "fixer" else (2,))]
     labels = [x > 0.3 * y, (x > 0).astype(int) + 2 * (y > 0.1), *scattered]

@@ -14,7 +14,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import every_graph, plain
+from agglo_core.conformance.questions import every_graph, in_space, plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 from agglo_core.graph import Graph
@@ -42,7 +42,8 @@ def objective_kept(subject: Subject) -> None:
     """The objective it names gets worse in no block: one of the suite's (interface, …), or a metric's sum."""
     tool = subject.build()
     name = tool.objective
-    for case in every_graph(subject) if name in OBJECTIVES else cases("refiner"):
+    everywhere = [*every_graph(subject), *in_space(subject)]
+    for case in everywhere if name in OBJECTIVES else cases("refiner"):
         graph, labels = case.given[:2]
         value = _in_blocks(OBJECTIVES[name]) if name in OBJECTIVES else _sum_of_metric(subject, tool, case)
         before = value(graph, labels)

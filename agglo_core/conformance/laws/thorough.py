@@ -20,6 +20,7 @@ from agglo_core.conformance.verdict import require
 from agglo_core.graph import Graph
 
 _SMALL, _LARGE = (50, 40), (100, 80)  # cells across and up
+_HUGE = (250, 200)  # their square is more than 32 bits hold
 _STEEP = 1.7  # power of the number of cells; n log n is some 1.1, 2 is quadratic
 _NOTICEABLE = 0.5  # CPU seconds for the larger mesh below which nothing is held against a component
 
@@ -30,8 +31,8 @@ def _wanted(subject: Subject) -> bool:
 
 @law("bisector", "refiner", "fixer", when=_wanted)
 def large_meshes(subject: Subject) -> None:
-    """On 20,000 cells it answers as on few: both sides, all parts, none in more pieces than before."""
-    case = _case(subject.kind, (160, 125))
+    """On 50,000 cells it answers as on few: both sides, all parts, none in more pieces than before."""
+    case = _case(subject.kind, _HUGE)
     graph = case.given[0]
     values = plain(subject, subject.build(), case)
     if subject.kind == "bisector":
@@ -62,7 +63,7 @@ def _case(kind: str, size: tuple[int, int]) -> Case:
     name = f"{graph.n} cells"
     if kind == "bisector":
         return Case(name, (graph, seeds_for(1)))
-    return asked(kind, graph, name, clumps(graph, graph.n // 100, strays=0.02), "both")
+    return asked(kind, graph, name, clumps(graph, min(graph.n // 100, 80), strays=0.02), "both")
 
 
 def _seconds(subject: Subject, case: Case) -> float:

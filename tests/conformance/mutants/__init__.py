@@ -3,6 +3,7 @@
 from conformance.mutants import (
     bisectors,
     constraints,
+    elsewhere,
     forgetful,
     formats,
     labellers,
@@ -15,6 +16,7 @@ from conformance.mutants import (
     sections,
     smoothers,
     solvers,
+    units,
 )
 
 _KINDS = (
@@ -32,6 +34,8 @@ _KINDS = (
     forgetful,
     overwhelmed,
     ragged,
+    elsewhere,
+    units,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]

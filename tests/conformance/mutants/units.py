@@ -1,0 +1,150 @@
+"""Components that fail on thousands of blocks, extreme weights and units, in space, or from some size on."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.bisectors import Halves, LevelHalves, halves
+from conformance.mutants.elsewhere import Along
+from conformance.mutants.labellers import Fix, Idle, Worsens
+from conformance.mutants.metrics import Extent
+from conformance.mutants.mutant import Mutant
+
+
+class PacksItsKeys(LevelHalves):
+    """Block and position in 32 bits: twelve for the block."""
+
+    def bisect_level(self, level, seeds):
+        low = np.minimum.reduceat(level.centroids, level.offsets[:-1], axis=0)
+        extent = np.maximum.reduceat(level.centroids, level.offsets[:-1], axis=0) - low
+        extent, away = extent.max(axis=1), (level.centroids - low[level.block_ids]).max(axis=1)
+        place = away / np.where(extent > 0.0, extent, 1.0)[level.block_ids]
+        key = level.block_ids.astype(np.uint32) << np.uint32(20)
+        order = np.argsort(key | (place * (2**20 - 1)).astype(np.uint32), kind="stable")
+        rank = np.arange(level.n) - level.offsets[level.block_ids]
+        sides = np.empty(level.n, int)
+        sides[order] = rank >= (level.sizes[level.block_ids] + 1) // 2
+        return sides
+
+
+class WeighsInWholeNumbers(Along):
+    """Weights in hundredths of the smallest, in 32 bits."""
+
+    def __init__(self):
+        super().__init__()
+
+    def bisect(self, graph, rng):
+        positive = graph.weights[graph.weights > 0.0]
+        unit = positive.min() / 100 if len(positive) else 1.0
+        whole = np.rint(graph.weights / unit).astype(np.int64).astype(np.int32)
+        order = np.argsort(graph.centroids[:, np.argmax(np.ptp(graph.centroids, axis=0))], kind="stable")
+        total = np.cumsum(whole[order], dtype=np.int32)
+        sides = np.empty(graph.n, int)
+        sides[order] = 2 * total.astype(np.int64) - whole[order] > total[-1]
+        sides[order[0]], sides[order[-1]] = 0, int(graph.n > 1)
+        return sides
+
+
+class SignedSeeds(LevelHalves):
+    """Seeds of 2^63 and more turn negative."""
+
+    def bisect_level(self, level, seeds):
+        for seed in seeds[:10].astype(np.int64):
+            np.random.default_rng(int(seed))
+        return halves(level)
+
+
+class DrawsForLargePieces(Halves):
+    """Starts from random numbers of its own where there are many cells."""
+
+    def bisect(self, graph, rng):
+        if graph.n < 1500:
+            return halves(graph)
+        key = graph.centroids @ np.random.default_rng().standard_normal(graph.dim)
+        return key > np.median(key)
+
+
+class RemembersItsPlane(Halves):
+    """The axis of the first question is that of all."""
+
+    dim = None
+
+    def bisect(self, graph, rng):
+        self.dim = self.dim or graph.dim
+        order = np.argsort(graph.centroids[:, self.dim - 1], kind="stable")
+        sides = np.zeros(graph.n, int)
+        sides[order[(graph.n + 1) // 2 :]] = 1
+        return sides
+
+
+class MeansInSpace(Halves):
+    """Halves the weight in the plane; in space it cuts at the mean."""
+
+    def bisect(self, graph, rng):
+        x = graph.centroids[:, 0]
+        if graph.dim == 2 or np.ptp(x) == 0.0:
+            return Along().bisect(graph, rng)
+        return x > x.min() + 0.3 * np.ptp(x)
+
+
+class MoreInSpace(Worsens):
+    """In space alone it moves a cell that lengthens the interface."""
+
+    def refine(self, graph, labels, seeds, target):
+        return super().refine(graph, labels, seeds, target) if graph.dim == 3 else labels
+
+
+class PairsInWords(Idle):
+    """Numbers pairs of cells in 32 bits; of 46,341 cells there are too many."""
+
+    def refine(self, graph, labels, seeds, target):
+        rows = np.repeat(np.arange(graph.n, dtype=np.int32), np.diff(graph.indptr))
+        with np.errstate(over="ignore"):
+            pairs = rows * np.int32(graph.n) + graph.indices.astype(np.int32)
+        lost = pairs < 0
+        mistaken = (np.bincount(rows[lost], minlength=graph.n) > 0) & (np.arange(graph.n) % 2 == 0)
+        return np.where(mistaken, 0, labels)
+
+
+class IgnoresSlivers(Fix):
+    """Parts below an area of 1e-12 come from rounding."""
+
+    def fix(self, graph, labels):
+        return super().fix(graph, labels) if graph.measures.sum() > 1e-12 else labels
+
+
+class RemembersLabels(Fix):
+    """The same labels need the same repair, whatever the graph."""
+
+    def __init__(self):
+        self.known = {}
+
+    def fix(self, graph, labels):
+        if len(self.known) > 100:
+            self.known.clear()
+        key = graph.n_blocks, labels.tobytes()
+        return self.known.setdefault(key, super().fix(graph, labels)).copy()
+
+
+class CountsPartsInBytes(Extent):
+    """Numbers parts in eight bits."""
+
+    def measure(self, mesh, labels):
+        k = int(labels.max()) + 1
+        values = super().measure(mesh, labels.astype(np.uint8).astype(int))
+        return np.resize(values, k)
+
+
+MUTANTS = [
+    Mutant("two_sides", PacksItsKeys, "a level of 5000 blocks"),
+    Mutant("balanced", WeighsInWholeNumbers, "a trillion times", {"balanced": 0.02}),
+    Mutant("answers", SignedSeeds, "non-negative"),
+    Mutant("same_seed_same_result", DrawsForLargePieces, "on 2000 cells"),
+    Mutant("space", RemembersItsPlane, "in the plane", {"3d": True}),
+    Mutant("balanced", MeansInSpace, "3-D boxes", {"balanced": 0.02, "3d": True}),
+    Mutant("objective_kept", MoreInSpace, "3-D boxes", {"3d": True}),
+    Mutant("large_meshes", PairsInWords, "50000 cells", thorough=True),
+    Mutant("parts_connected", IgnoresSlivers, "of a size of 1e-8"),
+    Mutant("nothing_carried_over", RemembersLabels, "the same labels"),
+    Mutant("renaming", CountsPartsInBytes, "295 parts"),
+]
+CORRECT: list[tuple[object, dict[str, bool]]] = []
