@@ -71,6 +71,7 @@ def cases_in_3d(kind: str) -> list[Case]:
         "3-D boxes": mesh.graph,
         "a column of boxes": fresh(tower()),
         "a level in 3-D": fresh(level_in_space()),
+        "tetrahedra": small_meshes.solids()[1].graph,
     }
     if kind == "bisector":
         return [Case(name, (graph, seeds_for(graph.n_blocks))) for name, graph in graphs.items()]

@@ -22,6 +22,7 @@ from agglo_core.protocols import Target
 
 __all__ = [
     "SIBLINGS",
+    "as_many_components",
     "crowded",
     "large_case",
     "many_parts",
@@ -74,8 +75,8 @@ def large_case(kind: str, seed: int = 0) -> list[Case]:
 def crowded(kind: str, blocks: int = 300) -> Case:
     """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones.
 
-    It carries data whose size differs from block to block; for refiners and fixers the faces of a block are
-    up to 1,000 times as long as those of the next.
+    It carries data whose size differs from block to block; for refiners and fixers faces and measures of a
+    block are up to 1e9 times those of the next.
     """
     level = unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1)  # single cells are not split
     place = np.arange(level.n) - level.offsets[level.block_ids]
@@ -90,7 +91,13 @@ def crowded(kind: str, blocks: int = 300) -> Case:
     along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
     labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)
     rows = np.repeat(level.block_ids, np.diff(level.indptr))
-    level = replace(level, interface=frozen_float(level.interface * 10.0 ** -(rows % 4)))
+    small, faces = 10.0 ** (-3.0 * (level.block_ids % 4)), 10.0 ** (-3.0 * (rows % 4))
+    level = replace(
+        level,
+        interface=frozen_float(level.interface * faces),
+        measures=frozen_float(level.measures * small),
+        weights=frozen_float(level.weights * small),
+    )
     return asked(kind, level, name, frozen_int(labels), "both")
 
 
@@ -108,15 +115,23 @@ def many_parts(kind: str) -> Case:
     return asked(kind, level, name, frozen_int(labels), "both")
 
 
+def as_many_components(kind: str) -> Case:
+    """Blocks of two and of three parts, with as many components as if each had three connected ones."""
+    level = fresh(small_meshes.line(24).subgraph(np.arange(24), [0, 12, 24]))
+    return asked(
+        kind, level, "blocks of two and three parts", frozen_int(np.repeat([0, 1, 0, 0, 1, 2], 4)), "both"
+    )
+
+
 def ragged_cases(kind: str) -> list[Case]:
     """Questions to refiners and fixers about levels of pieces of real meshes, with ragged parts."""
     return [asked(kind, graph, name, labels, "both") for name, (graph, labels) in ragged().items()]
 
 
-def partitions() -> list[Case]:
+def partitions(seed: int = 0) -> list[Case]:
     """Questions to a bisector that also makes direct partitions."""
     meshes = [mesh for mesh in small_meshes.plane_meshes() if mesh.n_cells > max(_KWAY_PARTS)]
-    return [_in_parts(mesh.name, mesh.graph, parts) for mesh in meshes for parts in _KWAY_PARTS]
+    return [_in_parts(mesh.name, mesh.graph, parts, seed) for mesh in meshes for parts in _KWAY_PARTS]
 
 
 def partitions_in_3d() -> list[Case]:
@@ -189,9 +204,9 @@ def _turned() -> Mesh:
 _MESHES: Sequence[Callable[[], Mesh]] = (_wide, _high, _turned)
 
 
-def _in_parts(name: str, graph: Graph, parts: int) -> Case:
+def _in_parts(name: str, graph: Graph, parts: int, seed: int = 0) -> Case:
     target = Target(parts=parts)
-    return Case(f"{name} in {parts} parts", (graph, seeds_for(1), target))
+    return Case(f"{name} in {parts} parts", (graph, seeds_for(1, seed), target))
 
 
 def _hierarchy(mesh: Mesh, labels: Int) -> Hierarchy:

@@ -19,6 +19,7 @@ from agglo_core.conformance.asking import ask
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases, cases_in_3d, level_case
 from agglo_core.conformance.hard_cases import (
+    as_many_components,
     crowded,
     large_case,
     many_parts,
@@ -83,7 +84,7 @@ def questions(subject: Subject, seed: int = 0) -> list[Case]:
     names further kinds of problem in ``accepts`` is asked for their examples too, a bisector that makes
     direct partitions for some of them.
     """
-    more = partitions() if subject.partitions else _further_problems(subject)
+    more = partitions(seed) if subject.partitions else _further_problems(subject)
     large = bearable(subject, large_case(subject.kind, seed))
     return taken(subject, [*cases(subject.kind, seed), *large, *more])
 
@@ -101,7 +102,8 @@ def every_graph(subject: Subject) -> list[Case]:
         if not subject.has("bisect_level"):
             return [*ordinary, crowded(kind, 40)]
         return [*ordinary, crowded(kind), *([] if subject.fallback else [many_parts(kind)])]
-    return bearable(subject, [*ordinary, crowded(kind), *ragged_cases(kind), many_parts(kind)])
+    levels = [as_many_components(kind), crowded(kind), *ragged_cases(kind), many_parts(kind)]
+    return bearable(subject, [*ordinary, *levels])
 
 
 def in_space(subject: Subject) -> list[Case]:

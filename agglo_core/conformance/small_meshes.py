@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from agglo_core import samples
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
@@ -27,6 +28,7 @@ __all__ = [
     "mixed",
     "plane_meshes",
     "ring",
+    "solids",
     "tetrahedra",
 ]
 
@@ -126,6 +128,13 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2) -> Mesh:
     return Mesh.from_polyhedra(points, [(a + low).tolist() for a in corner], name="boxes")
 
 
+def solids() -> list[Mesh]:
+    """Meshes in 3-D without symmetries: boxes, and tetrahedra with their points moved a little."""
+    kuhn = samples.tetrahedra(3)
+    away = np.random.default_rng(6).uniform(-0.05, 0.05, kuhn.points.shape)
+    return [boxes(7, 4, 3), replace(kuhn, points=kuhn.points + away, name="162 tetrahedra")]
+
+
 def tetrahedra() -> Mesh:
     """Two tetrahedra on either side of a triangle."""
     points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.3, 1.0), (0.3, 0.2, -1.0)]
@@ -141,6 +150,7 @@ def plane_meshes() -> list[Mesh]:
         replace(grid(9, 1), name="strip"),
         replace(grid(12, 2, height=0.05), name="flat grid"),
         replace(grid(6, 6), name="square grid"),
+        replace(grid(5, 5), name="square grid of 25 cells"),
         hexagons(5, 4),
         ring(24),
         replace(grid(9, 7, jitter=0.25), name="jittered grid"),

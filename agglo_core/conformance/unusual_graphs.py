@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from agglo_core import samples
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.graph import Graph
@@ -39,6 +40,8 @@ def unusual() -> dict[str, Graph]:
         "cells without weight": _weightless,
         "interfaces of which a third have no measure": _thin,
         "a cell with 300 neighbours": _hub,
+        "triangles of random points": _random_triangles,
+        "cells on both sides of a slit": _slit,
         "600 cells": _six_hundred,
         "a chain of 2000 cells": _chain,
         "cells whose weights differ a trillion times": _steep,
@@ -177,6 +180,24 @@ def _thin() -> Graph:
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     thin = (np.minimum(rows, graph.indices) + np.maximum(rows, graph.indices)) % 3 == 0
     return replace(graph, interface=np.where(thin, 0.0, graph.interface))
+
+
+@cache
+def _random_triangles() -> Graph:
+    """Many triangles meet at a point, and few share a side: neighbours by points are not neighbours."""
+    graph: Graph = samples.random_triangles(60, seed=3).graph
+    return graph
+
+
+@cache
+def _slit() -> Graph:
+    """Cells next to one another, with a side in common, and no interface."""
+    graph: Graph = small_meshes.grid(9, 8, jitter=0.2).graph
+    row, column = np.divmod(np.arange(graph.n), 9)
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    across = (np.minimum(column[rows], column[graph.indices]) == 4) & (column[rows] != column[graph.indices])
+    slit: Graph = graph.without_edges(across & (row[rows] < 6))
+    return slit
 
 
 @cache

@@ -16,6 +16,7 @@ from conformance.mutants import (
     sections,
     smoothers,
     solvers,
+    touching,
     units,
 )
 
@@ -29,6 +30,7 @@ _KINDS = (
     samples,
     problems,
     smoothers,
+    touching,
     constraints,
     sections,
     forgetful,

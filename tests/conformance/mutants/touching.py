@@ -1,0 +1,80 @@
+"""Components that mistake what touches for what is joined, or do well only without ties and in the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.bisectors import Halves, OnlyPartition
+from conformance.mutants.labellers import Fix
+from conformance.mutants.mutant import Mutant
+
+from agglo_core.components.geometric import InertialBisection
+
+
+class GrowsOverPoints(Halves):
+    """Half of the cells, in the order in which they are reached over common points."""
+
+    def bisect(self, graph, rng):
+        owner = np.repeat(np.arange(graph.n), np.diff(graph.vertex_offsets))
+        reached = np.zeros(graph.n, bool)
+        reached[np.lexsort(graph.centroids.T)[0]] = True
+        while True:
+            points = np.unique(graph.vertices[reached[owner]])
+            more = np.zeros(graph.n, bool)
+            more[owner[np.isin(graph.vertices, points)]] = True
+            more &= ~reached
+            found = np.flatnonzero(more)[: graph.n // 2 - reached.sum()]
+            if not len(found):
+                return ~reached if reached.any() and not reached.all() else np.arange(graph.n) > 0
+            reached[found] = True
+
+
+class DrawsThePartition(OnlyPartition):
+    """Says that nothing is random, of its bisections."""
+
+    def partition(self, graph, target, seed):
+        drawn = np.random.default_rng(seed).permutation(graph.n)
+        return np.asarray(super().partition(graph, target, seed))[drawn]
+
+
+class LengthsInThePlane:
+    """Takes the root of a measure for a length; where that is long, the cells at the end change sides."""
+
+    def bisect(self, graph, rng):
+        sides = np.asarray(InertialBisection().bisect_level(graph, np.zeros(1, np.uint64)))
+        if graph.dim == 2 or graph.n < 9:
+            return sides
+        long = np.sqrt(graph.measures.mean()) > np.ptp(graph.centroids, axis=0).max() / 4
+        centred = graph.centroids - graph.centroids.mean(axis=0)
+        order = np.argsort(np.linalg.norm(centred, axis=1))
+        return np.where(long & np.isin(np.arange(graph.n), order[-2:]), 1 - sides, sides)
+
+
+class TiesByHash(Halves):
+    """What is equal but for rounding is put in an order that is drawn from the hash of a text."""
+
+    def bisect(self, graph, rng):
+        drawn = np.random.default_rng(abs(hash(f"halves of {graph.n}"))).random(graph.n)
+        x = graph.centroids[:, int(np.argmax(np.ptp(graph.centroids, axis=0)))]
+        sides = np.zeros(graph.n, int)
+        sides[np.lexsort((drawn, np.round(x / max(np.ptp(x), 1e-300), 9)))[graph.n // 2 :]] = 1
+        return sides
+
+
+class CountsComponents(Fix):
+    """Believes that all is well where there are as many components as blocks times labels."""
+
+    def fix(self, graph, labels):
+        parts = graph.components(labels)
+        if int(parts.max()) + 1 == graph.n_blocks * (int(labels.max()) + 1):
+            return labels
+        return super().fix(graph, labels)
+
+
+MUTANTS = [
+    Mutant("connected", GrowsOverPoints, "a side is in", {"connected": True}),
+    Mutant("deterministic", DrawsThePartition, "with another seed", {"deterministic": True, "kway": True}),
+    Mutant("invariant", LengthsInThePlane, "scaled by 1e7", {"3d": True, "invariant": True}),
+    Mutant("same_in_another_process", TiesByHash, "hash"),
+    Mutant("parts_connected", CountsComponents, "two and three parts"),
+]
+CORRECT: list[tuple[object, dict[str, bool]]] = []
