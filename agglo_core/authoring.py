@@ -85,6 +85,7 @@ if TYPE_CHECKING:
         LevelSmoother,
         LevelStack,
         VertexPatches,
+        block_scaled,
         cycle,
         galerkin,
         smoothed_prolongation,
@@ -122,8 +123,8 @@ hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
 problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples
 problems: Solution System
-multigrid: AdditivePatches Level LevelSmoother LevelStack VertexPatches cycle galerkin
-multigrid: smoothed_prolongation vertex_patches
+multigrid: AdditivePatches Level LevelSmoother LevelStack VertexPatches block_scaled cycle
+multigrid: galerkin smoothed_prolongation vertex_patches
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -235,6 +236,7 @@ __all__ = [
     "bisectors_option",
     "block_extents",
     "block_ranks",
+    "block_scaled",
     "block_shares",
     "block_sums",
     "centre_block",

@@ -12,78 +12,70 @@ _TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes
 
 
 @kernel(reorder_sums=True)
-def _invert(W, m):
-    """Invert the lower half of ``W[:m, :m]`` in place by symmetric sweeps; False if a pivot is not positive.
-
-    Of all entries the sign is changed: sweeping gives −W⁻¹.
-    """
-    pivots = np.empty(m)
-    for j in range(m):
-        if not W[j, j] > 0.0:
-            return False
-        scale = 1.0 / W[j, j]
-        for c in range(j):
-            pivots[c] = W[j, c]
-        for r in range(j + 1, m):
-            pivots[r] = W[r, j]
-        pivots[j] = 0.0
-        for r in range(m):
-            if r == j:
-                continue
-            factor, row = pivots[r] * scale, W[r]
-            for c in range(r + 1):
-                row[c] -= factor * pivots[c]
-            if r > j:
-                row[j] = factor
-        for c in range(j):
-            W[j, c] = pivots[c] * scale
-        W[j, j] = -scale
-    return True
-
-
-@kernel
 def patch_inverses(offsets, parts, indptr, indices, data, starts, out):
     """Fill ``out`` with the inverses of the patches' matrices, patch i at ``starts[i]``.
 
     The blocks ``data`` of the matrix must be symmetric; only those in the lower half of a patch are read.
-    Returns the first patch that is not positive definite, −1 if there is none.
+    Symmetric sweeps (M. Goodnight, Amer. Statist. 33, 1979) invert that half in place. Returns the first
+    patch that is not positive definite, −1 if there is none.
     """
     n = data.shape[1]
     most = 0
     for i in range(len(offsets) - 1):
         most = max(most, (offsets[i + 1] - offsets[i]) * n)
-    W = np.empty((most, most))
+    room, pivots = np.empty(most * most), np.empty(most)
     place = np.full(len(indptr) - 1, -1, np.int64)
     for i in range(len(offsets) - 1):
         first, size = offsets[i], offsets[i + 1] - offsets[i]
         m = size * n
+        W = room[: m * m].reshape(m, m)
+        W[:] = 0.0
         for a in range(size):
             place[parts[first + a]] = a
-        for r in range(m):
-            W[r, : r + 1] = 0.0
         for a in range(size):
             part = parts[first + a]
             for h in range(indptr[part], indptr[part + 1]):
                 b = place[indices[h]]
-                if b < 0 or b > a:
-                    continue
-                for r in range(n):
-                    for c in range(n if b < a else r + 1):
-                        W[a * n + r, b * n + c] = data[h, r, c]
+                if 0 <= b <= a:
+                    for r in range(n):
+                        for c in range(n):
+                            W[a * n + r, b * n + c] = data[h, r, c]
         for a in range(size):
             place[parts[first + a]] = -1
-        if not _invert(W, m):
-            return i
+
+        for j in range(m):  # sweep on each pivot: what is left is −W⁻¹
+            if not W[j, j] > 0.0:
+                return i
+            scale = 1.0 / W[j, j]
+            for c in range(j):
+                pivots[c] = W[j, c]
+            for r in range(j + 1, m):
+                pivots[r] = W[r, j]
+            pivots[j] = 0.0
+            for r in range(j):
+                factor, row = pivots[r] * scale, W[r]
+                for c in range(r + 1):
+                    row[c] -= factor * pivots[c]
+            for c in range(j):
+                W[j, c] = pivots[c] * scale
+            for r in range(j + 1, m):
+                factor, row = pivots[r] * scale, W[r]
+                for c in range(r + 1):
+                    row[c] -= factor * pivots[c]
+                row[j] = factor
+            W[j, j] = -scale
+
         least = 0.0
         for r in range(m):
             least = max(least, -W[r, r] * _TINY)
-        start = starts[i]
+        inverse = out[starts[i] : starts[i] + m * m].reshape(m, m)
         for r in range(m):
+            row, into = W[r], inverse[r]
             for c in range(r + 1):
-                value = -W[r, c]
-                value = value if abs(value) > least else 0.0
-                out[start + r * m + c] = value
-                out[start + c * m + r] = value
+                into[c] = -row[c] if abs(row[c]) > least else 0.0
+        for r in range(m):
+            for c in range(r):
+                inverse[c, r] = inverse[r, c]
     return -1
 
 
@@ -129,7 +121,7 @@ def patch_borders(offsets, parts, indptr, indices):
 
 @kernel(reorder_sums=True)
 def patch_sweep(offsets, parts, inverse_starts, inverses, starts, stops, blocks, columns, data, b, x, back):
-    """x after solving for the unknowns of each patch in turn, those outside fixed; ``back``: last patch first.
+    """x after solving for the unknowns of each patch in turn, others fixed; ``back``: last patch first.
 
     ``data`` are the blocks of the matrix, transposed. Blocks ``starts[a]:stops[a]`` of
     :func:`patch_borders` enter: all, or those that can matter in a first sweep from x = 0.

@@ -1,5 +1,6 @@
 """Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
 
+from agglo_core.multigrid.block_scaling import block_scaled
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.patch_smoother import AdditivePatches, VertexPatches
 from agglo_core.multigrid.patches import vertex_patches
@@ -12,6 +13,7 @@ __all__ = [
     "LevelSmoother",
     "LevelStack",
     "VertexPatches",
+    "block_scaled",
     "cycle",
     "galerkin",
     "smoothed_prolongation",

@@ -23,7 +23,9 @@ __all__ = ["galerkin", "inverse_diagonal", "largest_eigenvalue", "smoothed_prolo
 _STEPS = 12
 
 
-def smoothed_prolongation(A: Any, P: Any, damping: float = 4 / 3) -> sparse.bsr_array:
+def smoothed_prolongation(
+    A: Any, P: Any, damping: float = 4 / 3, *, scaled: bool = False
+) -> sparse.bsr_array:
     """Prolongation (I − (ω / λ_max) D⁻¹ A) P, D being the diagonal blocks of A.
 
     Parameters
@@ -34,6 +36,8 @@ def smoothed_prolongation(A: Any, P: Any, damping: float = 4 / 3) -> sparse.bsr_
         In blocks of the same size.
     damping : float
         ω; λ_max is the :func:`largest_eigenvalue` of D⁻¹A.
+    scaled : bool
+        Whether D is the identity, as :func:`~agglo_core.multigrid.block_scaling.block_scaled` makes it.
 
     Raises
     ------
@@ -51,9 +55,14 @@ def smoothed_prolongation(A: Any, P: Any, damping: float = 4 / 3) -> sparse.bsr_
     >>> smoothed_prolongation(A, pairs).toarray()[:, 1].round(2)
     array([0.  , 0.35, 0.65, 0.65, 0.35, 0.  ])
     """
-    inverses = inverse_diagonal(A)
-    largest = largest_eigenvalue(A, lambda r: np.asarray(inverses @ r))
-    smoothed = sparse.bsr_array(P - (damping / largest) * (inverses @ (A @ P)))
+    step = A @ P
+    if scaled:
+        largest = largest_eigenvalue(A, lambda r: r)
+    else:
+        inverses = inverse_diagonal(A)
+        largest = largest_eigenvalue(A, lambda r: np.asarray(inverses @ r))
+        step = inverses @ step
+    smoothed = sparse.bsr_array(P - (damping / largest) * step)
     smoothed.sort_indices()
     return smoothed
 
