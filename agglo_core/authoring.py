@@ -79,6 +79,18 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
+    from agglo_core.multigrid import (
+        AdditivePatches,
+        Level,
+        LevelSmoother,
+        LevelStack,
+        VertexPatches,
+        block_scaled,
+        cycle,
+        galerkin,
+        smoothed_prolongation,
+        vertex_patches,
+    )
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -86,6 +98,7 @@ if TYPE_CHECKING:
         Lifting,
         Linear,
         MultigridLevel,
+        Patches,
         Problem,
         Samples,
         Solution,
@@ -108,7 +121,10 @@ mesh: Mesh
 graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
-problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Problem Samples Solution System
+problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples
+problems: Solution System
+multigrid: AdditivePatches Level LevelSmoother LevelStack VertexPatches block_scaled cycle
+multigrid: galerkin smoothed_prolongation vertex_patches
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -159,6 +175,7 @@ __all__ = [
     "PALETTE",
     "TESTS",
     "TIE",
+    "AdditivePatches",
     "AggloError",
     "Bisector",
     "Command",
@@ -177,7 +194,10 @@ __all__ = [
     "InertialBisection",
     "Int",
     "InterfaceRefiner",
+    "Level",
     "LevelBisector",
+    "LevelSmoother",
+    "LevelStack",
     "Lifting",
     "Linear",
     "Listener",
@@ -189,6 +209,7 @@ __all__ = [
     "Number",
     "OptionError",
     "Partitioner",
+    "Patches",
     "Pipeline",
     "PluginError",
     "Problem",
@@ -206,6 +227,7 @@ __all__ = [
     "Target",
     "Tell",
     "UInt64",
+    "VertexPatches",
     "__version__",
     "agglomerate",
     "agglomeration_options",
@@ -214,6 +236,7 @@ __all__ = [
     "bisectors_option",
     "block_extents",
     "block_ranks",
+    "block_scaled",
     "block_shares",
     "block_sums",
     "centre_block",
@@ -223,6 +246,7 @@ __all__ = [
     "conformance",
     "conjugate_gradients",
     "curve_order",
+    "cycle",
     "default",
     "describe",
     "edge_room",
@@ -233,6 +257,7 @@ __all__ = [
     "frozen_index",
     "frozen_int",
     "functionals",
+    "galerkin",
     "grow",
     "half_circle",
     "halvings",
@@ -258,6 +283,7 @@ __all__ = [
     "save_figure",
     "scan_thresholds",
     "size_ratio",
+    "smoothed_prolongation",
     "split_at_median",
     "staging",
     "sweep",
@@ -266,6 +292,7 @@ __all__ = [
     "to_nobody",
     "turned",
     "two_norm",
+    "vertex_patches",
     "write",
     "write_sides",
 ]

@@ -10,7 +10,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.graph import Graph
-from agglo_core.problems import MultigridLevel
+from agglo_core.problems import MultigridLevel, Patches
 
 __all__ = ["levels", "multigrid_level", "question", "single_unknown"]
 
@@ -43,7 +43,10 @@ def single_unknown() -> list[Case]:
 def multigrid_level(
     graph: Graph, labels: Int, *, per_cell: int = 1, corrected: bool, shift: float = 0.05
 ) -> MultigridLevel:
-    """The finest level of a method whose coarse unknowns are the parts of ``labels``."""
+    """The finest level of a method whose coarse unknowns are the parts of ``labels``.
+
+    Its patches are each cell with its neighbours.
+    """
     adjacency = sparse.csr_array(graph.to_scipy())
     scalar = sparse.diags_array(adjacency.sum(axis=1) + shift) - adjacency
     inject = sparse.csr_array((np.ones(graph.n), (np.arange(graph.n), labels)))
@@ -56,7 +59,9 @@ def multigrid_level(
         return np.asarray(P @ solve(P.T @ residual))
 
     cells = frozen_int(np.arange(graph.n))
-    return MultigridLevel(A, A, offsets, cells, P, correction if corrected else None, steps=2)
+    around = sparse.csr_array(adjacency + sparse.eye_array(graph.n))
+    patches = Patches(frozen_int(around.indptr), frozen_int(around.indices))
+    return MultigridLevel(A, A, offsets, cells, P, correction if corrected else None, 2, patches)
 
 
 def _coupling(width: int) -> Float:

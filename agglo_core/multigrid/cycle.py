@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.stack import LevelStack, Real
@@ -59,7 +60,11 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
         return size * _solved(stack, 0, b, kind).astype(np.float64)
 
     n = stack.levels[0].A.shape[0]
-    return LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)
+    operator = LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)
+    if stack.scaling is None:
+        return operator
+    forth, back = (aslinearoperator(sparse.csr_array(T)) for T in (stack.scaling, stack.scaling.T))
+    return back @ operator @ forth
 
 
 def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:

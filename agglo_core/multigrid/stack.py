@@ -81,11 +81,14 @@ class LevelStack:
         Solves on the last level.
     dtype : numpy dtype
         Precision of the vectors inside a cycle: float32 or float64.
+    scaling : (n, n) sparse, optional
+        T, if the finest matrix of the levels is T A Tᵀ; a cycle preconditions A itself.
     """
 
     levels: Sequence[Level]
     coarse: Solve
     dtype: Any = np.float64
+    scaling: Any = None
 
     @property
     def operators(self) -> list[tuple[Any, Any]]:

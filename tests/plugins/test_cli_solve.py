@@ -203,7 +203,7 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--solver", "polydg_mg_paper:tolerance=small"], "given 'small'"),
         (
             ["squares:n=4", "--solver", "polydg_mg_paper:smoother=sor"],
-            "one of schwarz, block_jacobi; given 'sor'",
+            "one of schwarz, block_jacobi, vertex_patches; given 'sor'",
         ),
         (["squares:n=4", "--tol", "nan"], "tolerance must be a number between 0 and 1; given nan"),
         (["squares:n=4", "--smoothing-steps", "0"], "smoothing_steps must be a whole number, at least 1"),

@@ -1,0 +1,69 @@
+"""Matrices in unknowns for which the diagonal blocks are identities.
+
+The local bases of flat or cut-off cells are nearly dependent, and coefficients differ from cell to cell by
+any factor: the blocks of such a matrix lose all digits in single precision. In a basis orthonormal in the
+energy of its own cell they lose none, and multigrid may run in single precision on any mesh.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
+from agglo_core.kernels.block_scaling import scale_blocks
+
+__all__ = ["Scaled", "block_scaled"]
+
+
+class Scaled(NamedTuple):
+    """A matrix whose diagonal blocks are identities, and the way to it.
+
+    Attributes
+    ----------
+    A : (n, n) bsr
+        T A Tᵀ: the solution of A x = b is x = Tᵀ y, where (T A Tᵀ) y = T b.
+    T : (n, n) bsr
+        Block diagonal and lower triangular, as is its inverse L.
+    LT : (n, n) bsr
+        Lᵀ, which takes x to y.
+    """
+
+    A: sparse.bsr_array
+    T: sparse.bsr_array
+    LT: sparse.bsr_array
+
+
+def block_scaled(A: Any) -> Scaled:
+    """Scale the unknowns of each block of a matrix.
+
+    Parameters
+    ----------
+    A : (n, n) bsr
+        Symmetric and positive definite, in square blocks.
+
+    Raises
+    ------
+    LinAlgError
+        If a diagonal block is missing or not positive definite.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> block_scaled(sparse.csr_array([[4.0, 2.0], [2.0, 16.0]]).tobsr((1, 1))).A.toarray().tolist()
+    [[1.0, 0.25], [0.25, 1.0]]
+    """
+    failed, T, LT, blocks = scale_blocks(frozen_int(A.indptr), frozen_index(A.indices), frozen_float(A.data))
+    if failed >= 0:
+        raise np.linalg.LinAlgError(f"the diagonal block of part {failed} is not positive definite")
+    scaled = sparse.bsr_array((blocks, A.indices, A.indptr), shape=A.shape)
+    return Scaled(scaled, _diagonal(T), _diagonal(LT))
+
+
+def _diagonal(blocks: NDArray[Any]) -> sparse.bsr_array:
+    count, width, _ = blocks.shape
+    places = np.arange(count + 1, dtype=np.int32)
+    return sparse.bsr_array((blocks, places[:-1], places), shape=(count * width, count * width))
