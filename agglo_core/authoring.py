@@ -79,6 +79,21 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
+    from agglo_core.multigrid import (
+        Adapted,
+        Level,
+        LevelSmoother,
+        LevelStack,
+        adapted,
+        block_inverses,
+        block_matrix,
+        build_stack,
+        coarse_solver,
+        cycle,
+        galerkin,
+        injection,
+        smoother_setup,
+    )
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -109,6 +124,8 @@ graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
 problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Problem Samples Solution System
+multigrid: Adapted Level LevelSmoother LevelStack adapted block_inverses block_matrix build_stack
+multigrid: coarse_solver cycle galerkin injection smoother_setup
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -159,6 +176,7 @@ __all__ = [
     "PALETTE",
     "TESTS",
     "TIE",
+    "Adapted",
     "AggloError",
     "Bisector",
     "Command",
@@ -177,7 +195,10 @@ __all__ = [
     "InertialBisection",
     "Int",
     "InterfaceRefiner",
+    "Level",
     "LevelBisector",
+    "LevelSmoother",
+    "LevelStack",
     "Lifting",
     "Linear",
     "Listener",
@@ -207,22 +228,28 @@ __all__ = [
     "Tell",
     "UInt64",
     "__version__",
+    "adapted",
     "agglomerate",
     "agglomeration_options",
     "attributed",
     "axes_block",
     "bisectors_option",
     "block_extents",
+    "block_inverses",
+    "block_matrix",
     "block_ranks",
     "block_shares",
     "block_sums",
+    "build_stack",
     "centre_block",
     "check_writable",
     "choice",
+    "coarse_solver",
     "colouring",
     "conformance",
     "conjugate_gradients",
     "curve_order",
+    "cycle",
     "default",
     "describe",
     "edge_room",
@@ -233,10 +260,12 @@ __all__ = [
     "frozen_index",
     "frozen_int",
     "functionals",
+    "galerkin",
     "grow",
     "half_circle",
     "halvings",
     "hookimpl",
+    "injection",
     "integer_shares",
     "iterated",
     "kernel",
@@ -258,6 +287,7 @@ __all__ = [
     "save_figure",
     "scan_thresholds",
     "size_ratio",
+    "smoother_setup",
     "split_at_median",
     "staging",
     "sweep",
