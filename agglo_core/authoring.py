@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from agglo_core import __version__, conformance, samples
+    from agglo_core import __version__, conformance, multigrid, samples
     from agglo_core.agglomeration import Pipeline, agglomerate
     from agglo_core.agglomeration.goals import SizeGoal
     from agglo_core.agglomeration.recursion import grow
@@ -79,21 +79,6 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
-    from agglo_core.multigrid import (
-        Adapted,
-        Level,
-        LevelSmoother,
-        LevelStack,
-        adapted,
-        block_inverses,
-        block_matrix,
-        build_stack,
-        coarse_solver,
-        cycle,
-        galerkin,
-        injection,
-        smoother_setup,
-    )
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -124,8 +109,6 @@ graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
 problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Problem Samples Solution System
-multigrid: Adapted Level LevelSmoother LevelStack adapted block_inverses block_matrix build_stack
-multigrid: coarse_solver cycle galerkin injection smoother_setup
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -165,7 +148,7 @@ _HOME = MappingProxyType(
         for name in names.split()
     }
 )
-_MODULES = ("conformance", "samples")
+_MODULES = ("conformance", "multigrid", "samples")
 
 __all__ = [
     "COMPONENT",
@@ -176,7 +159,6 @@ __all__ = [
     "PALETTE",
     "TESTS",
     "TIE",
-    "Adapted",
     "AggloError",
     "Bisector",
     "Command",
@@ -195,10 +177,7 @@ __all__ = [
     "InertialBisection",
     "Int",
     "InterfaceRefiner",
-    "Level",
     "LevelBisector",
-    "LevelSmoother",
-    "LevelStack",
     "Lifting",
     "Linear",
     "Listener",
@@ -228,28 +207,22 @@ __all__ = [
     "Tell",
     "UInt64",
     "__version__",
-    "adapted",
     "agglomerate",
     "agglomeration_options",
     "attributed",
     "axes_block",
     "bisectors_option",
     "block_extents",
-    "block_inverses",
-    "block_matrix",
     "block_ranks",
     "block_shares",
     "block_sums",
-    "build_stack",
     "centre_block",
     "check_writable",
     "choice",
-    "coarse_solver",
     "colouring",
     "conformance",
     "conjugate_gradients",
     "curve_order",
-    "cycle",
     "default",
     "describe",
     "edge_room",
@@ -260,18 +233,17 @@ __all__ = [
     "frozen_index",
     "frozen_int",
     "functionals",
-    "galerkin",
     "grow",
     "half_circle",
     "halvings",
     "hookimpl",
-    "injection",
     "integer_shares",
     "iterated",
     "kernel",
     "labelled",
     "load_mesh",
     "metrics_option",
+    "multigrid",
     "numbered_parts",
     "parse_spec",
     "phase",
@@ -287,7 +259,6 @@ __all__ = [
     "save_figure",
     "scan_thresholds",
     "size_ratio",
-    "smoother_setup",
     "split_at_median",
     "staging",
     "sweep",

@@ -236,16 +236,10 @@ class Smoother(Protocol):
     """Smooths the error on one level of a multigrid method.
 
     One that works without the correction of the next level says ``uses_coarse = False``: none is factorised.
-
-    What ``setup`` returns may have two methods besides being callable; cycles that precondition a Krylov
-    method then use these. ``before(b)`` returns x, reached from 0, and the residual b − A x; it is linear.
-    ``after(b, x)`` returns a better x and may change the one it is given: if before takes x = B b, after
-    takes x + Bᵀ (b − A x), so that the cycle is symmetric. Of any other smoother, ``smooth`` is used on both
-    sides. See :class:`agglo_core.multigrid.LevelSmoother`.
     """
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
-        """Return ``smooth(b, x)``, which gives a better x ``(n,)`` of A x = b."""
+        """Return ``smooth(b, x)``: a better x ``(n,)``; it may be a ``multigrid.LevelSmoother`` as well."""
 
 
 @runtime_checkable

@@ -10,17 +10,16 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from agglo_core.authoring import (
-    Adapted,
     AggloError,
     MultigridLevel,
     OptionError,
     PluginError,
     Registry,
     Smoother,
-    adapted,
     attributed,
     default,
     describe,
+    multigrid,
 )
 from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, damped_jacobi, local_solve, schwarz
 
@@ -110,7 +109,7 @@ def smoother_title(given: Any, registry: Registry | None = None) -> str:
     return f"smoother {given if isinstance(given, str) else getattr(given, '__name__', type(given).__name__)}"
 
 
-def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> Adapted:
+def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> multigrid.Adapted:
     """``smooth(b, x)`` of a level; what it returns is checked, and errors name the smoother.
 
     Raises
@@ -120,4 +119,4 @@ def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> Adapted:
         function; so does the function, and if it returns no vector like ``b``.
     """
     spare = (AggloError, np.linalg.LinAlgError)
-    return adapted(smoother, level, title, partial(attributed, title, spare=spare))
+    return multigrid.adapted(smoother, level, title, partial(attributed, title, spare=spare))

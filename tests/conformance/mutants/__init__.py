@@ -15,6 +15,7 @@ from conformance.mutants import (
     sections,
     smoothers,
     solvers,
+    two_sided,
 )
 
 _KINDS = (
@@ -27,6 +28,7 @@ _KINDS = (
     samples,
     problems,
     smoothers,
+    two_sided,
     constraints,
     sections,
     forgetful,
