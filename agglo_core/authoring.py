@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from agglo_core import __version__, conformance, samples
+    from agglo_core import __version__, conformance, multigrid, samples
     from agglo_core.agglomeration import Pipeline, agglomerate
     from agglo_core.agglomeration.goals import SizeGoal
     from agglo_core.agglomeration.recursion import grow
@@ -79,18 +79,6 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
-    from agglo_core.multigrid import (
-        AdditivePatches,
-        Level,
-        LevelSmoother,
-        LevelStack,
-        VertexPatches,
-        block_scaled,
-        cycle,
-        galerkin,
-        smoothed_prolongation,
-        vertex_patches,
-    )
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -123,8 +111,6 @@ hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
 problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples
 problems: Solution System
-multigrid: AdditivePatches Level LevelSmoother LevelStack VertexPatches block_scaled cycle
-multigrid: galerkin smoothed_prolongation vertex_patches
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -164,7 +150,7 @@ _HOME = MappingProxyType(
         for name in names.split()
     }
 )
-_MODULES = ("conformance", "samples")
+_MODULES = ("conformance", "multigrid", "samples")
 
 __all__ = [
     "COMPONENT",
@@ -175,7 +161,6 @@ __all__ = [
     "PALETTE",
     "TESTS",
     "TIE",
-    "AdditivePatches",
     "AggloError",
     "Bisector",
     "Command",
@@ -194,10 +179,7 @@ __all__ = [
     "InertialBisection",
     "Int",
     "InterfaceRefiner",
-    "Level",
     "LevelBisector",
-    "LevelSmoother",
-    "LevelStack",
     "Lifting",
     "Linear",
     "Listener",
@@ -227,7 +209,6 @@ __all__ = [
     "Target",
     "Tell",
     "UInt64",
-    "VertexPatches",
     "__version__",
     "agglomerate",
     "agglomeration_options",
@@ -236,7 +217,6 @@ __all__ = [
     "bisectors_option",
     "block_extents",
     "block_ranks",
-    "block_scaled",
     "block_shares",
     "block_sums",
     "centre_block",
@@ -246,7 +226,6 @@ __all__ = [
     "conformance",
     "conjugate_gradients",
     "curve_order",
-    "cycle",
     "default",
     "describe",
     "edge_room",
@@ -257,7 +236,6 @@ __all__ = [
     "frozen_index",
     "frozen_int",
     "functionals",
-    "galerkin",
     "grow",
     "half_circle",
     "halvings",
@@ -268,6 +246,7 @@ __all__ = [
     "labelled",
     "load_mesh",
     "metrics_option",
+    "multigrid",
     "numbered_parts",
     "parse_spec",
     "phase",
@@ -283,7 +262,6 @@ __all__ = [
     "save_figure",
     "scan_thresholds",
     "size_ratio",
-    "smoothed_prolongation",
     "split_at_median",
     "staging",
     "sweep",
@@ -292,7 +270,6 @@ __all__ = [
     "to_nobody",
     "turned",
     "two_norm",
-    "vertex_patches",
     "write",
     "write_sides",
 ]

@@ -239,7 +239,7 @@ class Smoother(Protocol):
     """
 
     def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
-        """Return ``smooth(b, x)``, which gives a better x ``(n,)`` of A x = b."""
+        """Return ``smooth(b, x)``: a better x ``(n,)``; it may be a ``multigrid.LevelSmoother`` as well."""
 
 
 @runtime_checkable

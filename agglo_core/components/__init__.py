@@ -54,11 +54,17 @@ _PROBLEMS = {
     "sine": ("named:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
 }
 
+_SMOOTHERS = {
+    "gauss_seidel": ("GaussSeidel", "Block Gauss–Seidel: forward sweeps, then as many backward."),
+    "chebyshev": ("Chebyshev", "Chebyshev polynomials of the matrix, preconditioned by its diagonal blocks."),
+}
+
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Refiners, the fixer, geometric bisectors, metrics, formats, samples and problems."""
-    return [*_refiners(), *_bisectors(), *_metrics(), *_formats(), *_samples(), *_problems()]
+    """Refiners, the fixer, geometric bisectors, metrics, formats, samples, problems and smoothers."""
+    parts = (_refiners, _bisectors, _metrics, _formats, _samples, _problems, _smoothers)
+    return [component for each in parts for component in each()]
 
 
 def _refiners() -> list[Component]:
@@ -168,4 +174,17 @@ def _problems() -> list[Component]:
             summary=summary,
         )
         for name, (target, summary) in _PROBLEMS.items()
+    ]
+
+
+def _smoothers() -> list[Component]:
+    return [
+        Component(
+            kind="smoother",
+            name=name,
+            target=f"agglo_core.multigrid.level_smoothers:{target}",
+            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            summary=summary,
+        )
+        for name, (target, summary) in _SMOOTHERS.items()
     ]

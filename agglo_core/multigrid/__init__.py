@@ -1,21 +1,48 @@
 """Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
 
+from agglo_core.multigrid.adapted_smoother import Adapted, adapted
+from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
+from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver
 from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
+from agglo_core.multigrid.level_smoothers import (
+    SMOOTHERS,
+    BlockJacobi,
+    Chebyshev,
+    GaussSeidel,
+    smoother_setup,
+)
 from agglo_core.multigrid.patch_smoother import AdditivePatches, VertexPatches
 from agglo_core.multigrid.patches import vertex_patches
-from agglo_core.multigrid.smoothed import galerkin, smoothed_prolongation
+from agglo_core.multigrid.smoothed import smoothed_prolongation
+from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 
 __all__ = [
+    "COARSE_SOLVERS",
+    "SMOOTHERS",
+    "Adapted",
     "AdditivePatches",
+    "BlockJacobi",
+    "BlockMatrix",
+    "Chebyshev",
+    "GaussSeidel",
     "Level",
     "LevelSmoother",
     "LevelStack",
     "VertexPatches",
+    "adapted",
+    "block_inverses",
+    "block_matrix",
     "block_scaled",
+    "build_stack",
+    "coarse_solver",
     "cycle",
     "galerkin",
+    "injection",
+    "largest_eigenvalue",
     "smoothed_prolongation",
+    "smoother_setup",
     "vertex_patches",
 ]

@@ -16,7 +16,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.patch_sweeps import patch_borders, patch_inverses, patch_sum, patch_sweep
-from agglo_core.multigrid.smoothed import largest_eigenvalue
+from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
 

@@ -13,14 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.linalg import eigvalsh_tridiagonal
 
-from agglo_core.arrays import Float
-from agglo_core.multigrid.stack import Solve
+from agglo_core.multigrid.spectrum import largest_eigenvalue
 
-__all__ = ["galerkin", "inverse_diagonal", "largest_eigenvalue", "smoothed_prolongation"]
-
-_STEPS = 12
+__all__ = ["inverse_diagonal", "smoothed_prolongation"]
 
 
 def smoothed_prolongation(
@@ -35,7 +31,7 @@ def smoothed_prolongation(
     P : (n, m) bsr
         In blocks of the same size.
     damping : float
-        ω; λ_max is the :func:`largest_eigenvalue` of D⁻¹A.
+        ω; λ_max is the :func:`~agglo_core.multigrid.largest_eigenvalue` of D⁻¹A.
     scaled : bool
         Whether D is the identity, as :func:`~agglo_core.multigrid.block_scaling.block_scaled` makes it.
 
@@ -67,14 +63,6 @@ def smoothed_prolongation(
     return smoothed
 
 
-def galerkin(A: Any, P: Any) -> sparse.bsr_array:
-    """Coarse matrix Pᵀ A P of matrices in blocks."""
-    transposed = sparse.bsr_array(P.T)
-    coarse = sparse.bsr_array(transposed @ (A @ P))
-    coarse.sort_indices()
-    return coarse
-
-
 def inverse_diagonal(A: Any) -> sparse.bsr_array:
     """D⁻¹ as a block diagonal matrix ``(n, n)``, D being the diagonal blocks of a bsr matrix.
 
@@ -91,52 +79,3 @@ def inverse_diagonal(A: Any) -> sparse.bsr_array:
     blocks[rows[on]] = A.data[on]
     places = np.arange(count + 1, dtype=np.int32)
     return sparse.bsr_array((np.linalg.inv(blocks), places[:-1], places), shape=A.shape)
-
-
-def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> float:
-    """Largest eigenvalue of M⁻¹A, a little low: Lanczos from a fixed start, as conjugate gradients run it.
-
-    Parameters
-    ----------
-    A : (n, n) sparse
-        Symmetric and positive definite.
-    precondition : callable
-        Applies M⁻¹, symmetric and positive definite.
-    steps : int
-        Matrix-vector products spent.
-
-    Raises
-    ------
-    LinAlgError
-        If A or M turn out not to be positive definite.
-    """
-    r = np.random.default_rng(0).standard_normal(A.shape[0]).astype(A.dtype)
-    z = precondition(r)
-    p, rho = z, float(r @ z)
-    lengths: list[float] = []
-    falls: list[float] = []
-    for _ in range(min(steps, A.shape[0])):
-        Ap = A @ p
-        curvature = float(p @ Ap)
-        if not (rho > 0.0 and curvature > 0.0):
-            if lengths and rho == 0.0:
-                break
-            raise np.linalg.LinAlgError("the matrix or its preconditioner is not positive definite")
-        lengths.append(rho / curvature)
-        r = r - lengths[-1] * Ap
-        z = precondition(r)
-        before, rho = rho, float(r @ z)
-        falls.append(rho / before)
-        if falls[-1] < 1e-20:  # all of the start is found
-            break
-        p = z + falls[-1] * p
-    return _largest(np.array(lengths), np.array(falls[: len(lengths) - 1]))
-
-
-def _largest(lengths: Float, falls: Float) -> float:
-    """Largest eigenvalue of the tridiagonal matrix of some iterations."""
-    inverse = 1.0 / lengths
-    diagonal, beside = inverse.copy(), np.sqrt(falls) * inverse[:-1]
-    diagonal[1:] += falls * inverse[:-1]
-    top = len(diagonal) - 1
-    return float(eigvalsh_tridiagonal(diagonal, beside, select="i", select_range=(top, top))[0])

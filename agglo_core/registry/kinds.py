@@ -137,7 +137,16 @@ _RECORDS = (
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),
         ("deterministic", "pickles", "symmetric"),
-        ("general", "level_smoother", "whole", "smoother_levels", "history", "promises", "another_process"),
+        (
+            "general",
+            "level_smoother",
+            "two_sided_smoother",
+            "whole",
+            "smoother_levels",
+            "history",
+            "promises",
+            "another_process",
+        ),
     ),
     Kind(
         "constraint",

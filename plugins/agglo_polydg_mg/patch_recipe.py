@@ -15,18 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 
-from agglo_core.authoring import (
-    Int,
-    Level,
-    LevelStack,
-    OptionError,
-    VertexPatches,
-    block_scaled,
-    frozen_int,
-    galerkin,
-    smoothed_prolongation,
-    vertex_patches,
-)
+from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.schwarz import Solve, lu
 from agglo_polydg_mg.transfer import block_matrix, parents
@@ -38,7 +27,7 @@ _DENSE = 1500
 
 def patch_stack(
     basis: Basis, A: Any, labels: Sequence[Int], dtype: Any = np.float64, *, damping: float = 4 / 3
-) -> LevelStack:
+) -> multigrid.LevelStack:
     """Levels of a multigrid method with vertex patches, down to the first of at most 1500 unknowns.
 
     Parameters
@@ -65,8 +54,8 @@ def patch_stack(
     mesh, width = basis.mesh, basis.n_local
     fine = block_matrix(A, width)
     fine.sort_indices()
-    A, T, LT = block_scaled(fine)
-    levels: list[Level] = []
+    A, T, LT = multigrid.block_scaled(fine)
+    levels: list[multigrid.Level] = []
     scaling, own = T, frozen_int(np.arange(mesh.n_cells))
     for at, coarse in enumerate(labels):
         if A.shape[0] <= _DENSE:
@@ -75,15 +64,17 @@ def patch_stack(
         if nested is None:
             raise OptionError(f"the agglomerates of level {at} are not unions of those of the level before")
         below = Basis(mesh.coarsen(coarse), basis.degree, basis.scaled)
-        P = smoothed_prolongation(A, LT @ project_between(basis, below, nested), damping, scaled=True)
-        patches = vertex_patches(mesh, own if at else None)
-        smoother = VertexPatches(A, patches, dtype)
-        A, T, LT = block_scaled(galerkin(A, P))
+        P = multigrid.smoothed_prolongation(
+            A, LT @ project_between(basis, below, nested), damping, scaled=True
+        )
+        patches = multigrid.vertex_patches(mesh, own if at else None)
+        smoother = multigrid.VertexPatches(A, patches, dtype)
+        A, T, LT = multigrid.block_scaled(multigrid.galerkin(A, P))
         P = sparse.bsr_array(P @ T.T).astype(dtype)
-        levels.append(Level(smoother.A, _offsets(smoother.A, width), P, smoother, own, patches))
+        levels.append(multigrid.Level(smoother.A, _offsets(smoother.A, width), P, smoother, own, patches))
         basis, own = below, coarse
-    levels.append(Level(A.astype(dtype), _offsets(A, width), labels=own))
-    return LevelStack(levels, _coarse_solve(A, dtype), dtype, scaling)
+    levels.append(multigrid.Level(A.astype(dtype), _offsets(A, width), labels=own))
+    return multigrid.LevelStack(levels, _coarse_solve(A, dtype), dtype, scaling)
 
 
 def _offsets(A: Any, width: int) -> Int:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from agglo_core.authoring import (
     AggloError,
-    Float,
     MultigridLevel,
     OptionError,
     PluginError,
@@ -19,6 +19,7 @@ from agglo_core.authoring import (
     attributed,
     default,
     describe,
+    multigrid,
 )
 from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, damped_jacobi, local_solve, schwarz
 
@@ -108,7 +109,7 @@ def smoother_title(given: Any, registry: Registry | None = None) -> str:
     return f"smoother {given if isinstance(given, str) else getattr(given, '__name__', type(given).__name__)}"
 
 
-def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> Smooth:
+def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> multigrid.Adapted:
     """``smooth(b, x)`` of a level; what it returns is checked, and errors name the smoother.
 
     Raises
@@ -118,19 +119,4 @@ def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> Smooth:
         function; so does the function, and if it returns no vector like ``b``.
     """
     spare = (AggloError, np.linalg.LinAlgError)
-    with attributed(title, spare=spare):
-        smooth = smoother.setup(level)
-    if not callable(smooth):
-        raise PluginError(f"{title}: setup returned {smooth!r:.60}, expected a function smooth(b, x)")
-
-    def checked(b: Float, x: Float) -> Float:
-        with attributed(title, spare=spare):
-            better = np.asarray(smooth(b, x))
-        if better.shape != b.shape or better.dtype.kind != "f":
-            raise PluginError(
-                f"{title}: smooth(b, x) returned shape {better.shape} of {better.dtype}, "
-                f"expected {b.shape} of float64"
-            )
-        return better
-
-    return checked
+    return multigrid.adapted(smoother, level, title, partial(attributed, title, spare=spare))

@@ -7,7 +7,8 @@ import pytest
 from scipy import sparse
 
 from agglo_core.multigrid import block_scaled, galerkin, smoothed_prolongation
-from agglo_core.multigrid.smoothed import inverse_diagonal, largest_eigenvalue
+from agglo_core.multigrid.smoothed import inverse_diagonal
+from agglo_core.multigrid.spectrum import largest_eigenvalue
 
 Array = np.ndarray
 FRESH = int(np.random.default_rng().integers(1 << 30))

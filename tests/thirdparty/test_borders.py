@@ -20,7 +20,7 @@ DECLARED = {
     "sample": "cross",
     "problem": "heat",
     "solver": "cells_cg",
-    "smoother": "gauss_seidel",
+    "smoother": "two_sweeps",
     "metric": "crowding",
     "constraint": "apart",
     "section": "sizes",
@@ -37,7 +37,7 @@ COMMANDS = {
     "plain": "run x.toy --metrics crowding --parts 6 --json",
     "solve": "solve squares:n=8 --solver cells_cg --problem heat.toml --json",
     "other solver": "solve squares:n=8 --solver polydg_cg --problem heat.toml",
-    "smoother": "solve squares:n=8 --solver polydg_mg_paper:smoother=gauss_seidel --json",
+    "smoother": "solve squares:n=8 --solver polydg_mg_paper:smoother=two_sweeps --json",
     **{f"check {kind}": f"check {kind}:{name} --json" for kind, name in DECLARED.items()},
 }
 

@@ -17,6 +17,7 @@ from conformance.mutants import (
     smoothers,
     solvers,
     touching,
+    two_sided,
     units,
 )
 
@@ -31,6 +32,7 @@ _KINDS = (
     problems,
     smoothers,
     touching,
+    two_sided,
     constraints,
     sections,
     forgetful,

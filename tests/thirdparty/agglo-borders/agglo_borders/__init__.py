@@ -21,8 +21,8 @@ def agglo_components() -> list[Component]:
         ),
         Component(
             "smoother",
-            "gauss_seidel",
-            f"{borders}.gauss_seidel:GaussSeidel",
+            "two_sweeps",
+            f"{borders}.two_sweeps:GaussSeidel",
             promises={"deterministic": True, "pickles": True, "symmetric": True},
             summary="Sweeps of Gauss and Seidel, there and back.",
         ),

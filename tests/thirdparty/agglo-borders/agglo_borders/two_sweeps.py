@@ -1,4 +1,4 @@
-"""The smoother ``gauss_seidel``."""
+"""The smoother ``two_sweeps``."""
 
 from __future__ import annotations
 

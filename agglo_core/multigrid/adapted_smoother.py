@@ -1,0 +1,116 @@
+"""Smoothers that are components, of anybody's making, on the levels of a stack."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from agglo_core.errors import PluginError
+from agglo_core.multigrid.stack import Real
+from agglo_core.problems import MultigridLevel
+
+__all__ = ["Adapted", "Guard", "adapted"]
+
+Guard = Callable[[], AbstractContextManager[None]]
+"""Makes a context manager that is entered around each call: it may say whose errors they are."""
+
+
+class _Component(Protocol):
+    def setup(self, level: MultigridLevel) -> Any: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Adapted:
+    """What the ``setup`` of a smoother returned, checked at each call, on both sides of a correction.
+
+    If it has ``before`` and ``after`` besides being callable these are used, otherwise ``smooth(b, x)``: from
+    zero before, and again after. The cycle is then symmetric if smooth is.
+    It is given and returns vectors in double precision; those of the cycle may be in single.
+
+    Attributes
+    ----------
+    smooth : callable
+    A : (n, n) sparse
+        The matrix of its level.
+    title : str
+        How errors call the smoother.
+    guard : Guard
+    """
+
+    smooth: Any
+    A: Any
+    title: str = "smoother"
+    guard: Guard = nullcontext
+
+    def __call__(self, b: Real, x: Real) -> Real:
+        """``smooth(b, x)``; PluginError if it is no vector like b."""
+        return self._checked("smooth(b, x)", b, self.smooth, b, x)
+
+    def before(self, b: Real) -> tuple[Real, Real]:
+        double = np.asarray(b, np.float64)
+        if self._two_sided:
+            with self.guard():
+                pair = self.smooth.before(double)
+            if not isinstance(pair, tuple) or len(pair) != 2:
+                raise PluginError(f"{self.title}: before(b) returned {pair!r:.60}, expected (x, b - A x)")
+            x, r = (self._vector("before(b)", each, b) for each in pair)
+        else:
+            x = self(double, np.zeros_like(double))
+            r = double - self.A @ x
+        return x.astype(b.dtype), r.astype(b.dtype)
+
+    def after(self, b: Real, x: Real) -> Real:
+        given = np.asarray(b, np.float64), np.asarray(x, np.float64)
+        if self._two_sided:
+            return self._checked("after(b, x)", b, self.smooth.after, *given).astype(b.dtype)
+        return self(*given).astype(b.dtype)
+
+    @property
+    def _two_sided(self) -> bool:
+        return all(callable(getattr(self.smooth, name, None)) for name in ("before", "after"))
+
+    def _checked(self, call: str, b: Real, method: Callable[..., Any], *given: Real) -> Real:
+        with self.guard():
+            better = method(*given)
+        return self._vector(call, better, b)
+
+    def _vector(self, call: str, given: Any, b: Real) -> Real:
+        with self.guard():
+            values: Real = np.asarray(given)
+        if values.shape != b.shape or values.dtype.kind != "f":
+            raise PluginError(
+                f"{self.title}: {call} returned shape {values.shape} of {values.dtype}, "
+                f"expected {b.shape} of float64"
+            )
+        return values
+
+
+def adapted(
+    smoother: _Component, level: MultigridLevel, title: str = "smoother", guard: Guard = nullcontext
+) -> Adapted:
+    """Set a component of kind ``smoother`` up on a level, for the cycles of a stack.
+
+    Parameters
+    ----------
+    smoother : object with ``setup``
+        See :class:`agglo_core.protocols.Smoother`.
+    level : MultigridLevel
+        Its matrix is in double precision.
+    title : str
+        How errors call the smoother.
+    guard : Guard, optional
+
+    Raises
+    ------
+    PluginError
+        If setup returns no function.
+    """
+    with guard():
+        smooth = smoother.setup(level)
+    if not callable(smooth):
+        raise PluginError(f"{title}: setup returned {smooth!r:.60}, expected a function smooth(b, x)")
+    return Adapted(smooth, level.A, title, guard)

@@ -1,0 +1,252 @@
+"""Symmetric matrices in blocks, ready for Gauss–Seidel sweeps in single or double precision."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.kernels.block_sweeps import UNROLLED, block_sweeps, invert_blocks, sweep_parts
+from agglo_core.multigrid.stack import Real
+
+__all__ = ["BlockMatrix", "block_inverses", "block_matrix", "in_blocks", "in_precision"]
+
+_NOTHING = 1e-22  # of the largest entry: in single precision products of such numbers are denormal, and slow
+_ASYMMETRY = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMatrix:
+    """A symmetric positive definite matrix with the inverses of its diagonal blocks.
+
+    Made by :func:`block_matrix`.
+
+    Attributes
+    ----------
+    matrix : (n, n) bsr_array or csr_array
+        BSR if all parts have the same number of unknowns.
+    inverses : (n, n) bsr_array or csr_array
+        D⁻¹, D being the diagonal blocks, in the same form.
+    block_offsets : (parts + 1,) int
+    """
+
+    matrix: Any
+    inverses: Any
+    block_offsets: Int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """``(n, n)``."""
+        n = self.matrix.shape[0]
+        return n, n
+
+    @property
+    def dtype(self) -> Any:
+        """float32 or float64."""
+        return self.matrix.dtype
+
+    @property
+    def nnz(self) -> int:
+        """Entries stored."""
+        return int(self.matrix.nnz)
+
+    def __matmul__(self, x: Any) -> Any:
+        return self.matrix @ x
+
+    def forward_from_zero(self, b: Real, sweeps: int = 1) -> tuple[Real, Real]:
+        """Return x ``(n,)`` after forward sweeps from 0 and the residual b − A x.
+
+        For equal blocks the residual costs nothing: each sweep goes through the matrix once.
+        """
+        x, r = np.zeros(len(b), self.dtype), np.array(b, self.dtype)
+        if self._width:
+            for _ in range(sweeps):
+                self._kernels[0](*self._arrays, r, x)
+            return x, r
+        x = self.forward(b, x, sweeps)
+        return x, r - self.matrix @ x
+
+    def forward(self, b: Real, x: Real, sweeps: int = 1) -> Real:
+        """Change x ``(n,)`` by block Gauss–Seidel sweeps from the first part to the last, and return it."""
+        return self._swept(b, x, sweeps, 1)
+
+    def backward(self, b: Real, x: Real, sweeps: int = 1) -> Real:
+        """The mirror image: from the last part to the first."""
+        return self._swept(b, x, sweeps, -1)
+
+    def _swept(self, b: Real, x: Real, sweeps: int, order: int) -> Real:
+        b = frozen(b, self.dtype)
+        x = np.require(x, self.dtype, ["C", "W"])
+        for _ in range(sweeps):
+            if self._width:
+                self._kernels[1](*self._arrays, b, x, order)
+            else:
+                sweep_parts(*self._arrays, b, x, order)
+        return x
+
+    @property
+    def _width(self) -> int:
+        """Size of the blocks, 0 if they differ."""
+        return int(self.matrix.blocksize[0]) if self.matrix.format == "bsr" else 0
+
+    @cached_property
+    def _kernels(self) -> tuple[Any, Any]:
+        return block_sweeps(self._width if self._width <= UNROLLED else 0)
+
+    @cached_property
+    def _arrays(self) -> tuple[NDArray[Any], ...]:
+        """What the kernels take of matrix and inverses."""
+        A = self.matrix
+        small = max(A.indptr[-1], A.shape[0]) < np.iinfo(np.int32).max
+        pattern = [frozen(each, np.int32 if small else np.int64) for each in (A.indptr, A.indices)]
+        rows = (*pattern, frozen(A.data, self.dtype))
+        inverses = frozen(self.inverses.data, self.dtype)
+        if self._width:
+            return *rows, inverses
+        return *rows, self.block_offsets, _places(self.block_offsets), inverses
+
+
+def block_matrix(A: Any, block_offsets: Int, dtype: Any = np.float64) -> BlockMatrix:
+    """A symmetric positive definite matrix, ready for block Gauss–Seidel.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+    block_offsets : (parts + 1,) int
+        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; parts may differ in size.
+    dtype : float32 or float64
+        Of the sweeps. Diagonal blocks are inverted in double precision.
+
+    Raises
+    ------
+    OptionError
+        If A is not symmetric, offsets do not fit it, or for another dtype.
+    LinAlgError
+        If a diagonal block is not positive definite; the message names its part.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import block_matrix
+    >>> A = block_matrix(sparse.csr_array([[2.0, 1.0], [1.0, 2.0]]), [0, 1, 2])
+    >>> A.forward_from_zero([2.0, 2.0])
+    (array([1. , 0.5]), array([-0.5,  0. ]))
+    """
+    if np.dtype(dtype) not in (np.float32, np.float64):
+        raise OptionError(f"dtype must be float32 or float64; given {np.dtype(dtype)}")
+    A = in_blocks(A, block_offsets)
+    _require_symmetric(A)
+    offsets = frozen_int(block_offsets)
+    inverses = in_precision(block_inverses(A, offsets), dtype)
+    return BlockMatrix(in_precision(A, dtype), inverses, offsets)
+
+
+def in_blocks(A: Any, block_offsets: Int) -> Any:
+    """A as ``bsr_array`` if all parts have the same size, as ``csr_array`` otherwise; no entry stored twice.
+
+    Raises
+    ------
+    OptionError
+        If the offsets do not fit the matrix.
+    """
+    sizes = np.diff(block_offsets)
+    n = A.shape[0]
+    if (
+        A.shape != (n, n)
+        or not len(sizes)
+        or block_offsets[0] != 0
+        or block_offsets[-1] != n
+        or min(sizes) < 0
+    ):
+        raise OptionError(
+            f"block_offsets must rise from 0 to the unknowns of a square matrix; given {len(sizes)} parts of "
+            f"{block_offsets[-1] if len(sizes) else 0} unknowns for the shape {A.shape}"
+        )
+    width = int(sizes[0])
+    if width and (sizes == width).all():
+        stored = sparse.bsr_array(A, blocksize=(width, width), dtype=np.float64)
+    else:
+        stored = sparse.csr_array(A, dtype=np.float64)
+    if not stored.has_canonical_format:
+        stored = stored.copy()
+        stored.sum_duplicates()
+    return stored
+
+
+def block_inverses(A: Any, block_offsets: Int) -> Any:
+    """D⁻¹ ``(n, n)``, D being the diagonal blocks: a ``bsr_array``, or a ``csr_array`` if sizes differ.
+
+    Raises
+    ------
+    OptionError
+        If the offsets do not fit the matrix.
+    LinAlgError
+        If a block is not positive definite; the message names its part.
+    """
+    A, offsets = in_blocks(A, block_offsets), frozen_int(block_offsets)
+    blocks = _diagonal(A, offsets)
+    bad = invert_blocks(offsets, blocks)
+    if bad >= 0:
+        raise np.linalg.LinAlgError(
+            f"the matrix is not positive definite: the block of part {bad}, unknowns "
+            f"{offsets[bad]}:{offsets[bad + 1]}, is not"
+        )
+    parts, sizes = len(offsets) - 1, np.diff(offsets)
+    if A.format == "bsr":
+        width = A.blocksize[0]
+        blocks, pattern = blocks.reshape(parts, width, width), (np.arange(parts), np.arange(parts + 1))
+        return sparse.bsr_array((blocks, *pattern), shape=A.shape)
+    of_row = np.repeat(sizes, sizes)  # entries of each row
+    starts = np.repeat(offsets[:-1], sizes)
+    indptr = np.concatenate([[0], np.cumsum(of_row)])
+    columns = np.arange(indptr[-1]) - np.repeat(indptr[:-1] - starts, of_row)
+    return sparse.csr_array((blocks, columns, indptr), shape=A.shape)
+
+
+def _diagonal(A: Any, offsets: Int) -> Float:
+    """Diagonal blocks, stored by rows one after the other."""
+    sizes, places = np.diff(offsets), _places(offsets)
+    blocks = np.zeros(int(np.sum(sizes**2)))
+    if A.format == "bsr":
+        rows = np.repeat(np.arange(len(sizes)), np.diff(A.indptr))
+        on = rows == A.indices
+        blocks.reshape(-1, *A.blocksize)[rows[on]] = A.data[on]
+        return blocks
+    part = np.repeat(np.arange(len(sizes)), sizes)
+    rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    on = part[rows] == part[A.indices]
+    p = part[rows[on]]
+    place = places[p] + (rows[on] - offsets[p]) * sizes[p] + A.indices[on] - offsets[p]
+    blocks[place] = A.data[on]
+    return blocks
+
+
+def _places(offsets: Int) -> Int:
+    """Where the block of each part starts, when they are stored by rows one after the other."""
+    squares = np.diff(offsets) ** 2
+    return frozen_int(np.cumsum(squares) - squares)
+
+
+def in_precision(A: Any, dtype: Any) -> Any:
+    """A sparse matrix in a precision; entries below 1e-22 of the largest become 0 if that is single."""
+    if A.dtype == dtype:
+        return A
+    data = A.data.astype(dtype)
+    data[np.abs(data) < _NOTHING * np.abs(data).max(initial=0.0)] = 0.0
+    pattern = (A.indices, A.indptr)
+    return type(A)((data, *pattern), shape=A.shape)
+
+
+def _require_symmetric(A: Any) -> None:
+    v = np.cos(np.arange(A.shape[0]) ** 2 + 1.0)
+    gap = np.abs(A @ v - A.T @ v).max(initial=0.0)
+    if not gap <= _ASYMMETRY * np.abs(A.data).max(initial=0.0):
+        raise OptionError(
+            f"the matrix must be symmetric and finite: A v and Aᵀ v differ by {gap:.1e} for some v"
+        )

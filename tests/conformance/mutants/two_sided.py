@@ -1,0 +1,117 @@
+"""Smoothers with two sides: a correct one, and those that break one law first."""
+
+from __future__ import annotations
+
+from conformance.mutants.mutant import Mutant
+from scipy import sparse
+from scipy.sparse.linalg import spsolve_triangular
+
+
+class _Sweeps:
+    """Forward before, backward after; as a plain smoother both."""
+
+    def __init__(self, level):
+        self.A = level.A
+        self.lower, self.upper = sparse.csr_array(sparse.tril(self.A)), sparse.csr_array(sparse.triu(self.A))
+
+    def before(self, b):
+        x = spsolve_triangular(self.lower, b)
+        return x, b - self.A @ x
+
+    def after(self, b, x):
+        x += spsolve_triangular(self.upper, b - self.A @ x, lower=False)
+        return x
+
+    def __call__(self, b, x):
+        x = x + spsolve_triangular(self.lower, b - self.A @ x)
+        return self.after(b, x)
+
+
+class TwoSided:
+    """Sets one of them up."""
+
+    of = _Sweeps
+
+    def setup(self, level):
+        return self.of(level)
+
+
+class NoAfter(TwoSided):
+    class of(_Sweeps):
+        after = None
+
+        def __call__(self, b, x):
+            return _Sweeps.after(self, b, x + spsolve_triangular(self.lower, b - self.A @ x))
+
+
+class ReturnsX(TwoSided):
+    class of(_Sweeps):
+        def before(self, b):
+            return super().before(b)[0]
+
+
+class ResidualOfZero(TwoSided):
+    class of(_Sweeps):
+        def before(self, b):
+            return super().before(b)[0], b.copy()
+
+
+class BestStep(TwoSided):
+    class of(_Sweeps):
+        def before(self, b):
+            x = super().before(b)[0]
+            x = x * ((x @ b) / (x @ (self.A @ x) + 1e-300))
+            return x, b - self.A @ x
+
+
+class SameWayBack(TwoSided):
+    class of(_Sweeps):
+        def after(self, b, x):
+            return x + spsolve_triangular(self.lower, b - self.A @ x)
+
+
+class ForgetsX(TwoSided):
+    class of(_Sweeps):
+        def after(self, b, x):
+            return spsolve_triangular(self.upper, b, lower=False)
+
+        def __call__(self, b, x):
+            return _Sweeps.__call__(_Plain(self), b, x)
+
+
+class _Plain(_Sweeps):
+    def __init__(self, other):
+        self.__dict__.update(other.__dict__)
+
+
+class UsesUpB(TwoSided):
+    class of(_Sweeps):
+        def before(self, b):
+            x, r = super().before(b)
+            if b.flags.writeable:
+                b[:] = r
+                r = b
+            return x, r
+
+
+class ZeroesB(TwoSided):
+    class of(_Sweeps):
+        def after(self, b, x):
+            x = super().after(b, x)
+            if b.flags.writeable:
+                b[:] = 0.0
+            return x
+
+
+CORRECT = [(TwoSided, {"deterministic": True, "pickles": True, "symmetric": True})]
+
+MUTANTS = [
+    Mutant("both_sides", NoAfter, "there is no after"),
+    Mutant("both_sides", ReturnsX, "the pair (x, b − A x)"),
+    Mutant("residual_of_before", ResidualOfZero, "b − A x of that x"),
+    Mutant("residual_of_before", BestStep, "no step length"),
+    Mutant("after_mirrors_before", SameWayBack, "done last after it"),
+    Mutant("after_mirrors_before", ForgetsX, "only the residual may enter"),
+    Mutant("sides_leave_b", UsesUpB, "return a copy"),
+    Mutant("sides_leave_b", ZeroesB, "use a copy"),
+]
