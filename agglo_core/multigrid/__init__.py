@@ -1,6 +1,17 @@
 """Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
 
+from agglo_core.multigrid.aggregation import aggregation_stack
 from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.direct_solution import direct_solver
+from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 
-__all__ = ["Level", "LevelSmoother", "LevelStack", "cycle"]
+__all__ = [
+    "Level",
+    "LevelSmoother",
+    "LevelStack",
+    "ScalarGaussSeidel",
+    "aggregation_stack",
+    "cycle",
+    "direct_solver",
+]
