@@ -1,5 +1,6 @@
 """Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
 
+from agglo_core.multigrid.additive_schwarz import additive_schwarz
 from agglo_core.multigrid.aggregation import aggregation_stack
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.direct_solution import direct_solver
@@ -11,6 +12,7 @@ __all__ = [
     "LevelSmoother",
     "LevelStack",
     "ScalarGaussSeidel",
+    "additive_schwarz",
     "aggregation_stack",
     "cycle",
     "direct_solver",

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
+from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.direct_solution import direct_solver
+from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
@@ -39,7 +39,7 @@ def aggregation_stack(
     labels: Sequence[ArrayLike] | None = None,
     near_null: ArrayLike | None = None,
     block_offsets: ArrayLike | None = None,
-    theta: float = 0.75,
+    theta: float = 0.9,
     weak: float = 0.01,
     dtype: Any = np.float64,
     smoother: MakeSmoother = pointwise,
@@ -79,10 +79,10 @@ def aggregation_stack(
 
     Notes
     -----
-    Vaněk, Mandel, Brezina, Computing 56 (1996). Strength is measured against the *larger* diagonal entry, after
-    the quality of aggregates of Napov and Notay (SIAM J. Sci. Comput. 34, 2012): two parts of large diagonal
-    that are joined weakly must not share an unknown, since a jump between them costs little there and
-    smoothing does not remove it; a part of small diagonal may lean on one of large diagonal.
+    Vaněk, Mandel, Brezina, Computing 56 (1996). Strength is measured against the *larger* diagonal entry,
+    in the spirit of the quality of aggregates of Napov and Notay (SIAM J. Sci. Comput. 34, 2012): two parts
+    of large diagonal that are joined weakly must not share an unknown, since a jump between them costs little
+    and smoothing does not remove it; a part of small diagonal may lean on one of large diagonal.
 
     Examples
     --------
@@ -92,7 +92,7 @@ def aggregation_stack(
     >>> [level.A.shape[0] for level in aggregation_stack(A, coarsest=50).levels]
     [1000, 334, 112, 38]
     """
-    matrix, offsets, B = _checked(A, block_offsets, near_null)
+    matrix, offsets, B = checked_system(A, block_offsets, near_null)
     given = _checked_labels(labels, len(offsets) - 1)
     if not theta >= 0.0:
         raise OptionError(f"theta must be 0 or more; given {theta!r}")
@@ -100,16 +100,18 @@ def aggregation_stack(
     holder = np.arange(len(offsets) - 1)
     while matrix.shape[0] > coarsest:
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
-        strength = Couplings(*(frozen(a, a.dtype) for a in Couplings.of(matrix, offsets, part_of)))
+        strength = Couplings.of(matrix, offsets, part_of)
         wanted = _current(given[len(levels)], holder, len(offsets) - 1) if len(levels) < len(given) else None
         found, count = aggregates(strength, theta, wanted)
         if count > 0.9 * len(found):
             break
         start = tentative(found[part_of], count, B)
         P = smoothed(matrix, offsets, part_of, strength, start, B, weak)
-        levels.append(_level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype)))
+        levels.append(
+            _level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype))
+        )
         holder = np.where(holder >= 0, found[holder], -1)
-        matrix, offsets, B = _canonical(P.T.tocsr() @ (matrix @ P)), start.offsets, start.near_null
+        matrix, offsets, B = canonical(P.T.tocsr() @ (matrix @ P)), start.offsets, start.near_null
     levels.append(_level(matrix, offsets, dtype, holder))
     return LevelStack(levels, direct_solver(matrix, dtype), dtype)
 
@@ -117,8 +119,8 @@ def aggregation_stack(
 def aggregates(strength: Couplings, theta: float, labels: Int | None = None) -> tuple[Int, int]:
     """Return the aggregate of each part, −1 for none, and their number.
 
-    Given labels are split by strength. Where that leaves too many, aggregates come from the graph; where these
-    are too many, every coupling that draws parts together counts as strong.
+    Given labels are split by strength. Where that leaves too many, aggregates come from the graph; where
+    these are too many, every coupling that draws parts together counts as strong.
     """
     n = len(strength.size)
     least = theta / max(strength.neighbours, _LEAST_NEIGHBOURS)
@@ -145,42 +147,6 @@ def _current(labels: Int, holder: Int, parts: int) -> Int:
     found = np.zeros(parts, np.int64)
     found[holder[inside]] = labels[inside]
     return found
-
-
-def _canonical(A: Any) -> Any:
-    """CSR in double precision, its columns sorted and its arrays read-only."""
-    rows = sparse.csr_array(A, dtype=np.float64)
-    if not rows.has_canonical_format:
-        rows = rows.copy() if rows is A else rows
-        rows.sum_duplicates()
-    if rows.indices.dtype != np.int32 and rows.nnz < 2**31:
-        rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
-    parts = (frozen(rows.data, rows.data.dtype), *(frozen(a, a.dtype) for a in (rows.indices, rows.indptr)))
-    rows.data, rows.indices, rows.indptr = parts
-    return rows
-
-
-def _checked(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None) -> tuple[Any, Int, Float]:
-    """Matrix, block offsets and near-null vectors, or an error that says what does not fit."""
-    if not sparse.issparse(A) or A.shape[0] != A.shape[1] or np.iscomplexobj(A):
-        raise OptionError(
-            f"expected a real square sparse matrix; given {type(A).__name__} {getattr(A, 'shape', '')} "
-            f"of {getattr(A, 'dtype', 'unknown type')}"
-        )
-    matrix, n = _canonical(A), A.shape[0]
-    if not np.isfinite(matrix.data).all():
-        raise OptionError("the matrix has entries that are not finite")
-    offsets = frozen_int(np.arange(n + 1) if block_offsets is None else block_offsets)
-    if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
-        raise OptionError(f"block_offsets must rise from 0 to {n}, the rows of the matrix")
-    if near_null is None:
-        component = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))
-        near_null = component[:, None] == np.arange(np.diff(offsets).max(initial=1))
-    B = np.asarray(near_null, dtype=np.float64)
-    B = B[:, None] if B.ndim == 1 else B
-    if B.ndim != 2 or len(B) != n or not B.shape[1] or not np.isfinite(B).all():
-        raise OptionError(f"near_null must be finite, of shape ({n}, k); given shape {np.shape(near_null)}")
-    return matrix, offsets, frozen_float(B)
 
 
 def _checked_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:

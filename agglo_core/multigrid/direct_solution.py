@@ -48,13 +48,17 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
     rows = sparse.csr_array(A)
     diagonal = np.asarray(rows.diagonal(), dtype=np.float64)
     if not np.isfinite(rows.data).all():
-        raise OptionError(f"the matrix to be factorised ({rows.shape[0]} rows) has entries that are not finite")
+        raise OptionError(
+            f"the matrix to be factorised ({rows.shape[0]} rows) has entries that are not finite"
+        )
     if (diagonal < 0.0).any():
         row = int(np.argmin(diagonal))
         raise OptionError(f"the matrix to be factorised has {diagonal[row]:g} on its diagonal, in row {row}")
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     if rows.shape[0] <= dense:
-        inverse = np.asarray(scale[:, None] * _inverse(rows.toarray() * np.outer(scale, scale)) * scale, dtype)
+        inverse = np.asarray(
+            scale[:, None] * _inverse(rows.toarray() * np.outer(scale, scale)) * scale, dtype
+        )
         return lambda b: inverse @ b
     return _sparse_solver(rows, scale, dtype)
 
@@ -70,7 +74,7 @@ def _inverse(M: Float) -> Float:
         factor = None
     if factor is not None and (np.diagonal(factor[0]) ** 2).min(initial=1.0) > least:
         inverse = np.asarray(linalg.cho_solve(factor, np.eye(n)))
-        return 0.5 * (inverse + inverse.T)
+        return np.asarray(0.5 * (inverse + inverse.T))
     values, vectors = linalg.eigh(M)
     large = values > least
     return np.asarray((vectors[:, large] / values[large]) @ vectors[:, large].T)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.aggregates import couplings, local_bases, split_weak
 
@@ -26,7 +26,8 @@ class Couplings(NamedTuple):
     @classmethod
     def of(cls, A: Any, offsets: Int, part_of: Int) -> Couplings:
         """Those of a CSR whose part p is ``offsets[p]:offsets[p + 1]``."""
-        return cls(*couplings(A.indptr, A.indices, A.data, offsets, part_of))
+        found = couplings(A.indptr, A.indices, A.data, offsets, part_of)
+        return cls(*(frozen(array, array.dtype) for array in found))
 
     @property
     def neighbours(self) -> float:
@@ -47,16 +48,26 @@ class Tentative:
     near_null : (m, k) float
         B on the coarse level.
     mask : (n, k) bool
-        Which columns of an aggregate the rows of T have.
-    back : (n, k, k) float
-        B times this is T, row by row.
+        Which columns of their aggregate the rows of T have.
+    holder : (n,) int
+        Aggregate of each unknown; −1: none.
+    R : (aggregates, k, k) float
+        B in the basis of an aggregate.
     """
 
     T: Any
     offsets: Int
     near_null: Float
-    mask: Any
-    back: Float
+    mask: Mask
+    holder: Int
+    R: Float
+
+    def of(self, values: Float) -> Any:
+        """Return the matrix that is to ``values (n, k)`` what T is to B: the same combinations, cut alike."""
+        single = self.R.shape[1] == 1
+        back = 1.0 / np.where(self.R > 0.0, self.R, 1.0) if single else np.linalg.pinv(self.R)
+        combined = np.einsum("ik,ikq->iq", values, back[self.holder])[self.mask]
+        return sparse.csr_array((combined, self.T.indices, self.T.indptr), shape=self.T.shape)
 
 
 def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
@@ -81,28 +92,44 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     at = (offsets[labels][:, None] + columns)[mask]
     T = _csr(Q[mask], at, indptr, (len(labels), int(offsets[-1])))
     coarse = R[columns < ranks[:, None]]
-    return Tentative(T, frozen_int(offsets), frozen_float(coarse), mask, np.linalg.pinv(R)[labels])
+    return Tentative(T, frozen_int(offsets), frozen_float(coarse), mask, labels, R)
 
 
 def smoothed(
-    A: Any, offsets: Int, part_of: Int, strength: Couplings, start: Tentative, near_null: Float, weak: float
+    A: Any,
+    offsets: Int,
+    part_of: Int,
+    strength: Couplings,
+    start: Tentative,
+    near_null: Float,
+    weak: float,
+    steps: int = 1,
 ) -> Any:
-    """Return P = (I − ω D⁻¹ F) T with ω = 4/3 λ_max(D⁻¹ F)⁻¹, as CSR.
+    """Return P = (I − ω D⁻¹ F)^steps T with ω = 4/3 λ_max(D⁻¹ F)⁻¹, as CSR.
 
-    F is A without its weak blocks, whose action on the near-null vectors goes to the diagonal: F B = A B. D is
-    the diagonal of A, by blocks: that of F may be small where a part has many weak neighbours, and would then
-    move it far towards the few strong ones.
+    F is A without its weak blocks, whose action on the near-null vectors goes to the diagonal: F B = A B. D
+    is the diagonal of A, by blocks: that of F may be small where a part has many weak neighbours, and would
+    then move it far towards the few strong ones. More than one step needs weak = 0, where F is A.
     """
-    *kept, left = split_weak(
+    indptr, indices, data, left = split_weak(
         A.indptr, A.indices, A.data, offsets, part_of, *strength, weak, frozen_float(near_null)
     )
-    D = _inverse_diagonal(A, offsets, part_of)
-    K = D @ sparse.csr_array((kept[2], kept[1], kept[0]), shape=A.shape)
-    FT = K @ start.T
-    if left.any():
-        lumped = np.einsum("ik,ikq->iq", left, start.back)[start.mask]
-        FT = FT + D @ sparse.csr_array((lumped, start.T.indices, start.T.indptr), shape=start.T.shape)
-    return sparse.csr_array(start.T - (4.0 / 3.0 / _largest_eigenvalue(K)) * FT)
+    kept = sparse.csr_array((data, indices, indptr), shape=A.shape)
+    if len(offsets) == len(part_of) + 1:
+        inverse = 1.0 / A.diagonal()
+        kept.data *= np.repeat(inverse, np.diff(indptr))
+        left *= inverse[:, None]
+    else:
+        D = _inverse_blocks(A, offsets, part_of)
+        kept, left = sparse.csr_array(D @ kept), D @ left
+    omega = 4.0 / 3.0 / _largest_eigenvalue(kept)
+    P = start.T
+    for _ in range(steps):
+        change = kept @ P
+        if left.any():
+            change = change + start.of(left)
+        P = P - omega * change
+    return sparse.csr_array(P)
 
 
 def _csr(data: Float, indices: Any, indptr: Any, shape: tuple[int, int]) -> Any:
@@ -124,12 +151,9 @@ def _largest_eigenvalue(K: Any) -> float:
     return max(min(1.1 * length, bound), 1e-300)
 
 
-def _inverse_diagonal(A: Any, offsets: Int, part_of: Int) -> Any:
+def _inverse_blocks(A: Any, offsets: Int, part_of: Int) -> Any:
     """Inverses of the diagonal blocks of A, as a sparse matrix; blocks of one size at a time."""
     n = A.shape[0]
-    if len(offsets) == n + 1:
-        diagonal = A.diagonal()
-        return sparse.diags_array(1.0 / np.where(diagonal == 0.0, 1.0, diagonal))
     row = np.repeat(np.arange(n), np.diff(A.indptr))
     inside = part_of[row] == part_of[A.indices]
     row, column, value = row[inside], A.indices[inside].astype(np.int64), A.data[inside]

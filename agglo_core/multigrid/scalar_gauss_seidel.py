@@ -48,8 +48,8 @@ class ScalarGaussSeidel:
         bad = np.flatnonzero(~(diagonal > 0.0))
         if len(bad):
             raise OptionError(
-                f"Gauss-Seidel needs a positive diagonal; row {bad[0]} of the matrix has {diagonal[bad[0]]:g} "
-                f"({len(bad)} such rows)"
+                f"Gauss-Seidel needs a positive diagonal; row {bad[0]} of the matrix has "
+                f"{diagonal[bad[0]]:g} ({len(bad)} such rows)"
             )
         self._dtype = np.dtype(dtype)
         indptr, indices = frozen(rows.indptr, rows.indices.dtype), frozen(rows.indices, rows.indices.dtype)
