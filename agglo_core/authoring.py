@@ -79,6 +79,14 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
+    from agglo_core.multigrid import (
+        Level,
+        LevelSmoother,
+        LevelStack,
+        ScalarGaussSeidel,
+        aggregation_stack,
+        cycle,
+    )
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -105,6 +113,7 @@ registry: Command Component Record Registry default describe hookimpl
 errors: AggloError FileError MeshError OptionError PluginError
 arrays: Float Index Int Mask UInt64 frozen frozen_float frozen_index frozen_int
 mesh: Mesh
+multigrid: Level LevelSmoother LevelStack ScalarGaussSeidel aggregation_stack cycle
 graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
@@ -177,7 +186,10 @@ __all__ = [
     "InertialBisection",
     "Int",
     "InterfaceRefiner",
+    "Level",
     "LevelBisector",
+    "LevelSmoother",
+    "LevelStack",
     "Lifting",
     "Linear",
     "Listener",
@@ -198,6 +210,7 @@ __all__ = [
     "Run",
     "RunResult",
     "Samples",
+    "ScalarGaussSeidel",
     "SizeGoal",
     "Smoother",
     "Solution",
@@ -209,6 +222,7 @@ __all__ = [
     "__version__",
     "agglomerate",
     "agglomeration_options",
+    "aggregation_stack",
     "attributed",
     "axes_block",
     "bisectors_option",
@@ -223,6 +237,7 @@ __all__ = [
     "conformance",
     "conjugate_gradients",
     "curve_order",
+    "cycle",
     "default",
     "describe",
     "edge_room",

@@ -24,6 +24,10 @@ MakeSmoother = Callable[[Any, Int, Any], LevelSmoother]
 
 _LEAST_NEIGHBOURS = 6.0
 """On sparser graphs a coupling is measured as if parts had so many neighbours."""
+_LENIENT = 0.25
+"""Labels are split where couplings are weaker than this part of a strong one: at jumps, not at thin faces."""
+_PIECES = 2.0
+"""Labels in more pieces than this, on average, do not suit the matrix."""
 _SLOW = 0.7
 """A level with more aggregates than this part of its parts is not worth having."""
 
@@ -54,7 +58,8 @@ def aggregation_stack(
     labels : sequence of (parts,) int, optional
         Agglomerates, finest first, as in ``Hierarchy.levels``: each array has the label of each part *of A*,
         whatever the level. Aggregates are these, split where they are not connected by strong couplings.
-        Further levels, and all by default, come from the graph of the matrix.
+        Further levels, and all by default, come from the graph of the matrix; so do levels whose labels fall
+        into more than two pieces on average, as where a coefficient jumps from cell to cell.
     near_null : (n, k) or (n,) float, optional
         Vectors that A takes to nearly nothing. By default constants: one vector for each unknown of a part.
     block_offsets : (parts + 1,) int, optional
@@ -119,14 +124,16 @@ def aggregation_stack(
 def aggregates(strength: Couplings, theta: float, labels: Int | None = None) -> tuple[Int, int]:
     """Return the aggregate of each part, −1 for none, and their number.
 
-    Given labels are split by strength. Where that leaves too many, aggregates come from the graph; where
+    Given labels are split by strength. If that leaves too many pieces, aggregates come from the graph; if
     these are too many, every coupling that draws parts together counts as strong.
     """
     n = len(strength.size)
     least = theta / max(strength.neighbours, _LEAST_NEIGHBOURS)
     found, count = np.empty(0, np.int64), n
     if labels is not None:
-        found, count = split_labels(*strength, least, frozen_int(labels))
+        found, count = split_labels(*strength, _LENIENT * least, frozen_int(labels))
+        if count > _PIECES * len(np.unique(labels)):
+            count = n
     for threshold in (least, 0.0):
         if count > _SLOW * n:
             found, count = greedy_aggregates(*strength, threshold)

@@ -14,8 +14,10 @@ from agglo_core.multigrid.stack import Real, Solve
 
 __all__ = ["direct_solver"]
 
-_ROUNDING = 1e-13
+_ROUNDING = 3e-15
 """Eigenvalues of a matrix of unit diagonal below this, times its size, are those of its null space."""
+_SHIFT = 1e-11
+"""Added to the unit diagonal of a singular matrix that is too large for an inverse."""
 
 
 def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
@@ -81,12 +83,29 @@ def _inverse(M: Float) -> Float:
 
 
 def _sparse_solver(A: Any, scale: Float, dtype: Any) -> Solve:
-    """A factorisation of A, shifted by a little of its diagonal so that it is regular."""
+    """A factorisation of A; if it is singular, of A shifted by a little, with refinement."""
     D = sparse.diags_array(scale)
-    shifted = D @ A @ D + 1e-11 * sparse.eye_array(A.shape[0])
-    factors = splu(sparse.csc_array(shifted), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    M = sparse.csc_array(D @ A @ D)
+    factors = _factors(M)
+    regular = factors is not None and np.abs(factors.U.diagonal()).min() > _ROUNDING * M.shape[0]
+    if not regular:
+        factors = _factors(sparse.csc_array(M + _SHIFT * sparse.eye_array(M.shape[0])))
 
     def solve(b: Real) -> Real:
-        return np.asarray(scale * factors.solve(scale * np.asarray(b, np.float64)), dtype)
+        r = scale * np.asarray(b, np.float64)
+        x = factors.solve(r)
+        for _ in range(0 if regular else 2):  # polynomials in the matrix: symmetric still
+            x = x + factors.solve(r - M @ x)
+        return np.asarray(scale * x, dtype)
 
     return solve
+
+
+def _factors(M: Any) -> Any:
+    """A sparse LU factorisation that keeps the diagonal as pivots, None if a pivot is zero."""
+    try:
+        return splu(M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:  # SuperLU's word for a zero pivot
+        if "singular" not in str(error):
+            raise
+        return None
