@@ -20,7 +20,7 @@ def couplings(indptr, indices, data, offsets, part_of):
     Between larger parts both are Frobenius norms of blocks.
     """
     n = len(offsets) - 1
-    scalar = n == len(part_of)
+    scalar = np.all(offsets[1:] - offsets[:-1] == 1)
     graph = np.zeros(n + 1, np.int64)
     to = np.empty(len(indices), np.int32)
     weight = np.empty(len(indices))

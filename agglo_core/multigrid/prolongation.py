@@ -115,7 +115,7 @@ def smoothed(
         A.indptr, A.indices, A.data, offsets, part_of, *strength, weak, frozen_float(near_null)
     )
     kept = sparse.csr_array((data, indices, indptr), shape=A.shape)
-    if len(offsets) == len(part_of) + 1:
+    if (np.diff(offsets) == 1).all():
         inverse = 1.0 / A.diagonal()
         kept.data *= np.repeat(inverse, np.diff(indptr))
         left *= inverse[:, None]
