@@ -1,10 +1,13 @@
 """Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
 
 from agglo_core.multigrid.adapted_smoother import Adapted, adapted
+from agglo_core.multigrid.additive_schwarz import additive_schwarz
+from agglo_core.multigrid.aggregation import aggregation_stack
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver
 from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.direct_solution import direct_solver
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
 from agglo_core.multigrid.level_smoothers import (
     SMOOTHERS,
@@ -15,6 +18,7 @@ from agglo_core.multigrid.level_smoothers import (
 )
 from agglo_core.multigrid.patch_smoother import AdditivePatches, VertexPatches
 from agglo_core.multigrid.patches import vertex_patches
+from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothed import smoothed_prolongation
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
@@ -31,14 +35,18 @@ __all__ = [
     "Level",
     "LevelSmoother",
     "LevelStack",
+    "ScalarGaussSeidel",
     "VertexPatches",
     "adapted",
+    "additive_schwarz",
+    "aggregation_stack",
     "block_inverses",
     "block_matrix",
     "block_scaled",
     "build_stack",
     "coarse_solver",
     "cycle",
+    "direct_solver",
     "galerkin",
     "injection",
     "largest_eigenvalue",

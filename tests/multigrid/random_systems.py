@@ -16,7 +16,7 @@ __all__ = ["block_diagonal", "mesh_matrix", "random_system", "two_level"]
 
 def random_system(n: int) -> sparse.csr_array:
     """A sparse matrix ``(n, n)`` with entries anywhere."""
-    R = sparse.random_array((n, n), density=min(1.0, 4 / n), rng=np.random.default_rng())
+    R = sparse.random_array((n, n), density=min(1.0, 4 / n), rng=np.random.default_rng(20261122))
     return sparse.csr_array(R @ R.T + sparse.eye_array(n))
 
 
@@ -30,7 +30,7 @@ def block_diagonal(A: sparse.csr_array, offsets: np.ndarray) -> np.ndarray:
 
 def mesh_matrix(cells: int, width: int = 1) -> sparse.csr_array:
     """Fluxes between the cells of a fresh Voronoi mesh, ``width`` coupled unknowns in each."""
-    mesh = samples.voronoi(cells, seed=int(np.random.default_rng().integers(2**31)))
+    mesh = samples.voronoi(cells, seed=20261122)
     links = sparse.csr_array(mesh.graph.to_scipy())
     A = sparse.diags_array(links.sum(axis=1) + 1e-3 * links.mean()) - links
     coupling = np.eye(width) + 0.3 * (np.ones((width, width)) - np.eye(width))

@@ -12,7 +12,7 @@ from agglo_core.multigrid import vertex_patches
 from agglo_core.problems import Patches
 
 Array = np.ndarray
-FRESH = int(np.random.default_rng().integers(1 << 30))
+FRESH = 20261122
 
 
 def as_lists(patches: Patches) -> list[list[int]]:

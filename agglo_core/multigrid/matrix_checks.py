@@ -1,0 +1,56 @@
+"""Matrices given from outside: checked, and brought to the form that kernels take."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+
+__all__ = ["canonical", "checked_system"]
+
+
+def canonical(A: Any) -> Any:
+    """CSR in double precision, its columns sorted and its arrays read-only."""
+    rows = sparse.csr_array(A, dtype=np.float64)
+    if not rows.has_canonical_format:
+        rows = rows.copy()  # those of A are shared
+        rows.sum_duplicates()
+    if rows.indices.dtype != np.int32 and rows.nnz < 2**31:
+        rows.indices, rows.indptr = rows.indices.astype(np.int32), rows.indptr.astype(np.int32)
+    parts = (frozen(rows.data, rows.data.dtype), *(frozen(a, a.dtype) for a in (rows.indices, rows.indptr)))
+    rows.data, rows.indices, rows.indptr = parts
+    return rows
+
+
+def checked_system(
+    A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None
+) -> tuple[Any, Int, Float]:
+    """Matrix, block offsets and near-null vectors, or an error that says what does not fit."""
+    if not sparse.issparse(A) or A.shape[0] != A.shape[1] or np.iscomplexobj(A):
+        raise OptionError(
+            f"expected a real square sparse matrix; given {type(A).__name__} {getattr(A, 'shape', '')} "
+            f"of {getattr(A, 'dtype', 'unknown type')}"
+        )
+    matrix, n = canonical(A), A.shape[0]
+    if not np.isfinite(matrix.data).all():
+        raise OptionError("the matrix has entries that are not finite")
+    diagonal = matrix.diagonal()
+    if not (diagonal > 0.0).all():
+        row = int(np.argmin(diagonal))
+        raise OptionError(f"the diagonal of the matrix must be positive; row {row} has {diagonal[row]:g}")
+    offsets = frozen_int(np.arange(n + 1) if block_offsets is None else block_offsets)
+    if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
+        raise OptionError(f"block_offsets must rise from 0 to {n}, the rows of the matrix")
+    if near_null is None:
+        component = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))
+        near_null = component[:, None] == np.arange(np.diff(offsets).max(initial=1))
+    B = np.asarray(near_null, dtype=np.float64)
+    B = B[:, None] if B.ndim == 1 else B
+    if B.ndim != 2 or len(B) != n or not B.shape[1] or not np.isfinite(B).all():
+        raise OptionError(f"near_null must be finite, of shape ({n}, k); given shape {np.shape(near_null)}")
+    return matrix, offsets, frozen_float(B)

@@ -1,0 +1,61 @@
+"""Matrices of finite volumes and of trusses, with coefficients as wild as they come."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
+from scipy.spatial import Delaunay
+
+from agglo_core.mesh import Mesh
+
+
+def two_point_flux(mesh: Mesh, kappa: np.ndarray, dirichlet: bool = True) -> sparse.csr_array:
+    """Two-point fluxes with harmonic means of kappa; zero values, or no flux, at the boundary."""
+    inner = mesh.face_cells[:, 1] >= 0
+    a, b = mesh.face_cells[inner].T
+    distance = np.linalg.norm(mesh.cell_centroids[a] - mesh.cell_centroids[b], axis=1)
+    t = mesh.face_measures[inner] / distance * 2.0 * kappa[a] * kappa[b] / (kappa[a] + kappa[b])
+    own = mesh.face_cells[~inner, 0]
+    out = 2.0 * mesh.face_measures[~inner] * kappa[own] / np.sqrt(mesh.cell_measures[own])
+    n = mesh.n_cells
+    diagonal = np.bincount(a, t, n) + np.bincount(b, t, n) + dirichlet * np.bincount(own, out, n)
+    entries = np.concatenate((-t, -t, diagonal))
+    at = (np.concatenate((a, b, np.arange(n))), np.concatenate((b, a, np.arange(n))))
+    return sparse.csr_array(sparse.coo_array((entries, at), shape=(n, n)))
+
+
+def two_valued(n: int, seed: int, share: float = 0.5) -> np.ndarray:
+    """1 or 1e6, at random."""
+    return np.where(np.random.default_rng(seed).random(n) < share, 1e6, 1.0)
+
+
+def truss(n: int, seed: int) -> tuple[sparse.csr_array, np.ndarray]:
+    """Bars between random points of the plane, free in space, and its three rigid motions."""
+    points = np.random.default_rng(seed).random((n, 2))
+    corners = Delaunay(points).simplices
+    bars = np.unique(np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)), axis=0)
+    along = points[bars[:, 1]] - points[bars[:, 0]]
+    length = np.linalg.norm(along, axis=1)
+    along = along / length[:, None]
+    m = len(bars)
+    columns = np.stack((2 * bars[:, 0], 2 * bars[:, 0] + 1, 2 * bars[:, 1], 2 * bars[:, 1] + 1), axis=1)
+    G = sparse.csr_array(
+        (np.concatenate((-along, along), axis=1).ravel(), columns.ravel(), 4 * np.arange(m + 1)),
+        shape=(m, 2 * n),
+    )
+    A = G.T @ sparse.diags_array(1.0 / length) @ G
+    x, y = points.T
+    zero, one = np.zeros(n), np.ones(n)
+    motions = (np.stack((one, zero), axis=1), np.stack((zero, one), axis=1), np.stack((-y, x), axis=1))
+    return sparse.csr_array(A), np.stack([each.ravel() for each in motions], axis=1)
+
+
+def iterations(A: sparse.csr_array, M: LinearOperator, b: np.ndarray | None = None, tol: float = 1e-8) -> int:
+    """Of conjugate gradients; they must converge, in the true residual within a factor of 100."""
+    b = np.ones(A.shape[0]) if b is None else b
+    seen: list[int] = []
+    x, failed = cg(A, b, rtol=tol, maxiter=300, M=M, callback=lambda _: seen.append(0))
+    assert not failed
+    assert np.linalg.norm(b - A @ x) <= 100 * tol * np.linalg.norm(b)
+    return len(seen)
