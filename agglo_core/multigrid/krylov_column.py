@@ -208,23 +208,30 @@ class Column:
         return self.done >= self._wait or not self.r.any()
 
     def _small(self) -> bool:
-        tolerance, stop = self.rules.tolerance, self.rules.stop
-        small = self.size <= tolerance or stop == "energy"
-        return small and (self._error <= tolerance or stop == "residual")
+        most, stop = self.rules.tolerance, self.rules.stop
+        return (self.size <= most or stop == "energy") and (self._error <= most or stop == "residual")
 
     def _confirm(self) -> Steps:
-        """End, unless a random vector finds an eigenvalue so small that x does not pass the tests."""
-        unsure = self.rules.probe and self.rules.stop != "residual" and self.r.any()
-        if unsure and self._probed < self.done:
-            self._probed = _MORE + 2 * self.done
-            least = yield from probed(len(self.b), _MORE + self.done)
-            if not least > 0.0:
-                self.ended = "indefinite preconditioner"
-                return
-            self._ritz.least = min(self._ritz.least, least)
+        """End, unless the error is shown to be larger, or an eigenvalue to be smaller, than was thought."""
+        if self.rules.stop != "residual" and self.r.any():
+            yield from self._compare()
+            if self.rules.probe and self._probed < self.done and self._small():
+                self._probed = _MORE + 2 * self.done
+                least = yield from probed(len(self.b), _MORE + self.done)
+                if not least > 0.0:
+                    self.ended = "indefinite preconditioner"
+                    return
+                self._ritz.least = min(self._ritz.least, least)
             self._estimate()
         if self._small():
             self.ended = "met"
+
+    def _compare(self) -> Steps:
+        """‖e‖_A ≥ r·r / (r·Ar)^½ whatever M is: where that is above the bound, θ is too large."""
+        length = float(np.sqrt(self.r @ (yield "A", self.r)))
+        least = float(self.r @ self.r) / length if length > 0.0 else 0.0
+        self._ritz.least *= min(1.0, self._bound() / least) ** 2 if least else 1.0
+        self._estimate()
 
     def _estimate(self) -> None:
         self._ritz.refresh()

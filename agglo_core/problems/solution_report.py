@@ -78,15 +78,15 @@ def report(
         **{f"error_{name}": float(value) for name, value in norms.items()},
         "energy": energy,
         "operator_complexity": _known(solution.operator_complexity, operator_complexity(solution)),
+        "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
+        "seconds": dict(solution.seconds),
+        "cpu_seconds": dict(solution.cpu_seconds),
         "grid_complexity": _known(solution.grid_complexity, float(sum(dofs) / dofs[0])),
         "contraction": solution.contraction,
         "asymptotic_contraction": solution.asymptotic_contraction,
         "memory": solution.memory,
         "choice": solution.choice,
         "advice": solution.advice,
-        "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
-        "seconds": dict(solution.seconds),
-        "cpu_seconds": dict(solution.cpu_seconds),
     }
 
 
