@@ -30,7 +30,7 @@ _DRIFT = 0.1
 _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
 _MORE = 4
-"""Steps of a probe beyond the iterations done: it ends long before if M is good."""
+"""Steps of a probe beyond twice the iterations done: it ends long before if M is good."""
 _UNKNOWN = ("indefinite matrix", "indefinite preconditioner", "loss of conjugacy")
 """Ends at which the coefficients tell nothing of the error."""
 
@@ -216,8 +216,8 @@ class Column:
         if self.rules.stop != "residual" and self.r.any():
             yield from self._compare()
             if self.rules.probe and self._probed < self.done and self._small():
-                self._probed = _MORE + 2 * self.done
-                least = yield from probed(len(self.b), _MORE + self.done)
+                self._probed = 2 * self.done
+                least = yield from probed(len(self.b), _MORE + 2 * self.done)
                 if not least > 0.0:
                     self.ended = "indefinite preconditioner"
                     return

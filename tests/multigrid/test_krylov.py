@@ -110,7 +110,7 @@ def test_each_test_may_stop_alone_and_all_are_told() -> None:
 
 def test_columns_are_iterated_each_on_its_own() -> None:
     B = np.stack([b, np.zeros(N), 1e6 * np.ones(N), A @ b], axis=1)
-    start = np.stack([0 * b, b, b, b], axis=1)
+    start = np.stack([0 * b, b, b, -b], axis=1)
     M = inverse(0.3)
     for operator in (M, LinearOperator((N, N), matvec=lambda r: M @ r.ravel(), dtype=float), lambda r: M @ r):
         found = pcg_columns(sparse.csr_array(A), B, operator, start, tolerance=1e-8)
@@ -120,7 +120,7 @@ def test_columns_are_iterated_each_on_its_own() -> None:
             assert one.iterations == other.iterations
             assert one.x == pytest.approx(other.x, rel=1e-6, abs=1e-300)
             assert one.residuals == pytest.approx(other.residuals, rel=1e-3)
-        assert [each.iterations for each in found][1::2] == [0, 0]
+        assert found[1].iterations == 0
         assert not found[1].x.any()
 
 
