@@ -63,7 +63,7 @@ class Column:
     _lost: int = 0
     _passed: int | None = None  # iterations when the tests were first passed
     _wait: int = 0  # iterations before they are asked again
-    _probed: int = 0  # steps of the last probe
+    _certain: int = 0  # iterations up to which the last probe holds: twice those it came after
 
     @property
     def done(self) -> int:
@@ -215,8 +215,8 @@ class Column:
         """End, unless the error is shown to be larger, or an eigenvalue to be smaller, than was thought."""
         if self.rules.stop != "residual" and self.r.any():
             yield from self._compare()
-            if self.rules.probe and self._probed < self.done and self._small():
-                self._probed = 2 * self.done
+            if self.rules.probe and self._certain < self.done and self._small():
+                self._certain = 2 * self.done
                 least = yield from probed(len(self.b), _MORE + 2 * self.done)
                 if not least > 0.0:
                     self.ended = "indefinite preconditioner"

@@ -88,10 +88,11 @@ def mean_contraction(residuals: Float, first: int = 0) -> float | None:
 
     Examples
     --------
-    >>> mean_contraction([1.0, 0.5, 0.01])
+    >>> round(mean_contraction([1.0, 0.5, 0.01]), 12)
     0.1
     """
-    begin, end, steps = residuals[first], residuals[-1], len(residuals) - 1 - first
-    if steps < 1 or not (0.0 < begin < np.inf and 0.0 < end < np.inf):
+    values = np.asarray(residuals, dtype=np.float64).ravel()
+    steps = len(values) - 1 - first
+    if steps < 1 or not (0.0 < values[first] < np.inf and 0.0 < values[-1] < np.inf):
         return None
-    return float(np.exp((np.log(end) - np.log(begin)) / steps))
+    return float(np.exp((np.log(values[-1]) - np.log(values[first])) / steps))
