@@ -31,8 +31,8 @@ _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
 _MORE = 4
 """Steps of a probe beyond twice the iterations done: it ends long before if M is good."""
-_UNKNOWN = ("indefinite matrix", "indefinite preconditioner", "loss of conjugacy")
-"""Ends at which the coefficients tell nothing of the error."""
+_KNOWN = ("met", "most iterations")
+"""Ends at which the coefficients tell the error."""
 
 
 @dataclass(eq=False)
@@ -77,6 +77,8 @@ class Column:
             yield from self._step()
         if not self._true:
             yield from self._settle()
+        if self.ended not in _KNOWN:
+            self._error = np.inf
 
     def history(self) -> History:
         """What came of it."""
@@ -182,7 +184,9 @@ class Column:
 
     def _bound(self) -> float:
         """‖e‖_A at most, as far as θ is known."""
-        return self.zr / float(np.sqrt(self._ritz.least * self.pp)) if self.zr else 0.0
+        if not self.zr:
+            return 0.0
+        return self.zr / float(np.sqrt(self._ritz.least * self.pp)) if self._ritz.least > 0.0 else np.inf
 
     def _turn(self, before: Float, zr: float, step: float) -> None:
         """The next direction; ``before`` and ``zr`` are r and z·r before the step."""
@@ -190,7 +194,7 @@ class Column:
         self._lost += abs(cross) > _CONJUGATE * self.zr and self.zr > _DIGIT * zr
         if self._lost >= _LOST:
             self.ended = "loss of conjugacy"
-        elif self._afresh:
+        elif self._afresh or not step > 0.0:
             self._begin()
         else:
             self._ritz.add(step, self.zr / zr)
@@ -228,7 +232,8 @@ class Column:
 
     def _compare(self) -> Steps:
         """‖e‖_A ≥ r·r / (r·Ar)^½ whatever M is: where that is above the bound, θ is too large."""
-        length = float(np.sqrt(self.r @ (yield "A", self.r)))
+        Ar = yield "A", self.r
+        length = max(0.0, float(self.r @ Ar)) ** 0.5
         least = float(self.r @ self.r) / length if length > 0.0 else 0.0
         self._ritz.least *= min(1.0, self._bound() / least) ** 2 if least else 1.0
         self._estimate()
@@ -246,5 +251,5 @@ class Column:
         self._error = np.inf
         if drifted and self.ended == "loss of conjugacy":
             self.ended = "stagnation"  # it is rounding, not the preconditioner
-        if not drifted and self.ended not in _UNKNOWN and np.isfinite(self.zr):
+        if not drifted:
             self._estimate()
