@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
+    from agglo_core.io.system_files import read_system, write_system
     from agglo_core.kernels import kernel
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
     from agglo_core.kernels.thresholds import (
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
+    from agglo_core.multigrid.krylov import pcg, pcg_columns
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -136,6 +138,8 @@ agglomeration: Pipeline agglomerate
 measure: RunResult quality
 io: check_writable read read_hierarchy write
 io.atomic: staging
+io.system_files: read_system write_system
+multigrid.krylov: pcg pcg_columns
 draw.plot: PALETTE colouring save_figure
 cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
 cli.arguments: parse_spec
@@ -249,6 +253,8 @@ __all__ = [
     "multigrid",
     "numbered_parts",
     "parse_spec",
+    "pcg",
+    "pcg_columns",
     "phase",
     "planar_frame",
     "principal_frames",
@@ -257,6 +263,7 @@ __all__ = [
     "quality",
     "read",
     "read_hierarchy",
+    "read_system",
     "relative_size",
     "samples",
     "save_figure",
@@ -272,6 +279,7 @@ __all__ = [
     "two_norm",
     "write",
     "write_sides",
+    "write_system",
 ]
 
 

@@ -9,6 +9,7 @@ from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.direct_solution import direct_solver
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
+from agglo_core.multigrid.krylov import pcg, pcg_columns
 from agglo_core.multigrid.level_smoothers import (
     SMOOTHERS,
     BlockJacobi,
@@ -50,6 +51,8 @@ __all__ = [
     "galerkin",
     "injection",
     "largest_eigenvalue",
+    "pcg",
+    "pcg_columns",
     "smoothed_prolongation",
     "smoother_setup",
     "vertex_patches",

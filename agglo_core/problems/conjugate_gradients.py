@@ -2,47 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
+from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
 from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import Measure, energy_of_solution, relative_to, size_ratio
 from agglo_core.progress import Tell, to_nobody
 
 __all__ = ["MET", "TESTS", "History", "conjugate_gradients", "iterated"]
 
-MET = "tolerance met"
-"""The reason of an iteration that converged."""
-TESTS = ("residual", "energy error")
-"""What has to be small for that."""
 _INDEFINITE = "the matrix is not positive definite: "
 _AHEAD = 10
 """Iterations to go on for, and that part of those done, before an iterate is judged."""
 _UNDERFLOW = "r·r is too small for floating-point numbers, scale b: "
-
-
-@dataclass(frozen=True, eq=False)
-class History:
-    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
-
-    ``energy_error`` is an estimate of the error of x in the energy norm, relative to that of x, None if there
-    is none; ``tests`` are those of ``"residual"`` and ``"energy error"`` that x has passed.
-    """
-
-    x: Float
-    residuals: Float
-    converged: bool
-    reason: str
-    energy_error: float | None = None
-    tests: tuple[str, ...] = ()
-
-    @property
-    def iterations(self) -> int:
-        """Number of iterations."""
-        return len(self.residuals) - 1
+_ROUNDING = "rounding lets b − A x fall no further: "
+_ENDED: Mapping[str, Ended] = MappingProxyType(
+    {
+        "": "most iterations",
+        _INDEFINITE: "indefinite matrix",
+        _UNDERFLOW: "underflow",
+        _ROUNDING: "stagnation",
+    }
+)
 
 
 def conjugate_gradients(
@@ -95,28 +82,10 @@ def conjugate_gradients(
     if claim.met:
         x = run.x if claim.x is None else claim.x
         kept = frozen_float(residuals[: claim.at + 1])
-        return History(frozen_float(x), kept, True, MET, claim.error, TESTS)
+        return History(frozen_float(x), kept, True, MET, claim.error, TESTS, "met")
     reason = claim.failed(sizes[smallest], smallest, len(sizes) - 1)
     kept, passed = frozen_float(residuals[: smallest + 1]), TESTS[: sizes[smallest] <= tolerance]
-    return History(frozen_float(best), kept, False, reason, None, passed)
-
-
-def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
-    """How far an iteration has come, for ``tell``: digits won over those wanted, and its details.
-
-    Parameters
-    ----------
-    iterations : int
-        Done so far.
-    size : float
-        Of the residual, relative to the first one.
-    tolerance : float
-        Size wanted, below 1.
-    """
-    text = f"iteration {iterations}, relative residual {size:.1e}"
-    if not 0.0 < tolerance < size < 1.0:
-        return (1.0 if size <= tolerance else 0.0), text
-    return float(np.log(size) / np.log(tolerance)), text
+    return History(frozen_float(best), kept, False, reason, None, passed, _ENDED[claim.why])
 
 
 @dataclass(eq=False)
@@ -223,7 +192,7 @@ class _Claim:
     def _replace(self, run: _Run, true: Float) -> None:
         """Start afresh from the true residual, unless that has been done and gained nothing."""
         size = self.measure(true)
-        self.why = "rounding lets b − A x fall no further: " if size > 0.5 * self._replaced else ""
+        self.why = _ROUNDING if size > 0.5 * self._replaced else ""
         self._replaced = size
         run.restart(true)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from agglo_core.arrays import Float
+from agglo_core.problems.iteration_history import mean_contraction
 
 __all__ = ["Lifting", "Solution"]
 
@@ -34,7 +35,10 @@ class Solution:
 
     What a solver need not tell: ``tests``, which of the tests ``"residual"`` and ``"energy error"`` x has
     passed; ``energy_error``, an estimate of the error in the energy norm relative to that of the solution;
-    ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest).
+    ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest);
+    ``operator_complexity`` and ``grid_complexity``, entries and unknowns of all levels over those of the
+    finest; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
+    the clock; ``choice``, which recipe was chosen and why; ``advice``, what might do better.
     """
 
     x: Float
@@ -49,3 +53,19 @@ class Solution:
     energy_error: float | None = None
     tests: tuple[str, ...] = ()
     lifting: Lifting | None = None
+    operator_complexity: float | None = None
+    grid_complexity: float | None = None
+    memory: int | None = None
+    cpu_seconds: Mapping[str, float] = field(default_factory=dict)
+    choice: str = ""
+    advice: str = ""
+
+    @property
+    def contraction(self) -> float | None:
+        """Geometric mean of the factors by which the residual falls; None without an iteration."""
+        return mean_contraction(self.residuals)
+
+    @property
+    def asymptotic_contraction(self) -> float | None:
+        """The same over the latter half of the iterations."""
+        return mean_contraction(self.residuals, (len(self.residuals) - 1) // 2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ from agglo_core.progress import Listener, phase
 
 __all__ = ["operator_complexity", "report", "text"]
 
+_COLUMNS = 80
 _USUAL_ERRORS = ("error_l2", "error_dg")
 
 
@@ -50,7 +52,9 @@ def report(
         says of itself;
         ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
         unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
-        finest.
+        finest, ``grid_complexity`` the number of unknowns; ``contraction`` is the mean factor by which the
+        residual fell, ``asymptotic_contraction`` that over the latter half of the iterations; ``memory``,
+        ``cpu_seconds``, ``choice`` and ``advice`` are what the solver tells, None or empty if nothing.
     """
     dofs = [A.shape[0] for A in _matrices(solution)]
     rest, b = _solved(solution)
@@ -73,9 +77,16 @@ def report(
         **dict.fromkeys(_USUAL_ERRORS),
         **{f"error_{name}": float(value) for name, value in norms.items()},
         "energy": energy,
-        "operator_complexity": operator_complexity(solution),
+        "operator_complexity": _known(solution.operator_complexity, operator_complexity(solution)),
         "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
         "seconds": dict(solution.seconds),
+        "cpu_seconds": dict(solution.cpu_seconds),
+        "grid_complexity": _known(solution.grid_complexity, float(sum(dofs) / dofs[0])),
+        "contraction": solution.contraction,
+        "asymptotic_contraction": solution.asymptotic_contraction,
+        "memory": solution.memory,
+        "choice": solution.choice,
+        "advice": solution.advice,
     }
 
 
@@ -84,6 +95,10 @@ def operator_complexity(solution: Solution) -> float | None:
     entries = [_entries(A) for A in _matrices(solution)]
     known = [count for count in entries if count is not None]
     return float(sum(known) / known[0]) if len(known) == len(entries) else None
+
+
+def _known(told: float | None, found: float | None) -> float | None:
+    return found if told is None else told
 
 
 def _entries(A: Any) -> int | None:
@@ -126,22 +141,42 @@ def _state(data: Mapping[str, Any]) -> str:
 
 
 def text(title: str, data: Mapping[str, Any]) -> str:
-    """A few lines for people to read."""
+    """Some lines of at most 80 columns for people to read."""
     levels = " → ".join(f"{level['cells']:,}" for level in data["levels"])
-    complexity = data["operator_complexity"]
-    lines = [
-        f"{title}: {data['dofs']:,} unknowns, cells {levels}",
-        _state(data),
-        f"energy fᵀu {data['energy']:.8g}, operator complexity "
-        + ("unknown" if complexity is None else f"{complexity:.2f}"),
-    ]
+    lines = [f"{title}: {data['dofs']:,} unknowns, cells {levels}"]
+    lines += [f"solver: {data['choice']}"] if data["choice"] else []
+    lines.append(_state(data))
     if data["cg_iterations"] is not None:
-        lines.insert(2, f"plain conjugate gradients: {data['cg_iterations']} iterations")
+        lines.append(f"plain conjugate gradients: {data['cg_iterations']} iterations")
+    lines.append(_costs(data))
     errors = {
         name.removeprefix("error_").upper(): each for name, each in data.items() if name.startswith("error_")
     }
     known = [f"{name} {value:.3e}" for name, value in errors.items() if value is not None]
     if known:
         lines.append(f"error: {', '.join(known)}")
-    lines.append(", ".join(f"{name} {value:.2f} s" for name, value in data["seconds"].items()))
-    return "\n".join(lines)
+    lines.append(_seconds(data["seconds"]))
+    lines += [f"processor: {_seconds(data['cpu_seconds'])}"] if data["cpu_seconds"] else []
+    lines += [f"advice: {data['advice']}"] if data["advice"] else []
+    return "\n".join(_wrapped(line) for line in lines)
+
+
+def _costs(data: Mapping[str, Any]) -> str:
+    complexity, contraction = data["operator_complexity"], data["contraction"]
+    costs = [f"energy fᵀu {data['energy']:.8g}"]
+    costs.append("operator complexity " + ("unknown" if complexity is None else f"{complexity:.2f}"))
+    if contraction is not None:
+        costs.append(f"contraction {contraction:.3f}")
+    if data["memory"] is not None:
+        costs.append(f"memory {data['memory'] / 1e6:.1f} MB")
+    return ", ".join(costs)
+
+
+def _seconds(seconds: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items())
+
+
+def _wrapped(line: str) -> str:
+    return textwrap.fill(
+        line, _COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )

@@ -1,33 +1,138 @@
-"""What a discretisation assembles."""
+"""A linear system: what a discretisation assembles, or a user brings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
-from agglo_core.arrays import Float, Int
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
+from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
 
 __all__ = ["System"]
+
+_SUSPECT = 1e-11
+"""Part of the largest entry by which x·Ay and y·Ax may differ before entries are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """A linear system whose unknowns belong to the cells of a mesh.
+    """A linear system A x = b with a symmetric matrix, and what multigrid may know of its unknowns.
 
     Attributes
     ----------
-    A : (n, n) sparse
-    b : (n,) float
-    block_offsets : (n_cells + 1,) int
-        The unknowns of cell c are ``block_offsets[c]:block_offsets[c + 1]``.
-    mesh : Mesh
-    near_null : (n, k) float, optional
+    A : (n, n) sparse, float64
+        Any sparse or dense matrix is taken; it is kept in CSR or, if it is given so, in BSR.
+    b : (n,) or (n, k) float
+        One right-hand side or several.
+    block_offsets : (blocks + 1,) int
+        The unknowns of block c are ``block_offsets[c]:block_offsets[c + 1]``, of any number above 0; by
+        default each unknown is a block. With a mesh, blocks are its cells.
+    mesh : Mesh, optional
+    near_null : (n, m) float, optional
         Vectors that A takes to nearly nothing, such as constants and rigid motions.
+
+    Raises
+    ------
+    OptionError
+        For a matrix without entries (a LinearOperator), one that is not square or not symmetric but for
+        rounding; complex numbers, values that are not numbers or not finite; shapes that do not fit.
+
+    Examples
+    --------
+    >>> system = System([[2.0, -1.0], [-1.0, 2.0]], [1.0, 0.0])
+    >>> system.n, system.block_offsets
+    (2, array([0, 1, 2]))
     """
 
     A: Any
     b: Float
-    block_offsets: Int
-    mesh: Mesh
+    block_offsets: Int = None  # type: ignore[assignment]  # never None once it is made
+    mesh: Mesh | None = None
     near_null: Float | None = None
+
+    def __post_init__(self) -> None:
+        A = real_matrix(self.A)
+        if A.shape[0] != A.shape[1] or not A.shape[0]:
+            raise OptionError(f"A must be a square matrix, given the shape {A.shape}")
+        b = _columns("b", self.b, A.shape[0], (1, 2))
+        require_finite(b, A)
+        _require_symmetric(A)
+        near = None if self.near_null is None else _columns("near_null", self.near_null, A.shape[0], (2,))
+        if near is not None and not np.isfinite(near).all():
+            raise OptionError("near_null holds values that are not finite")
+        offsets = _offsets(self.block_offsets, A.shape[0], self.mesh)
+        for name, value in (("A", A), ("b", b), ("block_offsets", offsets), ("near_null", near)):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def trusted(
+        cls, A: Any, b: Float, block_offsets: Int, mesh: Mesh, near_null: Float | None = None
+    ) -> Self:
+        """A system of parts that fit together, taken as they are: for a discretisation that made them."""
+        system = object.__new__(cls)
+        parts = {"A": A, "b": b, "block_offsets": block_offsets, "mesh": mesh, "near_null": near_null}
+        for name, value in parts.items():
+            object.__setattr__(system, name, value)
+        return system
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return int(self.A.shape[0])
+
+    @property
+    def n_blocks(self) -> int:
+        """Number of blocks."""
+        return len(self.block_offsets) - 1
+
+    @property
+    def width(self) -> int | None:
+        """Unknowns of a block; None where blocks differ."""
+        sizes = np.diff(self.block_offsets)
+        return int(sizes[0]) if (sizes == sizes[0]).all() else None
+
+    def to_scipy(self) -> tuple[sparse.csr_array, Float]:
+        """Matrix and right-hand side, as scipy, PyAMG and others take them; b is a copy."""
+        return sparse.csr_array(self.A), np.array(self.b)
+
+
+def _columns(name: str, given: Any, n: int, dimensions: tuple[int, ...]) -> Float:
+    if sparse.issparse(given):
+        raise OptionError(f"{name} must be an array, given a sparse one {given.shape}: {name}.toarray()")
+    values = real_array(name, given)
+    if values.ndim not in dimensions or len(values) != n or 0 in values.shape:
+        wanted = " or ".join(f"({n},)" if each == 1 else f"({n}, k)" for each in dimensions)
+        raise OptionError(f"{name} must have the shape {wanted} for that A, given {values.shape}")
+    return frozen_float(values)
+
+
+def _offsets(given: Any, n: int, mesh: Mesh | None) -> Int:
+    if given is None and (mesh is None or mesh.n_cells == n):
+        return frozen_int(np.arange(n + 1))
+    cells = None if mesh is None else mesh.n_cells
+    if given is None:
+        raise OptionError(f"block_offsets must say which of the {n} unknowns belong to each of {cells} cells")
+    values = np.asarray(given)
+    if values.ndim != 1 or values.dtype.kind not in "iu" or not len(values):
+        raise OptionError(f"block_offsets must be whole numbers (blocks + 1,), given {given!r:.60}")
+    fit = values[0] == 0 and values[-1] == n and (np.diff(values.astype(np.int64)) > 0).all()
+    if not fit:
+        raise OptionError(
+            f"block_offsets must increase from 0 to the number of unknowns {n}, given {given!r:.60}"
+        )
+    if cells not in (None, len(values) - 1):
+        raise OptionError(f"block_offsets are of {len(values) - 1} blocks, the mesh has {cells} cells")
+    return frozen_int(values)
+
+
+def _require_symmetric(A: Any) -> None:
+    """Compare entries only where two products raise a suspicion: a transpose costs far more."""
+    x, y = np.random.default_rng(0).normal(size=(2, A.shape[0]))
+    gap = abs(float(x @ (A @ y)) - float(y @ (A @ x)))
+    if not gap <= _SUSPECT * float(np.abs(A.data).max(initial=0.0)):
+        require_symmetric(A)

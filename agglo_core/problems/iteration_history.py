@@ -1,0 +1,98 @@
+"""What an iterative method has to tell of its iterates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from agglo_core.arrays import Float
+
+__all__ = ["MET", "TESTS", "Ended", "History", "iterated", "mean_contraction"]
+
+MET = "tolerance met"
+"""The reason of an iteration that converged."""
+TESTS = ("residual", "energy error")
+"""What has to be small for that."""
+
+Ended = Literal[
+    "",
+    "met",
+    "most iterations",
+    "indefinite matrix",
+    "indefinite preconditioner",
+    "loss of conjugacy",
+    "preconditioner not finite",
+    "matrix not finite",
+    "stagnation",
+    "underflow",
+]
+"""Why an iteration ended, for programs; empty where the method does not tell."""
+
+_BY_PRECONDITIONER = ("indefinite preconditioner", "loss of conjugacy", "preconditioner not finite")
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
+
+    ``energy_error`` is an estimate of the error of x in the energy norm, relative to that of x, None if there
+    is none; ``tests`` are those of ``"residual"`` and ``"energy error"`` that x has passed. ``reason`` says
+    to people why the iteration ended, ``ended`` to programs. ``relative_residual`` is the measure of b − A x,
+    computed from x; None if the method does not tell.
+    """
+
+    x: Float
+    residuals: Float
+    converged: bool
+    reason: str
+    energy_error: float | None = None
+    tests: tuple[str, ...] = ()
+    ended: Ended = ""
+    relative_residual: float | None = None
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return len(self.residuals) - 1
+
+    @property
+    def preconditioner_failed(self) -> bool:
+        """Whether the preconditioner ended it: one in double precision, say, may go on from x."""
+        return self.ended in _BY_PRECONDITIONER
+
+
+def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str]:
+    """How far an iteration has come, for ``tell``: digits won over those wanted, and its details.
+
+    Parameters
+    ----------
+    iterations : int
+        Done so far.
+    size : float
+        Of the residual, relative to the first one.
+    tolerance : float
+        Size wanted, below 1.
+    """
+    text = f"iteration {iterations}, relative residual {size:.1e}"
+    if not 0.0 < tolerance < size < 1.0:
+        return (1.0 if size <= tolerance else 0.0), text
+    return float(np.log(size) / np.log(tolerance)), text
+
+
+def mean_contraction(residuals: Float, first: int = 0) -> float | None:
+    """Geometric mean of the factors by which residuals fall, from one with a number to the last.
+
+    None without an iteration, or where they are not positive numbers.
+
+    Examples
+    --------
+    >>> round(mean_contraction([1.0, 0.5, 0.01]), 12)
+    0.1
+    """
+    values = np.asarray(residuals, dtype=np.float64).ravel()
+    steps = len(values) - 1 - first
+    if steps < 1 or not (0.0 < values[first] < np.inf and 0.0 < values[-1] < np.inf):
+        return None
+    return float(np.exp((np.log(values[-1]) - np.log(values[first])) / steps))
