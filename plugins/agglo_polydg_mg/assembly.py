@@ -126,8 +126,7 @@ def load(basis: Basis, problem: Diffusion) -> Float:
 
     Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
     """
-    source = weighted_moments(basis.mesh, problem.source, basis.boxes, basis.degree, "source")
-    source = source * basis.scale[:, None]
+    source = basis.weighted(problem.source, basis.degree, "source") * basis.scale[:, None]
     source += neumann_load(basis, problem, boundary_faces(basis.mesh, problem))
     return frozen_float(source.ravel())
 
@@ -142,8 +141,8 @@ def jump_penalty(
 ) -> Float:
     """Penalty σ of each face ``(n_faces,)``, 0 on ``natural`` ones, for κ as :func:`positive` returns it.
 
-    ``on_faces`` are its :func:`face_coefficients` for degree + 2, ``inside`` its :func:`stiffness`, where they
-    are at hand.
+    ``on_faces`` are its :func:`face_coefficients` for degree + 2, ``inside`` its :func:`stiffness`, where
+    they are at hand.
     """
     if penalty != "sharp":
         constant = PAPER if penalty == "paper" else penalty
@@ -178,8 +177,7 @@ def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> spars
 
 def stiffness(basis: Basis, kappa: Field) -> Float:
     """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
-    integrals = weighted_moments(basis.mesh, kappa, basis.boxes, 2 * basis.degree - 2, "kappa")
-    integrals *= (basis.scale**2)[:, None]
+    integrals = basis.weighted(kappa, 2 * basis.degree - 2, "kappa") * (basis.scale**2)[:, None]
     along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
     return products(along, basis.degree, [(1, 0), (0, 1)])
 

@@ -182,14 +182,14 @@ def face_blocks(
                 legendre_at((y - boxes[c, 1]) / hy, degree, factors, ly)
                 slopes_of(lx, degree, factors, dx)
                 slopes_of(ly, degree, factors, dy)
-                k = side * m
-                for total in range(degree + 1):
-                    for j in range(total + 1):
-                        i = total - j
-                        jump = signed * lx[i] * ly[j]
-                        rest[q, k] = stiff * jump - share * (nx * dx[i] * ly[j] + ny * lx[i] * dy[j])
-                        jumps[q, k] = 0.5 * weights[q] * length * jump
-                        k += 1
+                measure = 0.5 * weights[q] * length
+                for j in range(degree + 1):
+                    value, along_x, along_y = signed * ly[j], share * nx * ly[j], share * ny * dy[j]
+                    for i in range(degree + 1 - j):
+                        jump = value * lx[i]
+                        k = side * m + ((i + j) * (i + j + 1)) // 2 + j
+                        rest[q, k] = stiff * jump - (along_x * dx[i] + along_y * lx[i])
+                        jumps[q, k] = measure * jump
         _outer_sum(jumps, rest, len(nodes), sides * m, half)
         for side in range(sides):
             _add_symmetric(blocks[slots[f, side, side]], half, side * m, m)

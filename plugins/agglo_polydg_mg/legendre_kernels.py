@@ -83,11 +83,10 @@ def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, n
                 for i in range(degree + 1):
                     below = factors[5, i] * lx[i - 1] if i > 0 else 0.0
                     primitive[i] = factors[4, i] * lx[i + 1] - below
-                k, weight = 0, rise * weights[q]
-                for total in range(degree + 1):
-                    for j in range(total + 1):
-                        moments[c, k] += weight * primitive[total - j] * ly[j]
-                        k += 1
+                for j in range(degree + 1):
+                    weight = rise * weights[q] * ly[j]
+                    for i in range(degree + 1 - j):
+                        moments[c, ((i + j) * (i + j + 1)) // 2 + j] += weight * primitive[i]
     return moments
 
 

@@ -26,8 +26,8 @@ def sharp_penalty(
     """Penalty σ ``(n_faces,)``, in 1 / length, for which a(v, v) >= MARGIN · ‖v‖²_DG whatever v.
 
     ‖v‖²_DG = Σ_K ‖√κ ∇v‖² + Σ_F γσ ‖[v]‖². Each cell names what it needs of its faces, σ_F is the sum of the
-    two. Where a cell is so thin that its stiffness matrix is singular to rounding, it asks for the constants of
-    the triangles that fit on its faces times their number: safe, and larger than need be.
+    two. Where a cell is so thin that its stiffness matrix is singular to rounding, it asks for the constants
+    of the triangles that fit on its faces times their number: safe, and larger than need be.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ _RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its bo
 
 @kernel
 def _factorise(matrix, n, tolerance):
-    """Cholesky factor in place, in the lower half; False where a pivot is lost in rounding."""
+    """Cholesky factor in place, in the lower half, its diagonal inverted; False where a pivot is rounding."""
     for j in range(n):
         diagonal = matrix[j, j]
         pivot = diagonal
@@ -23,12 +23,12 @@ def _factorise(matrix, n, tolerance):
             pivot -= matrix[j, k] * matrix[j, k]
         if not pivot > tolerance * diagonal:
             return False
-        matrix[j, j] = np.sqrt(pivot)
+        matrix[j, j] = 1.0 / np.sqrt(pivot)
         for i in range(j + 1, n):
             value = matrix[i, j]
             for k in range(j):
                 value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = value / matrix[j, j]
+            matrix[i, j] = value * matrix[j, j]
     return True
 
 
@@ -55,16 +55,16 @@ def largest_bound(matrix, n, square, other):
             return 0.0
         bound *= trace**exponent
         exponent *= 0.5
+        shrink = 1.0 / trace
+        for i in range(n):
+            for j in range(n):
+                other[i, j] = shrink * square[i, j]
         for i in range(n):
             for j in range(i + 1):
-                other[i, j] = 0.0
-            for k in range(n):
-                factor = square[i, k] / trace
-                for j in range(i + 1):
-                    other[i, j] += factor * (square[k, j] / trace)
-        for i in range(n):
-            for j in range(i + 1):
-                square[i, j] = square[j, i] = other[i, j]
+                value = 0.0
+                for k in range(n):
+                    value += other[i, k] * other[j, k]
+                square[i, j] = square[j, i] = value
     return bound
 
 
@@ -77,14 +77,17 @@ def _whitened_slopes(x, y, normal, box, scale, degree, factors, lines, factor, o
     slopes_of(lx, degree, factors, dx)
     slopes_of(ly, degree, factors, dy)
     along_x, along_y = scale * normal[0] / box[2], scale * normal[1] / box[3]
-    k = 0
-    for total in range(1, degree + 1):
-        for j in range(total + 1):
-            value = along_x * dx[total - j] * ly[j] + along_y * lx[total - j] * dy[j]
-            for i in range(k):
-                value -= factor[k, i] * out[i]
-            out[k] = value / factor[k, k]
-            k += 1
+    for j in range(degree + 1):
+        first, second = along_x * ly[j], along_y * dy[j]
+        for i in range(degree + 1 - j):
+            k = ((i + j) * (i + j + 1)) // 2 + j
+            if k > 0:
+                out[k - 1] = first * dx[i] + second * lx[i]
+    for k in range(len(out)):  # the factor holds the inverses of its diagonal
+        value = out[k] * factor[k, k]
+        out[k] = value
+        for i in range(k + 1, len(out)):
+            out[i] -= factor[i, k] * value
 
 
 @kernel
