@@ -126,7 +126,8 @@ def load(basis: Basis, problem: Diffusion) -> Float:
 
     Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
     """
-    source = basis.weighted(problem.source, basis.degree, "source") * basis.scale[:, None]
+    source = weighted_moments(basis.mesh, problem.source, basis.boxes, basis.degree, "source")
+    source = source * basis.scale[:, None]
     source += neumann_load(basis, problem, boundary_faces(basis.mesh, problem))
     return frozen_float(source.ravel())
 
@@ -153,49 +154,34 @@ def jump_penalty(
 
 
 def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> sparse.bsr_array:
-    from agglo_polydg_mg.face_kernels import face_blocks
+    from agglo_polydg_mg.face_kernels import block_pattern, face_blocks
 
-    mesh, degree = basis.mesh, basis.degree
-    rule = degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
-    indptr, indices, diagonal, slots = _pattern(mesh)
+    mesh = basis.mesh
+    rule = basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
+    indptr, indices, diagonal, slots = block_pattern(*mesh.cell_faces, mesh.face_cells)
     blocks = face_blocks(
         mesh.local_points,
         mesh.face_pairs,
         mesh.face_cells,
         slots,
+        inside,
+        diagonal,
         basis.boxes,
         basis.scale,
         sigma,
         on_faces,
         *gauss(rule),
-        degree,
         len(indices),
     )
-    blocks[diagonal] += inside
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
 
 
 def stiffness(basis: Basis, kappa: Field) -> Float:
     """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
-    integrals = basis.weighted(kappa, 2 * basis.degree - 2, "kappa") * (basis.scale**2)[:, None]
+    integrals = weighted_moments(basis.mesh, kappa, basis.boxes, 2 * basis.degree - 2, "kappa")
+    integrals *= (basis.scale**2)[:, None]
     along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
     return products(along, basis.degree, [(1, 0), (0, 1)])
-
-
-def _pattern(mesh: Mesh) -> tuple[Int, Int, Int, Int]:
-    """Block rows and columns (sorted), places of the diagonal ``(n,)`` and of the faces ``(F, 2, 2)``."""
-    n = mesh.n_cells
-    owner, other = mesh.face_cells.T
-    inner = other >= 0
-    itself = np.arange(n) * (n + 1)
-    there, back = owner[inner] * n + other[inner], other[inner] * n + owner[inner]
-    keys, place = np.unique(np.concatenate((itself, there, back)), return_inverse=True)
-    diagonal, there, back = np.split(place, (n, n + len(there)))
-    slots = np.zeros((mesh.n_faces, 2, 2), np.int64)
-    slots[:, 0, 0], slots[:, 1, 1] = diagonal[owner], diagonal[other]
-    slots[inner, 0, 1], slots[inner, 1, 0] = there, back
-    indptr = np.searchsorted(keys, np.arange(n + 1) * n)
-    return indptr, keys % n, frozen_int(diagonal), frozen_int(slots)
 
 
 def positive(mesh: Mesh, kappa: Field) -> Field:

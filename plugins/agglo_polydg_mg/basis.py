@@ -16,7 +16,7 @@ from scipy import sparse
 
 from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, OptionError, frozen_float, frozen_int
 from agglo_polydg_mg.option_checks import require_count
-from agglo_polydg_mg.quadrature import gauss, moments, per_cell, weighted_moments
+from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
 
 __all__ = ["Basis", "block_diagonal", "legendre", "orders", "products", "project_between", "slopes"]
 
@@ -102,21 +102,6 @@ class Basis:
         quarter = self.boxes[:, 2] * self.boxes[:, 3]
         return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
 
-    @cached_property
-    def _moments(self) -> Float:
-        """Integrals of the polynomials that stiffness and loads are made of, by total degree."""
-        return moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2))
-
-    def weighted(self, field: Field, degree: int, name: str) -> Float:
-        """Integrals ``(n_cells, m)`` of a field times the unscaled polynomials up to a degree.
-
-        As :func:`~agglo_polydg_mg.quadrature.weighted_moments`; those of numbers are kept.
-        """
-        if callable(field) or degree > max(self.degree, 2 * self.degree - 2):
-            return weighted_moments(self.mesh, field, self.boxes, degree, name)
-        values = per_cell(field, self.mesh.n_cells, name)
-        return self._moments[:, : (degree + 1) * (degree + 2) // 2] * values[:, None]
-
     def values(self, cells: Int, points: Float) -> Float:
         """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, 2)`` relative to the origin."""
         box, (i, j) = self.boxes[cells], orders(self.degree).T
@@ -153,7 +138,7 @@ class Basis:
 
     def project(self, function: Field | Callable[[Float], Float]) -> Float:
         """Coefficients ``(n,)`` of the L2 projection of a number, an array per cell or a callable."""
-        load = self.weighted(function, self.degree, "the function")
+        load = weighted_moments(self.mesh, function, self.boxes, self.degree, "the function")
         load *= self.scale[:, None]
         return np.asarray(np.linalg.solve(self.mass_blocks, load[:, :, None]).ravel(), dtype=np.float64)
 

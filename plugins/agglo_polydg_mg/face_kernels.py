@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
-from agglo_polydg_mg.legendre_kernels import legendre_at, recurrence, slopes_of
+from agglo_polydg_mg.legendre_kernels import legendre_at, roots_up_to, slopes_of
 
-__all__ = ["face_blocks", "triangle_heights"]
+__all__ = ["block_pattern", "face_blocks", "triangle_heights"]
 
 _SHRUNK = 1e-8  # how far into a triangle, in barycentric coordinates, an edge must reach to count
 
@@ -111,6 +111,49 @@ def triangle_heights(points, offsets, faces, face_vertices, face_cells):
 
 
 @kernel
+def block_pattern(offsets, faces, face_cells):
+    """Blocks of cells that share a face, and of each cell with itself, as compressed rows.
+
+    Row offsets ``(n + 1,)``, sorted columns, the places ``(n,)`` of the diagonal and ``(F, 2, 2)`` of the
+    faces (row of owner or neighbour, column of owner or neighbour). Cells are visited in their order, so
+    rows fill from left to right.
+    """
+    n = len(offsets) - 1
+    indptr, last, slots = (
+        np.zeros(n + 1, np.int64),
+        np.full(n, -1),
+        np.zeros((len(face_cells), 2, 2), np.int64),
+    )
+    for c in range(n):
+        indptr[c + 1] += 1
+        last[c] = c
+        for h in range(offsets[c], offsets[c + 1]):
+            row = face_cells[faces[h], 0] + face_cells[faces[h], 1] - c
+            if row >= 0 and last[row] != c:
+                indptr[row + 1] += 1
+                last[row] = c
+    for c in range(n):
+        indptr[c + 1] += indptr[c]
+    indices, diagonal, free = np.empty(indptr[n], np.int64), np.empty(n, np.int64), indptr[:n].copy()
+    for c in range(n):
+        diagonal[c] = free[c]
+        indices[free[c]] = c
+        free[c] += 1
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            side = 0 if face_cells[f, 0] == c else 1
+            slots[f, side, side] = diagonal[c]
+            row = face_cells[f, 1 - side]
+            if row < 0:
+                continue
+            if free[row] == indptr[row] or indices[free[row] - 1] != c:
+                indices[free[row]] = c
+                free[row] += 1
+            slots[f, 1 - side, side] = free[row] - 1
+    return indptr, indices, diagonal, slots
+
+
+@kernel
 def _outer_sum(left, right, n, m, out):
     """Σ_q left[q] right[q]ᵀ over n rows of length m."""
     for i in range(m):
@@ -146,18 +189,31 @@ def _add_across(upper, lower, half, m):
 
 @kernel
 def face_blocks(
-    points, face_vertices, face_cells, slots, boxes, scale, sigma, kappa, nodes, weights, degree, n_blocks
+    points,
+    face_vertices,
+    face_cells,
+    slots,
+    inside,
+    diagonal,
+    boxes,
+    scale,
+    sigma,
+    kappa,
+    nodes,
+    weights,
+    n_blocks,
 ):
-    """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], summed over the faces.
+    """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], and those ``inside`` the cells.
 
-    ``slots (F, 2, 2)`` says which block holds (owner or neighbour, owner or neighbour); ``kappa (F, 2,
+    The ``diagonal (n,)`` says where the latter, ``(n, m, m)``, belong, ``slots (F, 2, 2)`` says which block holds (owner or neighbour, owner or neighbour); ``kappa (F, 2,
     1 or q)`` is the coefficient on both sides, ``sigma (F,)`` the penalty without it. Faces of σ = 0
     are skipped. Averages and penalty are weighted harmonically. With jumps j and r = σ/2 j − g, g the
     average, each point adds j rᵀ + r jᵀ: only one of the two is summed.
     """
-    m = (degree + 1) * (degree + 2) // 2
+    m = inside.shape[1]
+    degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
     blocks = np.zeros((n_blocks, m, m))
-    factors, (lx, ly, dx, dy) = recurrence(degree), np.empty((4, degree + 1))
+    roots, (lx, ly, dx, dy) = roots_up_to(degree), np.empty((4, degree + 1))
     jumps, rest, half = np.empty((len(nodes), 2 * m)), np.empty((len(nodes), 2 * m)), np.empty((2 * m, 2 * m))
     for f in range(len(face_cells)):
         if sigma[f] == 0.0:
@@ -178,21 +234,22 @@ def face_blocks(
                 mean = own * (other / (own + other)) if sides == 2 else own
                 stiff = 0.5 * sides * sigma[f] * mean  # σ/2: twice the mean is the harmonic one of two sides
                 share = scale[c] * mean
-                legendre_at((x - boxes[c, 0]) / hx, degree, factors, lx)
-                legendre_at((y - boxes[c, 1]) / hy, degree, factors, ly)
-                slopes_of(lx, degree, factors, dx)
-                slopes_of(ly, degree, factors, dy)
+                legendre_at((x - boxes[c, 0]) / hx, degree, roots, lx)
+                legendre_at((y - boxes[c, 1]) / hy, degree, roots, ly)
+                slopes_of(lx, degree, roots, dx)
+                slopes_of(ly, degree, roots, dy)
                 measure = 0.5 * weights[q] * length
                 for j in range(degree + 1):
-                    value, along_x, along_y = signed * ly[j], share * nx * ly[j], share * ny * dy[j]
                     for i in range(degree + 1 - j):
-                        jump = value * lx[i]
+                        jump = signed * lx[i] * ly[j]
                         k = side * m + ((i + j) * (i + j + 1)) // 2 + j
-                        rest[q, k] = stiff * jump - (along_x * dx[i] + along_y * lx[i])
+                        rest[q, k] = stiff * jump - share * (nx * dx[i] * ly[j] + ny * lx[i] * dy[j])
                         jumps[q, k] = measure * jump
         _outer_sum(jumps, rest, len(nodes), sides * m, half)
         for side in range(sides):
             _add_symmetric(blocks[slots[f, side, side]], half, side * m, m)
         if sides == 2:
             _add_across(blocks[slots[f, 0, 1]], blocks[slots[f, 1, 0]], half, m)
+    for c in range(len(diagonal)):
+        blocks[diagonal[c]] += inside[c]
     return blocks

@@ -11,47 +11,35 @@ import numpy as np
 
 from agglo_core.authoring import kernel
 
-__all__ = ["boundary_moments", "legendre_at", "point_moments", "recurrence", "slopes_of"]
+__all__ = ["boundary_moments", "legendre_at", "point_moments", "roots_up_to", "slopes_of"]
 
 
 @kernel
-def recurrence(degree):
-    """Factors ``(6, degree + 1)`` of the orthonormal Legendre polynomials L_k = √(k + 1/2) P_k.
-
-    With column k: L_{k+1} = a x L_k − b L_{k−1}, L'_{k+1} = α L'_{k−1} + β L_k, and u L_{k+1} − v L_{k−1} is
-    an antiderivative of L_k; no divisions are left to the loops over points.
-    """
-    factors = np.zeros((6, degree + 1))
-    for k in range(degree + 1):
-        below, here, above = np.sqrt(max(k - 0.5, 0.5)), np.sqrt(k + 0.5), np.sqrt(k + 1.5)
-        factors[0, k] = above * (2 * k + 1) / ((k + 1) * here)
-        factors[3, k] = 2.0 * here * above
-        factors[4, k] = 0.5 / (here * above)
-        if k > 0:
-            factors[1, k] = above * k / ((k + 1) * below)
-            factors[2, k] = above / below
-            factors[5, k] = 0.5 / (here * below)
-    return factors
+def roots_up_to(degree):
+    """Inverse norms √(k + 1/2) of the Legendre polynomials P_0, …, P_degree on [−1, 1]."""
+    return np.sqrt(np.arange(degree + 1) + 0.5)
 
 
 @kernel
-def legendre_at(x, degree, factors, out):
-    """Orthonormal Legendre polynomials 0..degree at x, with the factors of :func:`recurrence`."""
-    before, value = 0.0, np.sqrt(0.5)
-    out[0] = value
+def legendre_at(x, degree, roots, out):
+    """Orthonormal Legendre polynomials 0..degree at x, with the ``roots`` of :func:`roots_up_to`."""
+    out[0] = roots[0]
+    if degree == 0:
+        return
+    out[1] = x * roots[1]
+    before, value = 1.0, x
+    for k in range(1, degree):
+        before, value = value, ((2 * k + 1) * x * value - k * before) / (k + 1)
+        out[k + 1] = value * roots[k + 1]
+
+
+@kernel
+def slopes_of(values, degree, roots, out):
+    """Derivatives of the polynomials ``values``: P'_{k+1} = P'_{k-1} + (2k + 1) P_k, normalised."""
+    out[0] = 0.0
     for k in range(degree):
-        before, value = value, factors[0, k] * x * value - factors[1, k] * before
-        out[k + 1] = value
-
-
-@kernel
-def slopes_of(values, degree, factors, out):
-    """Derivatives of the polynomials ``values``, with the factors of :func:`recurrence`."""
-    before, slope = 0.0, 0.0
-    out[0] = slope
-    for k in range(degree):
-        before, slope = slope, factors[2, k] * before + factors[3, k] * values[k]
-        out[k + 1] = slope
+        below = out[k - 1] / roots[k - 1] if k > 1 else 0.0
+        out[k + 1] = (below + 2.0 * roots[k] * values[k]) * roots[k + 1]
 
 
 @kernel
@@ -63,7 +51,7 @@ def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, n
     """
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
-    factors = recurrence(degree + 1)
+    roots = roots_up_to(degree + 1)
     lx, ly, primitive = np.empty(degree + 2), np.empty(degree + 2), np.empty(degree + 1)
     for c in range(n):
         cx, cy, hx, hy = boxes[c, 0], boxes[c, 1], boxes[c, 2], boxes[c, 3]
@@ -78,15 +66,15 @@ def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, n
             rise = 0.5 * (by - ay) * hx * hy
             for q in range(len(nodes)):
                 s = 0.5 * (1.0 + nodes[q])
-                legendre_at(ax + s * (bx - ax), degree + 1, factors, lx)
-                legendre_at(ay + s * (by - ay), degree, factors, ly)
+                legendre_at(ax + s * (bx - ax), degree + 1, roots, lx)
+                legendre_at(ay + s * (by - ay), degree, roots, ly)
                 for i in range(degree + 1):
-                    below = factors[5, i] * lx[i - 1] if i > 0 else 0.0
-                    primitive[i] = factors[4, i] * lx[i + 1] - below
+                    below = lx[i - 1] / roots[i - 1] if i > 0 else 0.0
+                    value = (lx[i + 1] / roots[i + 1] - below) / (2.0 * roots[i])
+                    primitive[i] = rise * weights[q] * value
                 for j in range(degree + 1):
-                    weight = rise * weights[q] * ly[j]
                     for i in range(degree + 1 - j):
-                        moments[c, ((i + j) * (i + j + 1)) // 2 + j] += weight * primitive[i]
+                        moments[c, ((i + j) * (i + j + 1)) // 2 + j] += primitive[i] * ly[j]
     return moments
 
 
@@ -95,11 +83,11 @@ def point_moments(points, values, offsets, boxes, degree):
     """Sums ``(n, m)`` of values times polynomials over each cell's points ``offsets[c]:offsets[c + 1]``."""
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
-    factors, lx, ly = recurrence(degree), np.empty(degree + 1), np.empty(degree + 1)
+    roots, lx, ly = roots_up_to(degree), np.empty(degree + 1), np.empty(degree + 1)
     for c in range(n):
         for q in range(offsets[c], offsets[c + 1]):
-            legendre_at((points[q, 0] - boxes[c, 0]) / boxes[c, 2], degree, factors, lx)
-            legendre_at((points[q, 1] - boxes[c, 1]) / boxes[c, 3], degree, factors, ly)
+            legendre_at((points[q, 0] - boxes[c, 0]) / boxes[c, 2], degree, roots, lx)
+            legendre_at((points[q, 1] - boxes[c, 1]) / boxes[c, 3], degree, roots, ly)
             k = 0
             for total in range(degree + 1):
                 for j in range(total + 1):

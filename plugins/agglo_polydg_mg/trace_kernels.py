@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
-from agglo_polydg_mg.legendre_kernels import legendre_at, recurrence, slopes_of
+from agglo_polydg_mg.legendre_kernels import legendre_at, roots_up_to, slopes_of
 
 __all__ = ["largest_bound", "side_penalties"]
 
@@ -69,13 +69,13 @@ def largest_bound(matrix, n, square, other):
 
 
 @kernel
-def _whitened_slopes(x, y, normal, box, scale, degree, factors, lines, factor, out):
+def _whitened_slopes(x, y, normal, box, scale, degree, roots, lines, factor, out):
     """L⁻¹ of the normal derivatives of the polynomials but the constant, L being a Cholesky factor."""
     lx, ly, dx, dy = lines[0], lines[1], lines[2], lines[3]
-    legendre_at((x - box[0]) / box[2], degree, factors, lx)
-    legendre_at((y - box[1]) / box[3], degree, factors, ly)
-    slopes_of(lx, degree, factors, dx)
-    slopes_of(ly, degree, factors, dy)
+    legendre_at((x - box[0]) / box[2], degree, roots, lx)
+    legendre_at((y - box[1]) / box[3], degree, roots, ly)
+    slopes_of(lx, degree, roots, dx)
+    slopes_of(ly, degree, roots, dy)
     along_x, along_y = scale * normal[0] / box[2], scale * normal[1] / box[3]
     for j in range(degree + 1):
         first, second = along_x * ly[j], along_y * dy[j]
@@ -160,7 +160,7 @@ def side_penalties(
     slopes, masses, lengths = np.empty((most, rules, n)), np.empty((most, rules)), np.empty(most)
     first, second, lines, normal = np.empty(most), np.empty(most), np.empty((4, degree + 1)), np.empty(2)
     factor, sums, square, other = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    factors, nothing = recurrence(degree), np.empty((0, 0))
+    roots, nothing = roots_up_to(degree), np.empty((0, 0))
     for c in range(len(offsets) - 1):
         count = 0
         for i in range(n):
@@ -186,7 +186,7 @@ def side_penalties(
                     s = 0.5 * (1.0 + nodes[q])
                     x, y = points[a, 0] + s * ex, points[a, 1] + s * ey
                     _whitened_slopes(
-                        x, y, normal, boxes[c], scale[c], degree, factors, lines, factor, slopes[count, q]
+                        x, y, normal, boxes[c], scale[c], degree, roots, lines, factor, slopes[count, q]
                     )
             count += 1
         _shares(slopes, masses, lengths, nothing, count, n, first)
