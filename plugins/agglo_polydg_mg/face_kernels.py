@@ -205,10 +205,11 @@ def face_blocks(
 ):
     """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], and those ``inside`` the cells.
 
-    The ``diagonal (n,)`` says where the latter, ``(n, m, m)``, belong, ``slots (F, 2, 2)`` says which block holds (owner or neighbour, owner or neighbour); ``kappa (F, 2,
-    1 or q)`` is the coefficient on both sides, ``sigma (F,)`` the penalty without it. Faces of σ = 0
-    are skipped. Averages and penalty are weighted harmonically. With jumps j and r = σ/2 j − g, g the
-    average, each point adds j rᵀ + r jᵀ: only one of the two is summed.
+    ``inside (n, m, m)`` go to the places ``diagonal (n,)``; ``slots (F, 2, 2)`` says which block holds
+    (owner or neighbour, owner or neighbour); ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
+    ``sigma (F,)`` the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted
+    harmonically. With jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ: only one of
+    the two is summed.
     """
     m = inside.shape[1]
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
