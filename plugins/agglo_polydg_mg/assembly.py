@@ -32,14 +32,16 @@ from agglo_polydg_mg.boundary import (
     dirichlet_values,
     neumann_load,
 )
-from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.penalty import PAPER, Penalty, face_penalty
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
+from agglo_polydg_mg.sharp_penalty import sharp_penalty
 
 __all__ = [
     "Lifted",
     "cell_means",
     "discretise",
     "face_coefficients",
+    "jump_penalty",
     "lifted",
     "load",
     "positive",
@@ -48,7 +50,7 @@ __all__ = [
 
 
 def discretise(
-    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: float = 10.0, scaled_basis: bool = False
+    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: Penalty = PAPER, scaled_basis: bool = False
 ) -> System:
     """Matrix and right-hand side of a diffusion problem with polynomials of degree p on each cell.
 
@@ -62,8 +64,9 @@ def discretise(
         Dirichlet and Neumann data refer to the face tag ``problem.boundary``. Without any u = 0 on the
         whole boundary; with some, faces that have none are insulated. A callable κ is sampled inside the
         cells and just inside their faces, so it may jump between cells.
-    penalty : float
-        Constant C of :func:`~agglo_polydg_mg.penalty.face_penalty`.
+    penalty : float, "paper" or "sharp"
+        Constant C of :func:`~agglo_polydg_mg.penalty.face_penalty`, 10 in the paper; or
+        :func:`~agglo_polydg_mg.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
         See :class:`~agglo_polydg_mg.basis.Basis`.
 
@@ -97,15 +100,15 @@ class Lifted(NamedTuple):
 
 
 def lifted(
-    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: float = 10.0, scaled_basis: bool = False
+    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: Penalty = PAPER, scaled_basis: bool = False
 ) -> Lifted:
     """As :func:`discretise`, together with the load that is left without the :func:`data_offset`."""
     basis = Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
-    sigma = face_penalty(mesh, degree, penalty, boundary.natural)
     kappa = positive(mesh, problem.kappa)
-    on_faces = face_coefficients(mesh, kappa, degree + 2)
-    A = _matrix(basis, kappa, on_faces, sigma)
+    on_faces, inside = face_coefficients(mesh, kappa, degree + 2), stiffness(basis, kappa)
+    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside)
+    A = _matrix(basis, inside, on_faces, sigma)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
     functional = dirichlet_load(basis, boundary, on_faces[:, 0], sigma)
@@ -129,26 +132,47 @@ def load(basis: Basis, problem: Diffusion) -> Float:
     return frozen_float(source.ravel())
 
 
-def _matrix(basis: Basis, kappa: Field, on_faces: Float, sigma: Float) -> sparse.bsr_array:
-    from agglo_polydg_mg.face_kernels import face_blocks
+def jump_penalty(
+    basis: Basis,
+    kappa: Field,
+    penalty: Penalty,
+    natural: Int,
+    on_faces: Float | None = None,
+    inside: Float | None = None,
+) -> Float:
+    """Penalty σ of each face ``(n_faces,)``, 0 on ``natural`` ones, for κ as :func:`positive` returns it.
 
-    mesh, degree = basis.mesh, basis.degree
-    rule = degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
-    indptr, indices, diagonal, slots = _pattern(mesh)
+    ``on_faces`` are its :func:`face_coefficients` for degree + 2, ``inside`` its :func:`stiffness`, where
+    they are at hand.
+    """
+    if penalty != "sharp":
+        constant = PAPER if penalty == "paper" else penalty
+        return face_penalty(basis.mesh, basis.degree, constant, natural)
+    on_faces = face_coefficients(basis.mesh, kappa, basis.degree + 2) if on_faces is None else on_faces
+    inside = stiffness(basis, kappa) if inside is None else inside
+    return sharp_penalty(basis, kappa, on_faces, inside, natural)
+
+
+def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> sparse.bsr_array:
+    from agglo_polydg_mg.face_kernels import block_pattern, face_blocks
+
+    mesh = basis.mesh
+    rule = basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
+    indptr, indices, diagonal, slots = block_pattern(*mesh.cell_faces, mesh.face_cells)
     blocks = face_blocks(
         mesh.local_points,
         mesh.face_pairs,
         mesh.face_cells,
         slots,
+        inside,
+        diagonal,
         basis.boxes,
         basis.scale,
         sigma,
         on_faces,
         *gauss(rule),
-        degree,
         len(indices),
     )
-    blocks[diagonal] += stiffness(basis, kappa)
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
 
 
@@ -158,22 +182,6 @@ def stiffness(basis: Basis, kappa: Field) -> Float:
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
     return products(along, basis.degree, [(1, 0), (0, 1)])
-
-
-def _pattern(mesh: Mesh) -> tuple[Int, Int, Int, Int]:
-    """Block rows and columns (sorted), places of the diagonal ``(n,)`` and of the faces ``(F, 2, 2)``."""
-    n = mesh.n_cells
-    owner, other = mesh.face_cells.T
-    inner = other >= 0
-    itself = np.arange(n) * (n + 1)
-    there, back = owner[inner] * n + other[inner], other[inner] * n + owner[inner]
-    keys, place = np.unique(np.concatenate((itself, there, back)), return_inverse=True)
-    diagonal, there, back = np.split(place, (n, n + len(there)))
-    slots = np.zeros((mesh.n_faces, 2, 2), np.int64)
-    slots[:, 0, 0], slots[:, 1, 1] = diagonal[owner], diagonal[other]
-    slots[inner, 0, 1], slots[inner, 1, 0] = there, back
-    indptr = np.searchsorted(keys, np.arange(n + 1) * n)
-    return indptr, keys % n, frozen_int(diagonal), frozen_int(slots)
 
 
 def positive(mesh: Mesh, kappa: Field) -> Field:

@@ -1,8 +1,6 @@
-"""Kernels of the discretisation: moments, largest triangles on faces, and the blocks of the faces.
+"""Kernels of the faces: the largest triangles on them, and their blocks of the matrix.
 
-Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on the bounding box of a
-cell, a box being its centre and half sides (cx, cy, hx, hy). They are numbered by total degree:
-(0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
+Polynomials and boxes are those of :mod:`~agglo_polydg_mg.legendre_kernels`.
 """
 
 from __future__ import annotations
@@ -10,80 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
+from agglo_polydg_mg.legendre_kernels import legendre_at, roots_up_to, slopes_of
 
-__all__ = ["boundary_moments", "face_blocks", "point_moments", "triangle_heights"]
+__all__ = ["block_pattern", "face_blocks", "triangle_heights"]
 
 _SHRUNK = 1e-8  # how far into a triangle, in barycentric coordinates, an edge must reach to count
-
-
-@kernel
-def _legendre(x, degree, out):
-    """Orthonormal Legendre polynomials 0..degree at x."""
-    before, value = 0.0, 1.0
-    for k in range(degree + 1):
-        out[k] = value * np.sqrt(k + 0.5)
-        before, value = value, ((2 * k + 1) * x * value - k * before) / (k + 1)
-
-
-@kernel
-def _slopes(values, degree, out):
-    """Derivatives of the polynomials ``values``: P'_{k+1} = P'_{k-1} + (2k + 1) P_k, normalised."""
-    out[0] = 0.0
-    for k in range(degree):
-        below = out[k - 1] / np.sqrt(k - 0.5) if k > 0 else 0.0
-        out[k + 1] = (below + 2.0 * np.sqrt(k + 0.5) * values[k]) * np.sqrt(k + 1.5)
-
-
-@kernel
-def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, nodes, weights, degree):
-    """Integrals ``(n, m)`` of the polynomials of a degree over each cell, by the divergence theorem.
-
-    L_i has the antiderivative (P_{i+1} − P_{i−1}) / (2i + 1) times its normalisation; ``nodes`` must
-    integrate degree + 1 on [−1, 1].
-    """
-    n = len(offsets) - 1
-    moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
-    lx, ly, primitive = np.empty(degree + 2), np.empty(degree + 2), np.empty(degree + 1)
-    for c in range(n):
-        cx, cy, hx, hy = boxes[c, 0], boxes[c, 1], boxes[c, 2], boxes[c, 3]
-        for h in range(offsets[c], offsets[c + 1]):
-            f = faces[h]
-            flip = 0 if face_cells[f, 0] == c else 1
-            a, b = face_vertices[f, flip], face_vertices[f, 1 - flip]
-            ax, ay = (points[a, 0] - cx) / hx, (points[a, 1] - cy) / hy
-            bx, by = (points[b, 0] - cx) / hx, (points[b, 1] - cy) / hy
-            rise = 0.5 * (by - ay) * hx * hy
-            for q in range(len(nodes)):
-                s = 0.5 * (1.0 + nodes[q])
-                _legendre(ax + s * (bx - ax), degree + 1, lx)
-                _legendre(ay + s * (by - ay), degree, ly)
-                for i in range(degree + 1):
-                    below = lx[i - 1] / np.sqrt(i - 0.5) if i > 0 else 0.0
-                    primitive[i] = (lx[i + 1] / np.sqrt(i + 1.5) - below) / (2.0 * np.sqrt(i + 0.5))
-                k = 0
-                for total in range(degree + 1):
-                    for j in range(total + 1):
-                        moments[c, k] += rise * weights[q] * primitive[total - j] * ly[j]
-                        k += 1
-    return moments
-
-
-@kernel
-def point_moments(points, values, offsets, boxes, degree):
-    """Sums ``(n, m)`` of values times polynomials over each cell's points ``offsets[c]:offsets[c + 1]``."""
-    n = len(offsets) - 1
-    moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
-    lx, ly = np.empty(degree + 1), np.empty(degree + 1)
-    for c in range(n):
-        for q in range(offsets[c], offsets[c + 1]):
-            _legendre((points[q, 0] - boxes[c, 0]) / boxes[c, 2], degree, lx)
-            _legendre((points[q, 1] - boxes[c, 1]) / boxes[c, 3], degree, ly)
-            k = 0
-            for total in range(degree + 1):
-                for j in range(total + 1):
-                    moments[c, k] += values[q] * lx[total - j] * ly[j]
-                    k += 1
-    return moments
 
 
 @kernel
@@ -182,20 +111,111 @@ def triangle_heights(points, offsets, faces, face_vertices, face_cells):
 
 
 @kernel
-def face_blocks(
-    points, face_vertices, face_cells, slots, boxes, scale, sigma, kappa, nodes, weights, degree, n_blocks
-):
-    """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], summed over the faces.
+def block_pattern(offsets, faces, face_cells):
+    """Blocks of cells that share a face, and of each cell with itself, as compressed rows.
 
-    ``slots (F, 2, 2)`` says which block holds (owner or neighbour, owner or neighbour); ``kappa (F, 2,
-    1 or q)`` is the coefficient on both sides, ``sigma (F,)`` the penalty without it. Faces of σ = 0
-    are skipped. Averages and penalty are weighted harmonically. With jumps j and r = σ/2 j − g, g the
-    average, each point adds j rᵀ + r jᵀ: only one of the two is summed.
+    Row offsets ``(n + 1,)``, sorted columns, the places ``(n,)`` of the diagonal and ``(F, 2, 2)`` of the
+    faces (row of owner or neighbour, column of owner or neighbour). Cells are visited in their order, so
+    rows fill from left to right.
     """
-    m = (degree + 1) * (degree + 2) // 2
+    n = len(offsets) - 1
+    indptr, last, slots = (
+        np.zeros(n + 1, np.int64),
+        np.full(n, -1),
+        np.zeros((len(face_cells), 2, 2), np.int64),
+    )
+    for c in range(n):
+        indptr[c + 1] += 1
+        last[c] = c
+        for h in range(offsets[c], offsets[c + 1]):
+            row = face_cells[faces[h], 0] + face_cells[faces[h], 1] - c
+            if row >= 0 and last[row] != c:
+                indptr[row + 1] += 1
+                last[row] = c
+    for c in range(n):
+        indptr[c + 1] += indptr[c]
+    indices, diagonal, free = np.empty(indptr[n], np.int64), np.empty(n, np.int64), indptr[:n].copy()
+    for c in range(n):
+        diagonal[c] = free[c]
+        indices[free[c]] = c
+        free[c] += 1
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            side = 0 if face_cells[f, 0] == c else 1
+            slots[f, side, side] = diagonal[c]
+            row = face_cells[f, 1 - side]
+            if row < 0:
+                continue
+            if free[row] == indptr[row] or indices[free[row] - 1] != c:
+                indices[free[row]] = c
+                free[row] += 1
+            slots[f, 1 - side, side] = free[row] - 1
+    return indptr, indices, diagonal, slots
+
+
+@kernel
+def _outer_sum(left, right, n, m, out):
+    """Σ_q left[q] right[q]ᵀ over n rows of length m."""
+    for i in range(m):
+        first = left[0, i]
+        for j in range(m):
+            out[i, j] = first * right[0, j]
+        for q in range(1, n):
+            factor = left[q, i]
+            for j in range(m):
+                out[i, j] += factor * right[q, j]
+
+
+@kernel
+def _add_symmetric(block, half, start, m):
+    """Add the sum of a diagonal block of ``half`` and its transpose."""
+    for i in range(m):
+        for j in range(i):
+            value = half[start + i, start + j] + half[start + j, start + i]
+            block[i, j] += value
+            block[j, i] += value
+        block[i, i] += 2.0 * half[start + i, start + i]
+
+
+@kernel
+def _add_across(upper, lower, half, m):
+    """Add what ``half`` plus its transpose hold outside of the diagonal blocks."""
+    for i in range(m):
+        for j in range(m):
+            value = half[i, m + j] + half[m + j, i]
+            upper[i, j] += value
+            lower[j, i] += value
+
+
+@kernel
+def face_blocks(
+    points,
+    face_vertices,
+    face_cells,
+    slots,
+    inside,
+    diagonal,
+    boxes,
+    scale,
+    sigma,
+    kappa,
+    nodes,
+    weights,
+    n_blocks,
+):
+    """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], and those ``inside`` the cells.
+
+    ``inside (n, m, m)`` go to the places ``diagonal (n,)``; ``slots (F, 2, 2)`` says which block holds
+    (owner or neighbour, owner or neighbour); ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
+    ``sigma (F,)`` the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted
+    harmonically. With jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ: only one of
+    the two is summed.
+    """
+    m = inside.shape[1]
+    degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
     blocks = np.zeros((n_blocks, m, m))
-    lx, ly, dx, dy = np.empty((4, degree + 1))
-    jump, flux, half = np.empty(2 * m), np.empty(2 * m), np.empty((2 * m, 2 * m))
+    roots, (lx, ly, dx, dy) = roots_up_to(degree), np.empty((4, degree + 1))
+    jumps, rest, half = np.empty((len(nodes), 2 * m)), np.empty((len(nodes), 2 * m)), np.empty((2 * m, 2 * m))
     for f in range(len(face_cells)):
         if sigma[f] == 0.0:
             continue
@@ -203,42 +223,34 @@ def face_blocks(
         a, b = face_vertices[f, 0], face_vertices[f, 1]
         ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         length = np.sqrt(ex * ex + ey * ey)
-        for i in range(sides * m):
-            for j in range(sides * m):
-                half[i, j] = 0.0
-        for q in range(len(nodes)):
-            s = 0.5 * (1.0 + nodes[q])
-            x, y = points[a, 0] + s * ex, points[a, 1] + s * ey
-            own = kappa[f, 0, min(q, kappa.shape[2] - 1)]
-            other = kappa[f, 1, min(q, kappa.shape[2] - 1)]
-            mean = own * (other / (own + other)) if sides == 2 else own
-            weight = 0.5 * weights[q] * length
-            for side in range(sides):
-                c = face_cells[f, side]
-                hx, hy, sign = boxes[c, 2], boxes[c, 3], 1.0 - 2.0 * side
-                _legendre((x - boxes[c, 0]) / hx, degree, lx)
-                _legendre((y - boxes[c, 1]) / hy, degree, ly)
-                _slopes(lx, degree, dx)
-                _slopes(ly, degree, dy)
-                nx, ny = ey / (length * hx), -ex / (length * hy)
-                k = side * m
-                for total in range(degree + 1):
-                    for j in range(total + 1):
-                        i = total - j
-                        jump[k] = scale[c] * sign * lx[i] * ly[j]
-                        flux[k] = scale[c] * mean * (nx * dx[i] * ly[j] + ny * lx[i] * dy[j])
-                        k += 1
-            stiff = 0.5 * sides * sigma[f] * mean  # σ/2: twice the mean is the harmonic one of two sides
-            for k in range(sides * m):
-                flux[k] = stiff * jump[k] - flux[k]
-            for i in range(sides * m):
-                left = weight * jump[i]
-                for j in range(sides * m):
-                    half[i, j] += left * flux[j]
-        for s in range(sides):
-            for t in range(sides):
-                slot = slots[f, s, t]
-                for i in range(m):
-                    for j in range(m):
-                        blocks[slot, i, j] += half[s * m + i, t * m + j] + half[t * m + j, s * m + i]
+        for side in range(sides):
+            c = face_cells[f, side]
+            hx, hy, signed = boxes[c, 2], boxes[c, 3], scale[c] * (1.0 - 2.0 * side)
+            nx, ny = ey / (length * hx), -ex / (length * hy)
+            for q in range(len(nodes)):
+                s = 0.5 * (1.0 + nodes[q])
+                x, y = points[a, 0] + s * ex, points[a, 1] + s * ey
+                own = kappa[f, 0, min(q, kappa.shape[2] - 1)]
+                other = kappa[f, 1, min(q, kappa.shape[2] - 1)]
+                mean = own * (other / (own + other)) if sides == 2 else own
+                stiff = 0.5 * sides * sigma[f] * mean  # σ/2: twice the mean is the harmonic one of two sides
+                share = scale[c] * mean
+                legendre_at((x - boxes[c, 0]) / hx, degree, roots, lx)
+                legendre_at((y - boxes[c, 1]) / hy, degree, roots, ly)
+                slopes_of(lx, degree, roots, dx)
+                slopes_of(ly, degree, roots, dy)
+                measure = 0.5 * weights[q] * length
+                for j in range(degree + 1):
+                    for i in range(degree + 1 - j):
+                        jump = signed * lx[i] * ly[j]
+                        k = side * m + ((i + j) * (i + j + 1)) // 2 + j
+                        rest[q, k] = stiff * jump - share * (nx * dx[i] * ly[j] + ny * lx[i] * dy[j])
+                        jumps[q, k] = measure * jump
+        _outer_sum(jumps, rest, len(nodes), sides * m, half)
+        for side in range(sides):
+            _add_symmetric(blocks[slots[f, side, side]], half, side * m, m)
+        if sides == 2:
+            _add_across(blocks[slots[f, 0, 1]], blocks[slots[f, 1, 0]], half, m)
+    for c in range(len(diagonal)):
+        blocks[diagonal[c]] += inside[c]
     return blocks

@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, frozen_int
-from agglo_polydg_mg.assembly import face_coefficients, positive, stiffness
+from agglo_polydg_mg.assembly import face_coefficients, jump_penalty, positive, stiffness
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import Boundary, boundary_faces, boundary_values, data_offset
-from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.penalty import Penalty
 from agglo_polydg_mg.quadrature import face_points, gauss
 
 __all__ = ["EnergyNorm", "jumps", "offset_of"]
@@ -34,7 +34,7 @@ class EnergyNorm:
 
     basis: Basis
     problem: Diffusion
-    penalty: float
+    penalty: Penalty
 
     def __call__(self, x: Float) -> float:
         """The norm."""
@@ -65,7 +65,8 @@ class EnergyNorm:
 
     @cached_property
     def _sigma(self) -> Float:
-        return face_penalty(self.basis.mesh, self.basis.degree, self.penalty, self._boundary.natural)
+        natural = self._boundary.natural
+        return jump_penalty(self.basis, self._kappa, self.penalty, natural, inside=self._blocks)
 
 
 def offset_of(basis: Basis, problem: Diffusion) -> Float:

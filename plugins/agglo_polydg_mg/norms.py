@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Float, Int, OptionError
-from agglo_polydg_mg.assembly import positive
+from agglo_polydg_mg.assembly import jump_penalty, positive
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.jumps import jumps, offset_of
-from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.quadrature import Batch, inside, sample
 
 __all__ = ["Errors", "errors"]
@@ -37,7 +37,7 @@ def errors(
     problem: Diffusion,
     *,
     gradient: Callable[[Float], Float] | None = None,
-    penalty: float = 10.0,
+    penalty: Penalty = PAPER,
 ) -> Errors:
     """Error of the function with coefficients ``x (n,)`` against ``problem.exact``.
 
@@ -49,8 +49,8 @@ def errors(
         Its ``exact`` solution must be continuous across faces.
     gradient : callable of points ``(q, 2)`` returning ``(q, 2)``, optional
         Of the exact solution; by default its central differences over a ten-thousandth of the box.
-    penalty : float
-        Constant C of the penalty, which the DG norm contains.
+    penalty : float, "paper" or "sharp"
+        The penalty of the discretisation, which the DG norm contains.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def errors(
         raise OptionError("this problem has no exact solution to compare with")
     kappa = positive(basis.mesh, problem.kappa)
     natural = boundary_faces(basis.mesh, problem).natural
-    sigma = face_penalty(basis.mesh, basis.degree, penalty, natural)
+    sigma = jump_penalty(basis, kappa, penalty, natural)
     c = offset_of(basis, problem)
     rest = x - basis.constants(c)
     coefficients = basis.coefficients(rest)

@@ -9,7 +9,15 @@ from typing import Any
 
 from agglo_core.authoring import OptionError
 
-__all__ = ["chosen", "require_count", "require_fraction", "require_name", "require_positive", "require_truth"]
+__all__ = [
+    "chosen",
+    "require_count",
+    "require_fraction",
+    "require_name",
+    "require_penalty",
+    "require_positive",
+    "require_truth",
+]
 
 
 def require_count(name: str, value: Any, least: int, most: int | None = None) -> None:
@@ -36,6 +44,15 @@ def require_truth(name: str, value: Any) -> None:
     """Raise OptionError unless ``value`` is True or False."""
     if not isinstance(value, bool):
         raise OptionError(f"{name} must be true or false; given {value!r}")
+
+
+def require_penalty(value: Any) -> None:
+    """Raise OptionError unless ``value`` is ``paper``, ``sharp`` or a positive number."""
+    if value in ("paper", "sharp"):
+        return
+    if isinstance(value, str):
+        raise OptionError(f"penalty must be a positive number, 'paper' or 'sharp'; given {value!r}")
+    require_positive("penalty", value)
 
 
 def chosen(name: str, value: Any, known: Mapping[str, Any]) -> Any:

@@ -25,6 +25,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.operators import LevelOperators, level_operators
 from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
+from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
 from agglo_polydg_mg.smoothers import set_up, smoother_of, smoother_title
@@ -50,8 +51,9 @@ class PaperMultigrid:
         How many of mesh, level 0, 1, … to use; by default all. The last one is solved directly.
     tolerance : float
     max_iterations : int
-    penalty : float
-        Constant C of the penalty of jumps.
+    penalty : float, "paper" or "sharp"
+        Of jumps: the constant C, ``paper`` for C = 10, or ``sharp``, see
+        :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.
     operators : "rediscretised" or "inherited"
@@ -86,7 +88,7 @@ class PaperMultigrid:
         levels: int | None = None,
         tolerance: float = 1e-6,
         max_iterations: int = 2000,
-        penalty: float = 10.0,
+        penalty: Penalty = PAPER,
         scaled_basis: bool = False,
         operators: Literal["rediscretised", "inherited"] = "rediscretised",
         smoother: str | Smoother | SmootherMaker = "schwarz",

@@ -8,15 +8,22 @@ triangle's height in place of the polygon's diameter, however many small faces t
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 
 from agglo_core.authoring import Float, Int, Mesh, MeshError, OptionError, frozen_float
 
-__all__ = ["face_penalty"]
+__all__ = ["PAPER", "Penalty", "face_penalty"]
+
+PAPER = 10.0
+"""Constant C of the paper."""
+
+Penalty = float | Literal["paper", "sharp"]
+"""A constant C; ``paper`` is C = 10, ``sharp`` :func:`~agglo_polydg_mg.sharp_penalty.sharp_penalty`."""
 
 
-def face_penalty(mesh: Mesh, degree: int, constant: float = 10.0, natural: Int | None = None) -> Float:
+def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int | None = None) -> Float:
     """Penalty σ = C p² max |F| / |T_F| over the two sides of each face ``(n_faces,)``, in 1 / length.
 
     T_F is the largest triangle with base F that lies in the cell and has its apex in one of the cell's

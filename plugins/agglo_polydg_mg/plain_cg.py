@@ -17,6 +17,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.operators import fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
+from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.polydg import PolyDG
 
 __all__ = ["PlainCG"]
@@ -37,8 +38,9 @@ class PlainCG:
         Of the residual relative to the right-hand side, by
         :class:`~agglo_polydg_mg.residual_measure.ResidualMeasure`.
     max_iterations : int
-    penalty : float
-        Constant C of the penalty of jumps.
+    penalty : float, "paper" or "sharp"
+        Of jumps: the constant C, ``paper`` for C = 10, or ``sharp``, see
+        :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.
     """
@@ -52,7 +54,7 @@ class PlainCG:
         degree: int = 1,
         tolerance: float = 1e-6,
         max_iterations: int = 10_000,
-        penalty: float = 10.0,
+        penalty: Penalty = PAPER,
         scaled_basis: bool = False,
     ) -> None:
         require_fraction("tolerance", tolerance)

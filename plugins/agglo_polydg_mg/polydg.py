@@ -26,7 +26,8 @@ from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.evaluate import evaluate
 from agglo_polydg_mg.jumps import EnergyNorm
 from agglo_polydg_mg.norms import errors
-from agglo_polydg_mg.option_checks import require_count, require_positive, require_truth
+from agglo_polydg_mg.option_checks import require_count, require_penalty, require_truth
+from agglo_polydg_mg.penalty import Penalty
 from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.sampling import samples_of
@@ -43,8 +44,9 @@ class PolyDG:
     ----------
     degree : int
         Of the polynomials, 1..6.
-    penalty : float
-        Constant C of the penalty.
+    penalty : float, "paper" or "sharp"
+        Constant C of the penalty of jumps; ``paper`` is C = 10, ``sharp`` the least one that is provably
+        coercive: :func:`~agglo_polydg_mg.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
         Whether the basis is scaled by the size of the bounding boxes; the paper's is not.
 
@@ -57,12 +59,12 @@ class PolyDG:
     accepts: ClassVar[tuple[str, ...]] = (Diffusion.kind,)
 
     degree: int
-    penalty: float
+    penalty: Penalty
     scaled_basis: bool
 
     def __post_init__(self) -> None:
         require_count("degree", self.degree, 1, 6)
-        require_positive("penalty", self.penalty)
+        require_penalty(self.penalty)
         require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:

@@ -66,7 +66,7 @@ def gauss(n: int) -> tuple[Float, Float]:
 
 def moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
     """Integrals ``(n, m)`` of the polynomials up to a degree, each on its cell: exact for any shape."""
-    from agglo_polydg_mg.face_kernels import boundary_moments
+    from agglo_polydg_mg.legendre_kernels import boundary_moments
 
     rule = gauss((degree + 3) // 2)  # the antiderivative has one degree more
     faces = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
@@ -87,7 +87,7 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
     if not callable(field):
         values = per_cell(field, mesh.n_cells, name)
         return moments(mesh, boxes, degree) * values[:, None] if values.any() else _zeros(mesh, degree)
-    from agglo_polydg_mg.face_kernels import point_moments
+    from agglo_polydg_mg.legendre_kernels import point_moments
 
     boxes = frozen_float(boxes)
     result = _zeros(mesh, degree)

@@ -1,0 +1,109 @@
+"""The least penalty of the jumps that keeps the bilinear form provably coercive, cell by cell.
+
+The local trace inverse inequality is taken as it is, without a constant of the literature: the largest
+eigenvalue of a small matrix for each cell (K. Shahbazi, J. Comput. Phys. 205, 2005, and Y. Epshteyn,
+B. Rivière, J. Comput. Appl. Math. 206, 2007, have explicit ones for simplices). The derivation is in
+``docs/mathematics.md``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.quadrature import gauss, inside, sample
+
+__all__ = ["MARGIN", "sharp_penalty"]
+
+MARGIN = 0.25
+"""Least eigenvalue of the matrix A relative to the square of the DG norm."""
+
+
+def sharp_penalty(
+    basis: Basis, kappa: Field, on_faces: Float, blocks: Float, natural: Int | None = None
+) -> Float:
+    """Penalty σ ``(n_faces,)``, in 1 / length, for which a(v, v) >= MARGIN · ‖v‖²_DG whatever v.
+
+    ‖v‖²_DG = Σ_K ‖√κ ∇v‖² + Σ_F γσ ‖[v]‖². Each cell names what it needs of its faces, σ_F is the sum of the
+    two. Where a cell is so thin that its stiffness matrix is singular to rounding, it asks for the constants
+    of the triangles that fit on its faces times their number: safe, and larger than need be.
+
+    Parameters
+    ----------
+    basis : Basis
+    kappa : number, ``(n_cells,)`` or callable
+        The coefficient.
+    on_faces : (n_faces, 2, 1 or q) float
+        The same on both sides of the faces, at the Gauss points where it is a callable.
+    blocks : (n_cells, n_local, n_local) float
+        ∫ κ∇φ_i·∇φ_j of each cell.
+    natural : (k,) int, optional
+        Faces of Neumann data: they have no penalty, and ask for none.
+
+    Raises
+    ------
+    MeshError
+        Naming cells that overlap themselves, or are flat.
+    """
+    from agglo_polydg_mg.trace_kernels import side_penalties
+
+    mesh = basis.mesh
+    held = np.ones(mesh.n_faces, bool)
+    if natural is not None:
+        held[natural] = False
+    fill = mesh.cell_measures / (4.0 * basis.boxes[:, 2] * basis.boxes[:, 3])
+    rule = basis.degree if on_faces.shape[2] == 1 else on_faces.shape[2]
+    asked, resolved = side_penalties(
+        mesh.local_points,
+        *mesh.cell_faces,
+        mesh.face_pairs,
+        mesh.face_cells,
+        held,
+        basis.boxes,
+        basis.scale,
+        fill,
+        blocks,
+        on_faces,
+        *gauss(rule),
+        basis.degree,
+    )
+    if not resolved.all():
+        asked += _by_triangles(basis, kappa, on_faces, held, ~resolved)
+    return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
+
+
+def _by_triangles(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray, thin: np.ndarray) -> Float:
+    """What the ``thin`` cells ``(n_cells,)`` ask of their faces ``(n_faces, 2)``, by triangles inside them.
+
+    On a triangle T of height h over the face F, ‖q‖²_F <= p (p + 1) / h ‖q‖²_T for polynomials q of degree
+    p − 1 (T. Warburton, J. Hesthaven, Comput. Methods Appl. Mech. Engrg. 192, 2003). The triangles of a cell
+    overlap, at worst all of them.
+    """
+    from agglo_polydg_mg.face_kernels import triangle_heights
+
+    mesh, p = basis.mesh, basis.degree
+    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    inner = mesh.face_cells[:, 1] >= 0
+    sides = np.stack((mesh.face_cells[:, 0], np.where(inner, mesh.face_cells[:, 1], 0)), axis=1)
+    counts = np.where(held[:, None] & thin[sides] & np.isfinite(heights), 1.0, 0.0)
+    counts[~inner, 1] = 0.0
+    if (heights[counts > 0] == 0).any():
+        cells = np.unique(sides[(counts > 0) & (heights == 0)])[:5].tolist()
+        raise MeshError(f"cells {cells} overlap themselves, or are flat: no triangle fits on some face")
+    own, across = on_faces[:, 0], on_faces[:, 1]
+    half = 0.5 * own * (across / (own + across))  # ωκ/2, the same from either side
+    most = np.where(inner[:, None], half, own).max(axis=1)
+    n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
+    least = _least(mesh, kappa, p)
+    return np.asarray(counts * (p * (p + 1) * most)[:, None] * n_faces[sides] / (heights * least[sides]))
+
+
+def _least(mesh: Mesh, kappa: Field, degree: int) -> Float:
+    """Least κ of each cell ``(n_cells,)``: of a callable, at the points where it is integrated."""
+    if not callable(kappa):
+        return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
+    least = np.full(mesh.n_cells, np.inf)
+    for batch in inside(mesh, 2 * degree + 3):
+        np.minimum.at(least, batch.cells, sample(kappa, batch.points + mesh.origin, "kappa"))
+    return least
