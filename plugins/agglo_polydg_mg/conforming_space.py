@@ -1,0 +1,154 @@
+"""A continuous space inside the discontinuous one: where the slow modes of cell by cell smoothing live.
+
+The penalty pushes the solution towards continuity. The space has one unknown per vertex and p − 1 bubbles
+per face; on each cell a function of it is the polynomial of degree p next to the trace that the unknowns
+give on the boundary. The idea of an auxiliary space: J. Xu, Computing 56 (1996); for discontinuous methods
+V. Dobrev, R. Lazarov, P. Vassilevski, L. Zikatanov, Numer. Linear Algebra Appl. 13 (2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen_float, frozen_index, frozen_int
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.quadrature import gauss
+
+__all__ = ["ConformingSpace", "conforming_space"]
+
+_SHORT = 0.5
+"""A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
+_COMPARABLE = 10.0
+"""Ratio of coefficients up to which a cell ties together two that touch at a corner only."""
+_SQUARES = 8
+"""Cells with more corners than the square of this depend on one corner in each square of a grid only."""
+_REGULARISATION = 1e-4
+"""Times the squared degree: keeps polynomials small that vanish on the boundary."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConformingSpace:
+    """A space of one unknown per vertex and, after these, bubbles on faces.
+
+    Attributes
+    ----------
+    offsets : (n_cells + 1,) int
+        The unknowns of cell c are ``unknowns[offsets[c]:offsets[c + 1]]``.
+    unknowns : (m,) int
+    fitted : (m, n_local) float
+        Coefficients in the cell of the function that belongs to the unknown.
+    n_vertices, n : int
+        Unknowns of vertices, and all.
+    """
+
+    offsets: Int
+    unknowns: Index
+    fitted: Float
+    n_vertices: int
+    n: int
+
+    def prolongation(self, dtype: Any = np.float64) -> sparse.bsr_array:
+        """P ``(n_cells · n_local, n)`` in columns of cells, entries that are nothing but rounding being 0."""
+        blocks = self.fitted.astype(dtype)
+        blocks[np.abs(blocks) < 1e-22 * np.abs(blocks).max(initial=0.0)] = 0.0  # their products: denormals
+        shape = (self.fitted.shape[1] * (len(self.offsets) - 1), self.n)
+        return sparse.bsr_array((blocks[:, :, None], self.unknowns, self.offsets), shape=shape)
+
+    def galerkin(self, A: sparse.bsr_array, drop: float = 0.0) -> sparse.csr_array:
+        """C = Pᵀ A P ``(n, n)``, columns sorted; without |c_ij| ≤ drop (c_ii c_jj)^½."""
+        from agglo_polydg_mg.galerkin_kernels import galerkin, galerkin_pattern, without_small
+
+        rows, columns = frozen_index(A.indptr), frozen_index(A.indices)
+        cells = self.offsets, self.unknowns
+        pattern = galerkin_pattern(rows, columns, *cells, self.n)
+        pattern = frozen_int(pattern[0]), frozen_index(pattern[1])
+        values = galerkin(rows, columns, frozen_float(A.data), *cells, self.fitted, *pattern)
+        found: tuple[Any, ...] = (*pattern, values)
+        if drop > 0.0:
+            found = without_small(*pattern, frozen_float(values), drop)
+        starts, indices, values = found
+        return sparse.csr_array((values, indices, starts.astype(np.int32)), shape=(self.n, self.n))
+
+
+def conforming_space(basis: Basis, kappa: Float | None = None, *, bubbles: bool = True) -> ConformingSpace:
+    """The continuous space of a basis.
+
+    Vertices joined by faces shorter than half of |K| / diam K share an unknown, as long as they lie that
+    close together. Where κ jumps, a vertex has an unknown for each group of cells that are tied together
+    there by more than a weak cell, see :func:`~agglo_polydg_mg.conforming_kernels.corner_unknowns`.
+
+    A cell with more than 64 corners (a large cell among small ones, one with many holes) depends on at most
+    64 of them and on no bubbles, so that time and memory grow with the number of edges, not its square.
+
+    Parameters
+    ----------
+    basis : Basis
+    kappa : (n_cells,) float, optional
+        Coefficient of the cells, by default the same everywhere.
+    bubbles : bool
+        Whether faces have p − 1 bubbles each.
+    """
+    from agglo_polydg_mg.conforming_kernels import corner_unknowns, corners_of_cells, fit_traces
+
+    mesh, p = basis.mesh, basis.degree
+    topology = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    short, clusters = _clusters(mesh)
+    starts, ends = (frozen_int(each) for each in corners_of_cells(*topology, clusters))
+    strength = frozen_float(np.ones(mesh.n_cells) if kappa is None else kappa)
+    order = frozen_int(np.argsort(-strength, kind="stable"))
+    found = corner_unknowns(*mesh.cell_faces, mesh.face_cells, ends, starts, strength, order, _COMPARABLE)
+    unknowns, n_vertices = frozen_int(found[0]), int(found[1])
+    first, n = _bubbles(mesh, starts, short, n_vertices, p - 1 if bubbles else 0)
+    nodes, weights = gauss(p + 1)
+    room = len(unknowns) + 2 * (n - n_vertices)
+    cells, indices, fitted = fit_traces(
+        mesh.local_points,
+        *topology,
+        ends,
+        starts,
+        unknowns,
+        first,
+        basis.boxes,
+        basis.scale,
+        p,
+        frozen_float(0.5 * (nodes + 1.0)),
+        frozen_float(0.5 * weights),
+        _REGULARISATION,
+        _SQUARES,
+        room,
+    )
+    return ConformingSpace(frozen_int(cells), frozen_index(indices), frozen_float(fitted), n_vertices, n)
+
+
+def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
+    """Whether each face is short, and the cluster of each vertex."""
+    from agglo_polydg_mg.conforming_kernels import cluster_vertices
+
+    limits = _SHORT * mesh.cell_measures / mesh.cell_diameters
+    owner, other = mesh.face_cells.T
+    limit = np.minimum(limits[owner], limits[np.where(other < 0, owner, other)])
+    short = mesh.face_measures < limit
+    if not short.any():
+        return short, frozen_int(np.arange(mesh.n_points))
+    faces = np.flatnonzero(short)
+    faces = faces[np.argsort(mesh.face_measures[faces], kind="stable")]
+    edges = frozen_int(mesh.face_pairs[faces])
+    return short, frozen_int(cluster_vertices(mesh.local_points, edges, frozen_float(limit[faces])))
+
+
+def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tuple[Int, int]:
+    """First bubble of each face ``(F,)``, −1 if it has none, by first cell; and the number of unknowns."""
+    numbers = np.full(mesh.n_faces, -1)
+    if not each:
+        return frozen_int(numbers), first
+    many = np.diff(starts) > _SQUARES**2
+    owner, other = mesh.face_cells.T
+    other = np.where(other < 0, owner, other)
+    faces = np.flatnonzero(~(short | many[owner] | many[other]))
+    faces = faces[np.argsort(np.minimum(owner, other)[faces], kind="stable")]
+    numbers[faces] = first + each * np.arange(len(faces))
+    return frozen_int(numbers), first + each * len(faces)
