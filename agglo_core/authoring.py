@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
+    from agglo_core.multigrid import Level, LevelSmoother, LevelStack, cycle
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -109,6 +110,7 @@ graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
 problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Problem Samples Solution System
+multigrid: Level LevelSmoother LevelStack cycle
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -177,7 +179,10 @@ __all__ = [
     "InertialBisection",
     "Int",
     "InterfaceRefiner",
+    "Level",
     "LevelBisector",
+    "LevelSmoother",
+    "LevelStack",
     "Lifting",
     "Linear",
     "Listener",
@@ -223,6 +228,7 @@ __all__ = [
     "conformance",
     "conjugate_gradients",
     "curve_order",
+    "cycle",
     "default",
     "describe",
     "edge_room",

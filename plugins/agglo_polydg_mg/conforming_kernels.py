@@ -71,39 +71,41 @@ def corners_of_cells(offsets, faces, face_vertices, face_cells, clusters):
 
 
 @kernel
-def corner_unknowns(offsets, faces, face_cells, ends, starts, kappa, order, comparable):
+def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffness, order, weak, comparable):
     """Unknown ``(m,)`` of each corner, numbered by first cell, and their number.
 
-    Cells come in ``order (n_cells,)`` of falling κ. At each of its corners a cell looks at the cells across
-    its faces that came before, and at the unknowns they have there. If there is one it takes that: the
-    weaker follows the stronger. If there are several it makes them one where its own κ is at least
-    ``1 / comparable`` of that of the second strongest: otherwise cells that touch at the corner only would
-    be tied together by nothing but a weak cell, which then has an unknown of its own.
+    ``coupling (F,)`` is what a jump of 1 across a face costs, ``stiffness (n_cells,)`` the most that it
+    could in a cell; cells come in ``order (n_cells,)`` of falling stiffness. At each of its corners a cell
+    looks at the cells across its faces that came before, unless ``weak`` times the coupling is less than its
+    stiffness, and at the unknowns they have there. If there is one it takes that: the weaker follows the
+    stronger. If there are several it makes them one where ``comparable`` times its own stiffness is at least
+    that of the second of them: otherwise groups that touch at the corner only would be tied together by
+    nothing but a weak cell, which then has an unknown of its own.
     """
     m = starts[-1]
     parents, rank = np.arange(m), np.empty(len(order), np.int64)
     for i in range(len(order)):
         rank[order[i]] = i
-    strongest, best, second = np.full(m, -1), np.zeros(m), np.zeros(m)
+    strongest, best, second, strength = np.full(m, -1), np.zeros(m), np.zeros(m), np.empty(m)
     for c in order:
+        strength[starts[c] : starts[c + 1]] = stiffness[c]
         for again in range(2):
             for h in range(offsets[c], offsets[c + 1]):
                 f = faces[h]
                 side = 0 if face_cells[f, 0] == c else 1
                 other = face_cells[f, 1 - side]
-                if other < 0 or rank[other] > rank[c]:
+                if other < 0 or rank[other] > rank[c] or coupling[f] * weak < stiffness[c]:
                     continue
                 for k in range(2):
                     mine, root = ends[f, side, k], _root(parents, ends[f, 1 - side, k])
                     if again:
-                        if kappa[c] * comparable >= second[mine]:
-                            parents[_root(parents, mine)] = root
-                    elif root == strongest[mine]:
-                        best[mine] = max(best[mine], kappa[other])
-                    elif kappa[other] > best[mine]:
-                        strongest[mine], best[mine], second[mine] = root, kappa[other], best[mine]
-                    else:
-                        second[mine] = max(second[mine], kappa[other])
+                        own = _root(parents, mine)
+                        if own != root and stiffness[c] * comparable >= second[mine]:
+                            parents[own], strength[root] = root, max(strength[own], strength[root])
+                    elif strength[root] > best[mine]:
+                        strongest[mine], best[mine], second[mine] = root, strength[root], best[mine]
+                    elif root != strongest[mine]:
+                        second[mine] = max(second[mine], strength[root])
     numbers, unknowns, count = np.full(m, -1), np.empty(m, np.int64), 0
     for i in range(m):
         root = _root(parents, i)

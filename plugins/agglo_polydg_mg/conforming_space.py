@@ -22,8 +22,10 @@ __all__ = ["ConformingSpace", "conforming_space"]
 
 _SHORT = 0.5
 """A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
-_COMPARABLE = 10.0
-"""Ratio of coefficients up to which a cell ties together two that touch at a corner only."""
+_WEAK = 10.0
+"""A face is weak if a jump across it costs less than what it could in either cell, divided by this."""
+_COMPARABLE = 3.0
+"""A cell unites two groups whose stiffness is at most this many times its own."""
 _SQUARES = 8
 """Cells with more corners than the square of this depend on one corner in each square of a grid only."""
 _REGULARISATION = 1e-4
@@ -74,12 +76,17 @@ class ConformingSpace:
         return sparse.csr_array((values, indices, starts.astype(np.int32)), shape=(self.n, self.n))
 
 
-def conforming_space(basis: Basis, kappa: Float | None = None, *, bubbles: bool = True) -> ConformingSpace:
+def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True) -> ConformingSpace:
     """The continuous space of a basis.
 
     Vertices joined by faces shorter than half of |K| / diam K share an unknown, as long as they lie that
-    close together. Where κ jumps, a vertex has an unknown for each group of cells that are tied together
-    there by more than a weak cell, see :func:`~agglo_polydg_mg.conforming_kernels.corner_unknowns`.
+    close together.
+
+    A vertex has an unknown for each group of cells that are tied together there. Cells are tied by their
+    face unless it is weak: a jump across it costs little, in both cells, next to what jumps within reach
+    of the cell cost. So the space is discontinuous across the sides of the flat cells of boundary layers,
+    where the penalty is small and smoothing slow. Where κ jumps the weaker cell follows the stronger,
+    but does not tie together two stronger ones that touch at the vertex only.
 
     A cell with more than 64 corners (a large cell among small ones, one with many holes) depends on at most
     64 of them and on no bubbles, so that time and memory grow with the number of edges, not its square.
@@ -87,8 +94,10 @@ def conforming_space(basis: Basis, kappa: Float | None = None, *, bubbles: bool 
     Parameters
     ----------
     basis : Basis
-    kappa : (n_cells,) float, optional
-        Coefficient of the cells, by default the same everywhere.
+    sigma : (n_faces,) float
+        Penalty of the faces in 1 / length.
+    kappa : (n_cells,) float
+        Coefficient of the cells.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
     """
@@ -98,9 +107,11 @@ def conforming_space(basis: Basis, kappa: Float | None = None, *, bubbles: bool 
     topology = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
     short, clusters = _clusters(mesh)
     starts, ends = (frozen_int(each) for each in corners_of_cells(*topology, clusters))
-    strength = frozen_float(np.ones(mesh.n_cells) if kappa is None else kappa)
-    order = frozen_int(np.argsort(-strength, kind="stable"))
-    found = corner_unknowns(*mesh.cell_faces, mesh.face_cells, ends, starts, strength, order, _COMPARABLE)
+    offsets, faces = mesh.cell_faces
+    coupling, stiffness = _stiffness(mesh, sigma, kappa)
+    order = frozen_int(np.argsort(-stiffness, kind="stable"))
+    parts = offsets, faces, mesh.face_cells, ends, starts, coupling, stiffness, order
+    found = corner_unknowns(*parts, _WEAK, _COMPARABLE)
     unknowns, n_vertices = frozen_int(found[0]), int(found[1])
     first, n = _bubbles(mesh, starts, short, n_vertices, p - 1 if bubbles else 0)
     nodes, weights = gauss(p + 1)
@@ -152,3 +163,13 @@ def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tup
     faces = faces[np.argsort(np.minimum(owner, other)[faces], kind="stable")]
     numbers[faces] = first + each * np.arange(len(faces))
     return frozen_int(numbers), first + each * len(faces)
+
+
+def _stiffness(mesh: Mesh, sigma: Float, kappa: Float) -> tuple[Float, Float]:
+    """What a jump of 1 across each face costs ``(F,)``, and the most that it could in each cell."""
+    owner, other = mesh.face_cells.T
+    own, beyond = kappa[owner], kappa[np.where(other < 0, owner, other)]
+    jump = sigma * mesh.face_measures
+    offsets, faces = mesh.cell_faces
+    stiffness = kappa * np.maximum.reduceat(jump[faces], offsets[:-1])
+    return frozen_float(2.0 * own * (beyond / (own + beyond)) * jump), frozen_float(stiffness)

@@ -12,7 +12,7 @@ import numba as nb
 import numpy as np
 from scipy import sparse
 
-from agglo_core.multigrid import Level, LevelStack
+from agglo_core.authoring import Level, LevelStack
 
 
 @cache
@@ -99,7 +99,7 @@ def _block_kernels(n):
 
 
 class BlockGaussSeidel:
-    def __init__(self, A: Any, dtype: Any) -> None:
+    def __init__(self, A: Any, block_offsets: Any, dtype: Any) -> None:
         n = A.blocksize[0]
         N = A.shape[0] // n
         invert, self.low, self.up, self.back = _block_kernels(n)
@@ -263,14 +263,14 @@ def _filtered(ip, ix, a, d, theta):
     return op, oi[:pos], oa[:pos]
 
 
-def aggregation_stack(A, labels=None, *, dtype=np.float64, theta=0.06, coarsest=500):
+def aggregation_stack(A, *, labels=None, dtype=np.float64, theta=0.06, coarsest=500):
     levels = []
     C = sparse.csr_matrix(A)
     while C.shape[0] > coarsest:
         C.sort_indices()
         d, n = C.diagonal(), C.shape[0]
         if labels is not None and not levels:
-            lab, na = labels, labels.max() + 1
+            lab, na = labels[0], labels[0].max() + 1
         else:
             lab, na = _aggregate(C.indptr, C.indices, C.data, d, theta * 0.5 ** len(levels))
         if na > 0.7 * n:
@@ -289,9 +289,7 @@ def aggregation_stack(A, labels=None, *, dtype=np.float64, theta=0.06, coarsest=
         T = sparse.csr_matrix((np.ones(n), lab, np.arange(n + 1)), shape=(n, na))
         P = (T - sparse.diags((4 / 3) / lm / fd) @ (F @ T)).tocsr()
         Cc = (P.T.tocsr() @ (C @ P)).tocsr()
-        levels.append(
-            Level(C.astype(dtype), np.arange(n + 1), P.astype(dtype), ScalarGaussSeidel(C, dtype))
-        )
+        levels.append(Level(C.astype(dtype), np.arange(n + 1), P.astype(dtype), ScalarGaussSeidel(C, dtype)))
         C = Cc
     M = C.toarray()
     q = 1 / np.sqrt(M.diagonal())
