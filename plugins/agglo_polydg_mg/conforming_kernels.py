@@ -243,7 +243,7 @@ def fit_traces(
                 count += extra
         k = 0
         for total in range(degree + 1):
-            for j in range(total + 1):
+            for _ in range(total + 1):
                 normal[k, k] += regularisation * total * total if total > 1 else 0.0
                 k += 1
         _solve(normal, right, n, count)

@@ -20,7 +20,7 @@ from agglo_polydg_mg.interim_levels import BlockGaussSeidel, ScalarGaussSeidel, 
 __all__ = ["conforming_stack", "labels_of_vertices"]
 
 _SMALL = 1e-5
-"""Entries of the matrix of vertices and bubbles below this times the root of both diagonal ones are left out."""
+"""Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
 
 
 def conforming_stack(
