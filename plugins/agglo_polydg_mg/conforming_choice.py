@@ -50,8 +50,8 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     A face is strong if its penalty is more than 3 times the smallest of one of its cells; a mesh with more
     than 3 % strong inner faces is bad (slivers, boundary layers).
 
-    * Bad meshes: vertex patches, from degree 2 on in double precision, since rounding in single precision
-      makes the inverses of slivers' blocks indefinite.
+    * Bad meshes: vertex patches, from degree 2 on in double precision: on random triangles cycles in single
+      precision broke conjugate gradients off at once.
     * Polygons of more than 4 faces, from degree 2 on: vertex patches, which spare the bubbles.
     * Otherwise single cells. W on bad meshes and polygons, where the aggregates are the weakest part.
     * Double precision where κ spans more than eight decades.
