@@ -106,3 +106,24 @@ class LevelStack:
         """Unknowns of all levels over those of the finest."""
         unknowns = [level.A.shape[0] for level in self.levels]
         return float(sum(unknowns) / unknowns[0])
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the matrices and of what smoothers keep, each array counted once."""
+        seen: dict[int, int] = {}
+        for level in self.levels:
+            _weigh((level.A, level.P, level.smoother), seen)
+        return sum(seen.values())
+
+
+def _weigh(thing: Any, seen: dict[int, int], depth: int = 4) -> None:
+    """Note the bytes of each array that a thing keeps, a few attributes deep."""
+    if isinstance(thing, np.ndarray):
+        whole = thing if thing.base is None else thing.base
+        seen[id(whole)] = getattr(whole, "nbytes", thing.nbytes)
+    elif depth and isinstance(thing, list | tuple):
+        for each in thing:
+            _weigh(each, seen, depth - 1)
+    elif depth and isinstance(kept := getattr(thing, "__dict__", None), dict):
+        for each in kept.values():
+            _weigh(each, seen, depth - 1)

@@ -9,6 +9,13 @@ def agglo_components() -> list[Component]:
     return [
         Component(
             kind="solver",
+            name="polydg_mg",
+            target="agglo_polydg_mg.polydg_multigrid:PolyDGMultigrid",
+            promises={"deterministic": True, "pickles": True},
+            summary="PolyDG with preconditioned conjugate gradients; the recipe is chosen by the mesh.",
+        ),
+        Component(
+            kind="solver",
             name="polydg_mg_paper",
             target="agglo_polydg_mg.paper_multigrid:PaperMultigrid",
             promises={"deterministic": True, "pickles": True},

@@ -92,11 +92,14 @@ class Lifted(NamedTuple):
         b − A c, from data g − c and so without the rounding of what cancels; b itself if c = 0.
     offset : (n,) float
         Coefficients of c.
+    sigma : (n_faces,) float
+        Penalty of the jumps.
     """
 
     system: System
     load: Float
     offset: Float
+    sigma: Float
 
 
 def lifted(
@@ -116,9 +119,9 @@ def lifted(
     system = System.trusted(A, b, frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local), mesh)
     c = data_offset(basis, problem, boundary, on_faces[:, 0])
     if not c.any():
-        return Lifted(system, b, frozen_float(np.zeros(basis.n)))
+        return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
     rest = functional(g - c[mesh.face_cells[boundary.dirichlet, 0], None])
-    return Lifted(system, frozen_float((loads + rest).ravel()), basis.constants(c))
+    return Lifted(system, frozen_float((loads + rest).ravel()), basis.constants(c), sigma)
 
 
 def load(basis: Basis, problem: Diffusion) -> Float:

@@ -40,6 +40,7 @@ class FineSystem(NamedTuple):
 
     ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
     All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow.
+    ``sigma (n_faces,)`` is the penalty of the jumps, of what is discretised here.
     """
 
     A: Any
@@ -49,6 +50,7 @@ class FineSystem(NamedTuple):
     full: Float
     offset: Float | None = None
     factor: float = 1.0
+    sigma: Float | None = None
 
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
@@ -126,15 +128,16 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSyst
 
 
 def _discretised(problem: Diffusion, mesh: Mesh, how: PolyDG) -> FineSystem:
-    system, load, offset = how.lifted(problem, mesh)
+    system, load, offset, sigma = how.lifted(problem, mesh)
     factor = factor_for(float(np.abs(load).max()) or data_size(mesh, problem))
     if factor != 1.0:
         problem = times(problem, factor)
-        system, load, offset = how.lifted(problem, mesh)
+        system, load, offset, sigma = how.lifted(problem, mesh)
     if not (np.isfinite(system.b).all() and np.isfinite(system.A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
     measure, width = how.residual_measure(problem, mesh, load), int(system.block_offsets[1])
-    return FineSystem(system.A, load, width, measure, system.b, offset if offset.any() else None, factor)
+    offset_or_none = offset if offset.any() else None
+    return FineSystem(system.A, load, width, measure, system.b, offset_or_none, factor, sigma)
 
 
 def _given(problem: Linear, n: int) -> FineSystem:

@@ -1,0 +1,180 @@
+"""A continuous space inside the discontinuous one: where the slow modes of cell by cell smoothing live.
+
+The penalty pushes the solution towards continuity. The space has one unknown per vertex and p − 1 bubbles
+per face; on each cell a function of it is the polynomial of degree p next to the trace that the unknowns
+give on the boundary. The idea of an auxiliary space: J. Xu, Computing 56 (1996); for discontinuous methods
+V. Dobrev, R. Lazarov, P. Vassilevski, L. Zikatanov, Numer. Linear Algebra Appl. 13 (2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen_float, frozen_index, frozen_int
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.quadrature import gauss
+
+__all__ = ["ConformingSpace", "conforming_space"]
+
+_SHORT = 0.5
+"""A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
+_WEAK = 10.0
+"""A face is weak if a jump across it costs less than what it could in either cell, divided by this."""
+_COMPARABLE = 3.0
+"""A cell unites two groups whose stiffness is at most this many times its own."""
+_SQUARES = 6
+"""Cells with more corners than the square of this depend on one corner in each square of a grid only."""
+_REGULARISATION = 1e-4
+"""Times the squared degree: keeps polynomials small that vanish on the boundary."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConformingSpace:
+    """A space of one unknown per vertex and, after these, bubbles on faces.
+
+    Attributes
+    ----------
+    offsets : (n_cells + 1,) int
+        The unknowns of cell c are ``unknowns[offsets[c]:offsets[c + 1]]``.
+    unknowns : (m,) int
+    fitted : (m, n_local) float
+        Coefficients in the cell of the function that belongs to the unknown.
+    n_vertices, n : int
+        Unknowns of vertices, and all.
+    """
+
+    offsets: Int
+    unknowns: Index
+    fitted: Float
+    n_vertices: int
+    n: int
+
+    def prolongation(self, dtype: Any = np.float64) -> sparse.csr_array:
+        """P ``(n_cells · n_local, n)``, entries that are nothing but rounding being 0."""
+        blocks = self.fitted.astype(dtype)
+        blocks[np.abs(blocks) < 1e-22 * np.abs(blocks).max(initial=0.0)] = 0.0  # their products: denormals
+        shape = (self.fitted.shape[1] * (len(self.offsets) - 1), self.n)
+        columns = sparse.bsr_array((blocks[:, :, None], self.unknowns, self.offsets), shape=shape)
+        return columns.tocsr()  # scipy multiplies by it twice as fast
+
+    def galerkin(self, A: sparse.bsr_array, drop: float = 0.0) -> sparse.csr_array:
+        """C = Pᵀ A P ``(n, n)``, columns sorted; without |c_ij| ≤ drop (c_ii c_jj)^½."""
+        from agglo_polydg_mg.galerkin_kernels import galerkin, galerkin_pattern, without_small
+
+        rows, columns = frozen_index(A.indptr), frozen_index(A.indices)
+        cells = self.offsets, self.unknowns
+        pattern = galerkin_pattern(rows, columns, *cells, self.n)
+        pattern = frozen_int(pattern[0]), frozen_index(pattern[1])
+        values = galerkin(rows, columns, frozen_float(A.data), *cells, self.fitted, *pattern)
+        found: tuple[Any, ...] = (*pattern, values)
+        if drop > 0.0:
+            found = without_small(*pattern, frozen_float(values), drop)
+        starts, indices, values = found
+        return sparse.csr_array((values, indices, starts.astype(np.int32)), shape=(self.n, self.n))
+
+
+def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True) -> ConformingSpace:
+    """The continuous space of a basis.
+
+    Vertices joined by faces shorter than half of |K| / diam K share an unknown, as long as they lie that
+    close together.
+
+    A vertex has an unknown for each group of cells that are tied together there. Cells are tied by their
+    face unless it is weak: a jump across it costs little, in both cells, next to what jumps within reach
+    of the cell cost. So the space is discontinuous across the sides of the flat cells of boundary layers,
+    where the penalty is small and smoothing slow. Where κ jumps the weaker cell follows the stronger,
+    but does not tie together two stronger ones that touch at the vertex only.
+
+    A cell with more than 36 corners (a large cell among small ones, one with many holes) depends on at most
+    36 of them and on no bubbles, so that time and memory grow with the number of edges, not its square.
+
+    Parameters
+    ----------
+    basis : Basis
+    sigma : (n_faces,) float
+        Penalty of the faces in 1 / length.
+    kappa : (n_cells,) float
+        Coefficient of the cells.
+    bubbles : bool
+        Whether faces have p − 1 bubbles each.
+    """
+    from agglo_polydg_mg.conforming_kernels import corner_unknowns, corners_of_cells, fit_traces
+
+    mesh, p = basis.mesh, basis.degree
+    topology = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    short, clusters = _clusters(mesh)
+    starts, ends = (frozen_int(each) for each in corners_of_cells(*topology, clusters))
+    offsets, faces = mesh.cell_faces
+    coupling, stiffness = _stiffness(mesh, sigma, kappa)
+    order = frozen_int(np.argsort(-stiffness, kind="stable"))
+    parts = offsets, faces, mesh.face_cells, ends, starts, coupling, stiffness, order
+    found = corner_unknowns(*parts, _WEAK, _COMPARABLE)
+    unknowns, n_vertices = frozen_int(found[0]), int(found[1])
+    first, n = _bubbles(mesh, starts, short, n_vertices, p - 1 if bubbles else 0)
+    nodes, weights = gauss(p + 1)
+    room = len(unknowns) + 2 * (n - n_vertices)
+    cells, indices, fitted = fit_traces(
+        mesh.local_points,
+        *topology,
+        ends,
+        starts,
+        unknowns,
+        first,
+        basis.boxes,
+        basis.scale,
+        p,
+        frozen_float(0.5 * (nodes + 1.0)),
+        frozen_float(0.5 * weights),
+        _REGULARISATION,
+        _SQUARES,
+        room,
+    )
+    used = np.zeros(n, bool)
+    used[indices] = True  # of cells with many corners not all are
+    places = np.cumsum(used) - 1
+    counts = int(used[:n_vertices].sum()), int(used.sum())
+    return ConformingSpace(frozen_int(cells), frozen_index(places[indices]), frozen_float(fitted), *counts)
+
+
+def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
+    """Whether each face is short, and the cluster of each vertex."""
+    from agglo_polydg_mg.conforming_kernels import cluster_vertices
+
+    limits = _SHORT * mesh.cell_measures / mesh.cell_diameters
+    owner, other = mesh.face_cells.T
+    limit = np.minimum(limits[owner], limits[np.where(other < 0, owner, other)])
+    short = mesh.face_measures < limit
+    if not short.any():
+        return short, frozen_int(np.arange(mesh.n_points))
+    faces = np.flatnonzero(short)
+    faces = faces[np.argsort(mesh.face_measures[faces], kind="stable")]
+    edges = frozen_int(mesh.face_pairs[faces])
+    return short, frozen_int(cluster_vertices(mesh.local_points, edges, frozen_float(limit[faces])))
+
+
+def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tuple[Int, int]:
+    """First bubble of each face ``(F,)``, −1 if it has none, by first cell; and the number of unknowns."""
+    numbers = np.full(mesh.n_faces, -1)
+    if not each:
+        return frozen_int(numbers), first
+    many = np.diff(starts) > _SQUARES**2
+    owner, other = mesh.face_cells.T
+    other = np.where(other < 0, owner, other)
+    faces = np.flatnonzero(~(short | many[owner] | many[other]))
+    faces = faces[np.argsort(np.minimum(owner, other)[faces], kind="stable")]
+    numbers[faces] = first + each * np.arange(len(faces))
+    return frozen_int(numbers), first + each * len(faces)
+
+
+def _stiffness(mesh: Mesh, sigma: Float, kappa: Float) -> tuple[Float, Float]:
+    """What a jump of 1 across each face costs ``(F,)``, and the most that it could in each cell."""
+    owner, other = mesh.face_cells.T
+    own, beyond = kappa[owner], kappa[np.where(other < 0, owner, other)]
+    jump = sigma * mesh.face_measures
+    offsets, faces = mesh.cell_faces
+    stiffness = kappa * np.maximum.reduceat(jump[faces], offsets[:-1])
+    return frozen_float(2.0 * own * (beyond / (own + beyond)) * jump), frozen_float(stiffness)

@@ -1,0 +1,96 @@
+"""Levels of the recipe with a continuous space: cells, vertices and bubbles, then aggregates of vertices.
+
+Smoothing on cells removes what is discontinuous; the rest is a scalar problem on vertices, which has its
+own multigrid. There are no discontinuous coarse levels at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Int, MultigridLevel, System, frozen_int, multigrid
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
+
+__all__ = ["conforming_stack", "labels_of_vertices"]
+
+_SMALL = 1e-5
+"""Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
+
+
+def conforming_stack(
+    system: System,
+    basis: Basis,
+    sigma: Float,
+    kappa: Float,
+    *,
+    labels: Sequence[Int] | None = None,
+    smoother: Callable[[Any, Int, Any], multigrid.LevelSmoother] | None = None,
+    bubbles: bool = True,
+    dtype: Any = np.float32,
+) -> multigrid.LevelStack:
+    """Set up the levels for a system of symmetric interior penalty.
+
+    The first is the system itself. The second has the vertices and the bubbles of
+    :func:`~agglo_polydg_mg.conforming_space.conforming_space`, the third the vertices alone (the second is
+    that where there are no bubbles), the others are smoothed aggregation.
+
+    Parameters
+    ----------
+    system : System
+        With a matrix in blocks (BSR), as :func:`~agglo_polydg_mg.assembly.discretise` makes it.
+    basis : Basis
+        Of the system.
+    sigma : (n_faces,) float
+        Penalty of the faces in 1 / length, 0 on natural faces.
+    kappa : (n_cells,) float
+        Coefficient of the cells.
+    labels : sequence of (n_cells,) int, optional
+        Agglomerates, finest first: a vertex belongs to that of its first cell, and agglomerates are split
+        where vertices are joined weakly. By default aggregates come from the matrix alone.
+    smoother : callable
+        Makes the smoother of the first level from matrix, block offsets and precision. Symmetric block
+        Gauss–Seidel on cells by default; see :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
+    bubbles : bool
+        Whether faces have p − 1 bubbles each.
+    dtype : float32 or float64
+        Precision of the cycle; matrices are set up in double precision.
+    """
+    space = conforming_space(basis, sigma, kappa, bubbles=bubbles)
+    inner = space.n > space.n_vertices
+    C = space.galerkin(system.A, _SMALL if inner else 0.0)
+    relaxed = (smoother or cell_sweeps)(system.A, system.block_offsets, dtype)
+    levels = [multigrid.Level(system.A, system.block_offsets, space.prolongation(dtype), relaxed)]
+    if inner:
+        levels.append(_with_bubbles(C, space, dtype))
+        C = sparse.csr_array(C[: space.n_vertices, : space.n_vertices])
+    of_vertices = None if labels is None else [labels_of_vertices(space, each) for each in labels]
+    rest = multigrid.aggregation_stack(C, labels=of_vertices, dtype=dtype)
+    return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)
+
+
+def cell_sweeps(A: Any, block_offsets: Int, dtype: Any) -> multigrid.LevelSmoother:
+    """Symmetric block Gauss–Seidel on cells."""
+    own = frozen_int(np.arange(len(block_offsets) - 1))
+    level = MultigridLevel(A, A, block_offsets, own, None, None, 1)
+    return multigrid.GaussSeidel().setup(level, dtype)
+
+
+def labels_of_vertices(space: ConformingSpace, labels: Int) -> Int:
+    """Label ``(n_vertices,)`` of the first cell that has the unknown of each vertex."""
+    cells = np.repeat(labels, np.diff(space.offsets))[::-1]
+    found = np.empty(space.n, np.int64)
+    found[space.unknowns[::-1]] = cells
+    return frozen_int(found[: space.n_vertices])
+
+
+def _with_bubbles(C: Any, space: ConformingSpace, dtype: Any) -> multigrid.Level:
+    """The level of vertices and bubbles, which come after them: its prolongation adds zeros."""
+    P = sparse.csr_array(sparse.eye_array(space.n, space.n_vertices, dtype=dtype))
+    return multigrid.Level(
+        C.astype(dtype), frozen_int(np.arange(space.n + 1)), P, multigrid.ScalarGaussSeidel(C, dtype)
+    )

@@ -1,0 +1,144 @@
+"""The recipes of the default solver: which levels precondition a system, and why these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System, multigrid
+from agglo_polydg_mg.assembly import cell_means
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.conforming_choice import difficulty
+from agglo_polydg_mg.conforming_stack import cell_sweeps, conforming_stack
+from agglo_polydg_mg.operators import FineSystem
+from agglo_polydg_mg.patch_recipe import patch_stack
+from agglo_polydg_mg.transfer import chosen_levels
+
+__all__ = ["CYCLES", "PRECISIONS", "RECIPES", "Plan", "Wishes", "levels_by_default", "plan_for"]
+
+RECIPES: Final = ("auto", "conforming", "patches")
+CYCLES: Final = ("auto", "V", "W", "F", "K")
+PRECISIONS: Final = ("auto", "single", "double")
+
+_CELLS_PER_PART: Final = 8
+_FEWEST: Final = 60
+"""Parts of the coarsest level that is made by default."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user fixes; the rest is ``"auto"``."""
+
+    recipe: str = "auto"
+    cycle: str = "auto"
+    precision: str = "auto"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How the levels of a system are to be made; ``reason`` says it in words."""
+
+    recipe: Literal["conforming", "patches", "aggregation"]
+    cycle: Literal["V", "W", "F", "K"]
+    dtype: Any
+    smoother: Literal["cells", "patches"]
+    bubbles: bool
+    reason: str
+
+    def stack(self, problem: Any, fine: FineSystem, basis: Basis | None, labels: Sequence[Int]) -> Any:
+        """The levels.
+
+        Raises
+        ------
+        LinAlgError
+            If a matrix is not positive definite.
+        """
+        offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
+        if basis is None:
+            return multigrid.aggregation_stack(
+                fine.A, labels=labels or None, block_offsets=offsets, dtype=self.dtype
+            )
+        if self.recipe == "patches":
+            return patch_stack(basis, fine.A, labels, self.dtype)
+        mesh = basis.mesh
+
+        def patches(A: Any, _: Int, dtype: Any) -> Any:
+            return multigrid.VertexPatches(A, multigrid.vertex_patches(mesh), dtype)
+
+        return conforming_stack(
+            System.trusted(fine.A, fine.b, offsets, mesh),
+            basis,
+            _required(fine.sigma),
+            cell_means(mesh, problem.kappa),
+            labels=labels or None,
+            smoother=patches if self.smoother == "patches" else cell_sweeps,
+            bubbles=self.bubbles,
+            dtype=self.dtype,
+        )
+
+
+def plan_for(problem: Any, fine: FineSystem, basis: Basis | None, wishes: Wishes) -> Plan:
+    """The plan for a system: of a diffusion problem by mesh, penalty and coefficient.
+
+    See :func:`~agglo_polydg_mg.conforming_choice.difficulty`. A linear system is aggregated: its unknowns
+    have no mesh that is known to mean anything.
+
+    Raises
+    ------
+    OptionError
+        If a recipe for PolyDG is asked of a linear system.
+    """
+    double = {"auto": None, "single": False, "double": True}[wishes.precision]
+    if basis is None or not isinstance(problem, Diffusion):
+        if wishes.recipe != "auto":
+            raise OptionError(
+                f"recipe {wishes.recipe!r} is for diffusion problems; a linear system is aggregated"
+            )
+        dtype = np.float64 if double is None or double else np.float32
+        kind: Any = "V" if wishes.cycle == "auto" else wishes.cycle
+        return Plan(
+            "aggregation",
+            kind,
+            dtype,
+            "cells",
+            False,
+            f"smoothed aggregation, {kind}-cycle, {dtype.__name__}",
+        )
+    found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
+    recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe
+    kind = found.kind if wishes.cycle == "auto" else wishes.cycle
+    dtype = found.dtype if double is None else (np.float64 if double else np.float32)
+    smoother: Any = "patches" if recipe == "patches" else found.smoother
+    space = "smoothed agglomerates" if recipe == "patches" else "continuous space and its aggregates"
+    reason = f"{space}, {smoother}, {kind}-cycle, {np.dtype(dtype).name} ({found.reason})"
+    return Plan(recipe, kind, dtype, smoother, found.bubbles, reason)
+
+
+def levels_by_default(hierarchy: Hierarchy) -> list[Int]:
+    """Labels of the levels, finest first: those of the hierarchy, or some made of 8 cells to a part each.
+
+    Raises
+    ------
+    OptionError
+        If the hierarchy has levels and none is coarser than the mesh.
+    """
+    if hierarchy.levels:
+        return chosen_levels(hierarchy)
+    n = hierarchy.graph.n
+    sizes = []
+    while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
+        sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
+    if not sizes:
+        return []
+    from agglo_core.authoring import agglomerate
+
+    given = hierarchy.fine if hierarchy.fine is not None else hierarchy.graph
+    return list(agglomerate(given, bisector="coordinate", refiners=(), cells_per_part=tuple(sizes)).levels)
+
+
+def _required(sigma: Float | None) -> Float:
+    assert sigma is not None  # every discretised system has one
+    return sigma
