@@ -85,6 +85,7 @@ _RECORDS = (
         (
             "general",
             "metric",
+            "metric_changes",
             "metric_invariance",
             "whole",
             "history",
