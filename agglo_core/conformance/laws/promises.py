@@ -195,28 +195,6 @@ def _pickled(thing: Any) -> Any:
         ) from error
 
 
-@law("solver", promise="symmetric")
-def symmetric(subject: Subject) -> None:
-    """Its preconditioner M, aspreconditioner(problem, hierarchy), is symmetric and positive definite."""
-    tool = subject.build()
-    require(
-        callable(getattr(tool, "aspreconditioner", None)),
-        "it promises symmetric but has no method aspreconditioner(problem, hierarchy) that returns a "
-        "scipy.sparse.linalg.LinearOperator",
-    )
-    rng = np.random.default_rng(0)
-    for case in questions(subject):
-        n = len(plain(subject, tool, case))
-        operator = tool.aspreconditioner(*case.given)
-        u, v = rng.standard_normal((2, n))
-        Mu, Mv = operator @ u, operator @ v
-        gap = abs(v @ Mu - u @ Mv) / (np.linalg.norm(u) * np.linalg.norm(Mv))
-        require(
-            gap < 1e-8, f"on {case.name}: u·Mv and v·Mu differ by {gap:.1e}: mirror pre- and post-smoothing"
-        )
-        require(u @ Mu > 0, f"on {case.name}: u·Mu is {u @ Mu:.2e}, not positive")
-
-
 def _on(kind: str, mesh: Mesh, other: Mesh, order: Int | None) -> list[Case]:
     """Cases on ``other`` whose labels, if any, are those of ``mesh`` carried over."""
     if kind == "bisector":
