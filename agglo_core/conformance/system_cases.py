@@ -72,7 +72,9 @@ def rising(hierarchy: Hierarchy) -> Linear:
     plain = uneven(hierarchy.graph, 1, seed=2)
     n = len(plain.b)
     units = sparse.diags_array(10.0 ** np.random.default_rng(7).uniform(-1.5, 1.5, n))
-    return replace(plain, A=sparse.csr_array(units @ plain.A @ units), b=frozen_float(plain.b * units.diagonal()))
+    return replace(
+        plain, A=sparse.csr_array(units @ plain.A @ units), b=frozen_float(plain.b * units.diagonal())
+    )
 
 
 def _squares() -> Hierarchy:

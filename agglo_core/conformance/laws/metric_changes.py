@@ -48,7 +48,7 @@ def changes_add_up(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: subject.has("changes"))
 def changes_of_these_labels(subject: Subject) -> None:
-    """If it has ``changes``, they are those of the labels as they are now, in an array of the refiner's own."""
+    """If it has ``changes``, they are those of the labels as they are now, in an array that others write."""
     for case in [*cases("metric")[3:], *by_hand()[:1], _many()]:
         mesh, labels = case.given
         tool, own = subject.build(), np.array(labels)
@@ -83,7 +83,7 @@ def _many() -> Case:
 
 
 def _moves(mesh: Mesh, labels: Int, most: int = _MOVES) -> tuple[Int, Int]:
-    """Some moves of a cell to the part of a neighbour that do not empty its own part, and one that is none."""
+    """Some moves of a cell to a neighbour's part that do not empty its own, and one to its own part."""
     graph, sizes = mesh.graph, np.bincount(labels)
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
     chosen = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from functools import partial
 
+import numpy as np
+
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
@@ -27,7 +29,7 @@ def _asked(subject: Subject) -> list[Case]:
 
 @law(*_OWNED)
 def never_written(subject: Subject) -> None:
-    """Arrays that it is given are not even written to for a while: others may read them meanwhile."""
+    """Arrays that it is given are not even changed for a while: others may read them meanwhile."""
     for case in _asked(subject):
         tool = subject.build()
         folder = home(subject.kind, tool)
@@ -60,7 +62,7 @@ def read_anew(subject: Subject) -> None:
 
 
 def _change(case: Case) -> None:
-    """Other numbers in the same arrays: labels and vectors the other way round, a matrix twice as large."""
+    """Other numbers in the same arrays: all the other way round, a cell in another part, a matrix doubled."""
     problem = case.given[0]
     if isinstance(problem, Linear):
         problem.b[:] = problem.b[::-1].copy()
@@ -68,3 +70,6 @@ def _change(case: Case) -> None:
         return
     for each in arrays_in(case):
         each[:] = each[::-1].copy()
+        if each.dtype.kind == "i":
+            movable = np.flatnonzero((np.bincount(each)[each] > 1) & (each != each[0]))
+            each[movable[:1]] = each[0]

@@ -131,7 +131,7 @@ def tolerance_met(subject: Subject) -> None:
 
 @law("solver", when=lambda subject: option_named(subject, *_MOST) is not None)
 def too_few_iterations_said(subject: Subject) -> None:
-    """Stopped after few iterations it says that it did not converge, unless x is right, and tells its residual."""
+    """Stopped after 1 to 5 iterations it does not claim to have converged, and tells the residual of x."""
     name = str(option_named(subject, *_MOST))
     for most in _FEW:
         for case in [*_asked(subject), *_hard(subject)]:

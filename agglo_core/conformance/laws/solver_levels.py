@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.conformance.case import Case
@@ -24,7 +23,7 @@ _ROUNDING = 1e-8
 
 @law("solver", when=lambda subject: getattr(subject.build(), "galerkin", True))
 def coarse_operators_inherited(subject: Subject) -> None:
-    """The matrix of each coarser level is Pᵀ A P to every entry, unless the solver says galerkin = False."""
+    """The matrix of each coarser level is Pᵀ A P, small entries too, unless it says galerkin = False."""
     for case in [*everywhere(subject), *awkward(), *unlike_diffusion()]:
         it = solve_unless_refused(subject, case.name, *case.given)
         for level, ((A, P), (coarse, _)) in enumerate(pairwise([] if it is None else it.operators)):
@@ -82,7 +81,7 @@ def _require_definite(case: Case, operator: LinearOperator | None) -> None:
     if operator is None:
         return
     unit = np.sqrt(case.given[0].A.diagonal())
-    M = unit[:, None] * (operator @ np.diag(unit))
+    M = unit[:, None] * np.stack([np.ravel(operator @ column) for column in np.diag(unit)], axis=1)
     size = np.abs(M).max()
     skew = np.abs(M - M.T).max() / size
     require(skew < 1e-6, f"on {case.name}: M and its transpose differ by {skew:.1e}: mirror the smoothing")

@@ -17,7 +17,7 @@ _KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "const
 
 @law(*_KINDS)
 def ends_early_without_trace(subject: Subject) -> None:
-    """Where it refuses, fails or has nothing to do it changes no setting, prints nothing and writes nothing."""
+    """Where it refuses, fails or has nothing to do, it changes no setting, prints and writes nothing."""
     remedy = "a with block (np.errstate) or finally puts things back on every way out"
     for case in early_ends(subject.kind):
         given, before, printed = dict(fingerprints(case.given)), Snapshot(), io.StringIO()

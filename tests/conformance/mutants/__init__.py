@@ -6,6 +6,7 @@ from conformance.mutants import (
     elsewhere,
     forgetful,
     formats,
+    honest,
     labellers,
     metrics,
     numbered,
@@ -17,10 +18,12 @@ from conformance.mutants import (
     smoothers,
     solvers,
     units,
+    written,
 )
 
 _KINDS = (
     bisectors,
+    honest,
     labellers,
     metrics,
     numbered,
@@ -36,6 +39,7 @@ _KINDS = (
     ragged,
     elsewhere,
     units,
+    written,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]
