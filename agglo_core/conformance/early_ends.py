@@ -48,7 +48,7 @@ def _problems() -> list[Case]:
     asked = {
         "no source": Diffusion(source=0.0),
         "a source of NaN": Diffusion(source=np.nan),
-        "a coefficient of zero": Diffusion(kappa=0.0),
+        "a negative coefficient": Diffusion(kappa=-1.0),
         "a right-hand side of zeros": replace(fine, b=frozen_float(none)),
         "a right-hand side with NaN": replace(fine, b=frozen_float(none + np.nan)),
         "a singular system": laplacian(graph, 1, shift=0.0),

@@ -91,8 +91,8 @@ def unmoved_in_space(subject: Subject) -> None:
             require(
                 bool(powers),
                 f"on {case.name} scaled by {scale:g}: values {before[:3]} became {scaled[:3]}, with "
-                f"homogeneity {declared}: ratios do not change, lengths may become areas: in 3-D the power of "
-                "a length is one number between the declared one and twice that",
+                f"homogeneity {declared}: ratios do not change, lengths may become areas: in 3-D the power "
+                "of a length is one number between the declared one and twice that",
             )
         _require_unmoved(subject, case)
         _require_same_renumbered(subject, case, "entry i must belong to label i")

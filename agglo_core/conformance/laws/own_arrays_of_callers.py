@@ -38,7 +38,7 @@ def never_written(subject: Subject) -> None:
         line = written_meanwhile(partial(answer, subject, tool, case), folder, arrays_in(case))
         require(
             line is None,
-            f"on {case.name}: the arrays given, or the matrix, are changed for a while (seen at line {line}): "
+            f"on {case.name}: the arrays given, or the matrix, are changed for a while (line {line}): "
             "whoever uses them at the same time gets wrong results; work on a copy",
         )
 
@@ -55,7 +55,7 @@ def read_anew(subject: Subject) -> None:
                 wanted = plain(subject, subject.build(), in_own_arrays(case))
             require(
                 same(given, wanted),
-                f"on {case.name}, other numbers in the same arrays: the answer is not that of a fresh object: "
+                f"on {case.name}, other numbers in the same arrays: its answer is not that of a fresh object: "
                 "an array is not known by being the same object; keep nothing by id()",
             )
             _change(case)

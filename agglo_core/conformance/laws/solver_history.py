@@ -149,8 +149,8 @@ def _require_honest(name: str, it: Solution, most: int) -> None:
     size, true = (float(np.linalg.norm(each)) for each in (it.b, it.b - it.A @ it.x))
     require(
         abs(it.residuals[-1] - true) <= 1e-8 * size + 0.01 * true,
-        f"on {name}: the last residual is {it.residuals[-1]:.3e}, that of x is {true:.3e}: they belong to the "
-        "same iterate, neither the least so far nor one to be made smooth",
+        f"on {name}: the last residual is {it.residuals[-1]:.3e}, that of x is {true:.3e}: they belong to "
+        "the same iterate, neither the least so far nor one to be made smooth",
     )
 
 
