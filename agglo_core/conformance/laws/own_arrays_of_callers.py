@@ -55,7 +55,7 @@ def read_anew(subject: Subject) -> None:
                 wanted = plain(subject, subject.build(), in_own_arrays(case))
             require(
                 same(given, wanted),
-                f"on {case.name}, other numbers in the same arrays: its answer is not that of a fresh object: "
+                f"on {case.name}, other numbers in the same arrays: it answers unlike a fresh object: "
                 "an array is not known by being the same object; keep nothing by id()",
             )
             _change(case)

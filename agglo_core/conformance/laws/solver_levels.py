@@ -30,7 +30,7 @@ def coarse_operators_inherited(subject: Subject) -> None:
             off = _off(matrix_of(A), matrix_of(P), matrix_of(coarse))
             require(
                 off <= _ROUNDING,
-                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, an entry is off by {off:.1e}: "
+                f"on {case.name}: the matrix of level {level + 1} is not Pᵀ A P, off by {off:.1e}: "
                 "is P the one that was used, and is no small entry left out? Where levels are discretised "
                 "anew, say galerkin = False",
             )
