@@ -95,7 +95,7 @@ def _disc(n: int) -> tuple[Mesh, Int]:
     ring = small_meshes.ring(n)
     radius = np.where(np.arange(2 * n) < n, 1.0, 0.525)[:, None]  # 1 and 1.05
     points = np.concatenate((ring.points * radius, [[0.0, 0.0]]))
-    around = np.split(ring.boundary_loops.vertices, n)
+    around = ring.boundary_loops.vertices.reshape(n, 4).tolist()
     fan = [[i, (i + 1) % n, 2 * n] for i in range(n)]
     return Mesh.from_polygons(points, [*around, *fan], name="a disc"), frozen_int(np.arange(2 * n) < n)
 
