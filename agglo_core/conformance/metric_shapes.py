@@ -11,7 +11,7 @@ from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.mesh import Mesh
 
-__all__ = ["bodies", "cut_finer", "cut_finer_in_space", "many_alone", "shapes"]
+__all__ = ["bodies", "cut_finer", "cut_finer_in_space", "many_alone", "ringed", "shapes"]
 
 
 def shapes() -> list[Case]:
@@ -22,7 +22,6 @@ def shapes() -> list[Case]:
     cut = np.where(second, 1 + (np.cumsum(second) > np.count_nonzero(second) // 2), 0)
     return [
         Case("a cell of 60 sides", (_polygon(np.ones(60)), frozen_int([0]))),
-        Case("a disc in a thin ring", _disc(24)),
         Case("a star", (_polygon(np.resize([1.0, 0.1], 14)), frozen_int([0]))),
         Case("needles", (small_meshes.grid(3, 2, height=1e-4), frozen_int(np.arange(6)))),
         Case("a part that is a component, beside parts of the other", (apart, frozen_int(cut))),
@@ -43,6 +42,11 @@ def bodies() -> list[Case]:
         Case("boxes in two components, each a part", (apart, frozen_int([0, 0, 1, 1]))),
         Case("a part of two boxes that do not touch", (apart, frozen_int([0, 1, 0, 2]))),
     ]
+
+
+def ringed() -> Case:
+    """A part that is nearly a disc, in another that is a thin ring."""
+    return Case("a disc in a thin ring", _disc(24))
 
 
 def many_alone() -> Case:

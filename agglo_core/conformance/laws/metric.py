@@ -14,7 +14,14 @@ from agglo_core.conformance.cases import cases, tiny
 from agglo_core.conformance.law import law
 from agglo_core.conformance.mesh_changes import Change
 from agglo_core.conformance.metric_cases import by_hand, changed, holed, solids, various
-from agglo_core.conformance.metric_shapes import bodies, cut_finer, cut_finer_in_space, many_alone, shapes
+from agglo_core.conformance.metric_shapes import (
+    bodies,
+    cut_finer,
+    cut_finer_in_space,
+    many_alone,
+    ringed,
+    shapes,
+)
 from agglo_core.conformance.metric_values import HAND, PLAIN
 from agglo_core.conformance.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.subject import Subject
@@ -90,7 +97,7 @@ def within_bounds(subject: Subject) -> None:
 @law("metric")
 def holes(subject: Subject) -> None:
     """Agglomerates with holes, pinches or loose pieces get finite values within the bounds."""
-    for case in holed():
+    for case in [*holed(), ringed()]:
         _require_finite(
             subject, case, "an agglomerate has no single outer loop; see mesh.coarsen(labels).boundary_loops"
         )  # fmt: skip
