@@ -140,13 +140,13 @@ class ConnectivityFixer(Protocol):
 class QualityMetric(Protocol):
     """One number per agglomerate.
 
-    ``homogeneity`` is the power of a length the values scale with: 0 for ratios, 1 for lengths. (In 3-D a
-    length may become an area.)
+    ``homogeneity`` is the power p of a length that values scale with in 2-D: 0 for ratios, 1 for lengths. In
+    3-D ratios are ratios too; where p is not 0, lengths may become areas: a whole power from p to 2 p.
 
     Four attributes are optional, false where they are missing. ``undefined``: some agglomerates have no
     value, which is NaN; reports count them, and means are over the others. ``directional``: values depend on
     the directions of the axes. ``relative``: values depend on far agglomerates too, as diam(P) / h does.
-    ``shape_only``: the cells inside an agglomerate change nothing.
+    ``shape_only``: the cells of an agglomerate change nothing, nor do the edges that they cut its outline in.
     """
 
     better: Literal["high", "low"]

@@ -67,8 +67,11 @@ def laws_for(subject: Subject) -> Sequence[Law]:
 
 
 def judge(law: Law, subject: Subject) -> Result:
-    """The result of one law; whatever the component raises is a failure."""
-    start = time.perf_counter()
+    """The result of one law; whatever the component raises is a failure.
+
+    Settings of the process that it left changed are put back, so that the next law sees them change again.
+    """
+    start, before = time.perf_counter(), Snapshot()
     message = ""
     try:
         law.judge(subject)
@@ -77,4 +80,6 @@ def judge(law: Law, subject: Subject) -> Result:
     except PLUGIN_FAILURES as error:
         message = f"{type(error).__name__}: {error}: the component raised where the law asks for an answer"
     seconds = time.perf_counter() - start
+    if before.changed():
+        before.restore()
     return Result(law.name, law.sentence, not message, message, seconds, law.promise)

@@ -16,14 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agglo_core.conformance.case import Case
 from agglo_core.conformance.handing_over import environment, subject_from, task_of
-from agglo_core.conformance.questions import plain, questions
+from agglo_core.conformance.named_tags import with_tags
+from agglo_core.conformance.questions import plain, questions, taken
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.registry.options import wants_registry
 
-__all__ = ["answers_elsewhere", "can_be_sent", "main"]
+__all__ = ["answers_elsewhere", "asked_elsewhere", "can_be_sent", "main"]
 
 _LONGEST = 300.0  # seconds, with the time that imports and kernels take
 
@@ -37,6 +39,11 @@ def can_be_sent(subject: Subject) -> bool:
         return find_spec(str(subject.target.__module__)) is not None
     except (AggloError, TypeError, ValueError, ImportError, AttributeError):
         return False
+
+
+def asked_elsewhere(subject: Subject) -> list[Case]:
+    """The ordinary questions, and some about meshes with several tags."""
+    return [*questions(subject), *taken(subject, with_tags(subject.kind))]
 
 
 def answers_elsewhere(subject: Subject) -> dict[str, list[NDArray[Any]]]:
@@ -86,4 +93,4 @@ def main() -> None:
 
 def _answers(subject: Subject) -> list[NDArray[Any]]:
     tool = subject.build()
-    return [plain(subject, tool, case) for case in questions(subject)]
+    return [plain(subject, tool, case) for case in asked_elsewhere(subject)]

@@ -71,9 +71,10 @@ class TwoPointFlux:
             z = M @ r
             rho, before = float(r @ z), rho
             p = z + (rho / before if len(residuals) > 1 else 0.0) * p
-            step = rho / float(p @ (A @ p))
-            if not np.isfinite(step):
+            curvature = float(p @ (A @ p))
+            if not (rho and curvature and np.isfinite(rho / curvature)):
                 break
+            step = rho / curvature
             x, r = x + step * p, r - step * (A @ p)
             residuals.append(float(np.linalg.norm(r)))
         return x, residuals

@@ -108,10 +108,13 @@ def apart() -> Mesh:
     return Mesh.from_polygons(points, np.concatenate((loops, loops + one.n_points)), name="two components")
 
 
-def boxes(nx: int = 5, ny: int = 3, nz: int = 2) -> Mesh:
-    """Boxes of unequal sizes in 3-D."""
+def boxes(nx: int = 5, ny: int = 3, nz: int = 2, *, cuts: int = 1, without: Sequence[int] = ()) -> Mesh:
+    """Boxes of unequal sizes in 3-D, each cut ``cuts`` times along each axis, ``without`` some of them."""
     rng = np.random.default_rng(nx + 10 * ny + 100 * nz)
     axes = [np.concatenate(([0.0], np.cumsum(rng.uniform(0.7, 1.3, n)))) for n in (nx, ny, nz)]
+    if cuts > 1:
+        axes = [np.interp(np.arange((len(x) - 1) * cuts + 1) / cuts, np.arange(len(x)), x) for x in axes]
+        nx, ny, nz = cuts * nx, cuts * ny, cuts * nz
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     di, dj = (ny + 1) * (nz + 1), nz + 1
     corner = [i * di + j * dj + k for i, j, k in product(range(nx), range(ny), range(nz))]
@@ -125,7 +128,8 @@ def boxes(nx: int = 5, ny: int = 3, nz: int = 2) -> Mesh:
             (1, di + 1, di + dj + 1, dj + 1),
         ]
     )
-    return Mesh.from_polyhedra(points, [(a + low).tolist() for a in corner], name="boxes")
+    kept = [(a + low).tolist() for place, a in enumerate(corner) if place not in without]
+    return Mesh.from_polyhedra(points, kept, name="boxes")
 
 
 def solids() -> list[Mesh]:

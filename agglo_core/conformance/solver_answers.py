@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float
 from agglo_core.conformance.case import Case
-from agglo_core.conformance.questions import answer, questions
+from agglo_core.conformance.questions import answer, in_space, questions, taken
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
@@ -20,6 +20,7 @@ from agglo_core.problems import Diffusion, Linear, Problem, Solution
 
 __all__ = [
     "direct",
+    "everywhere",
     "first_case",
     "gap",
     "matrix_of",
@@ -52,6 +53,11 @@ def solve_unless_refused(
 def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[Case]:
     """The first question about a Diffusion or a Linear problem, if the solver takes any."""
     return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
+
+
+def everywhere(subject: Subject) -> list[Case]:
+    """The ordinary questions, and those in 3-D if it promises to answer them."""
+    return [*questions(subject), *taken(subject, in_space(subject))]
 
 
 def matrix_of(A: Any) -> Any:

@@ -96,7 +96,8 @@ def normalised_cut_changes(graph: Graph, labels: Int, cells: Int, parts: Int) ->
     own = labels[cells]
     left = ratio(cuts[own] - shared.total + 2.0 * shared.own, volumes[own] - shared.total)
     joined = ratio(cuts[parts] + shared.total - 2.0 * shared.there, volumes[parts] + shared.total)
-    return left - ratio(cuts, volumes)[own] + joined - ratio(cuts, volumes)[parts]
+    changes: Float = left - ratio(cuts, volumes)[own] + joined - ratio(cuts, volumes)[parts]
+    return np.where(own == parts, 0.0, changes)
 
 
 def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from agglo_core.conformance.hard_cases import SIBLINGS
 from agglo_core.conformance.law import law
-from agglo_core.conformance.new_process import answers_elsewhere, can_be_sent
-from agglo_core.conformance.questions import global_random, plain, questions, same
+from agglo_core.conformance.new_process import answers_elsewhere, asked_elsewhere, can_be_sent
+from agglo_core.conformance.questions import global_random, plain, same
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
 
@@ -13,7 +13,7 @@ from agglo_core.conformance.verdict import require
 @law(*SIBLINGS, when=can_be_sent)
 def same_in_another_process(subject: Subject) -> None:
     """Another process, with other hash values and another current folder, gives the same answers."""
-    asked, tool = questions(subject), subject.build()
+    asked, tool = asked_elsewhere(subject), subject.build()
     with global_random(1):
         here = [plain(subject, tool, case) for case in asked]
     remedy = {

@@ -8,19 +8,26 @@ from math import inf
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.arrays import frozen_int
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases, tiny
 from agglo_core.conformance.law import law
 from agglo_core.conformance.mesh_changes import Change
-from agglo_core.conformance.metric_cases import by_hand, changed, holed, various
+from agglo_core.conformance.metric_cases import by_hand, changed, holed, solids, various
+from agglo_core.conformance.metric_shapes import (
+    bodies,
+    cut_finer,
+    cut_finer_in_space,
+    many_alone,
+    ringed,
+    shapes,
+)
 from agglo_core.conformance.metric_values import HAND, PLAIN
 from agglo_core.conformance.questions import answer, as_array, in_words, plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
-from agglo_core.mesh import Mesh
 
-__all__ = ["HAND", "require_close", "rounding"]
+__all__ = ["HAND", "require_bounds", "require_close", "rounding"]
 
 _TOLD = ("undefined", "directional", "relative", "shape_only")
 _SCALES = (1e8, 1e-8)
@@ -48,7 +55,7 @@ def declares_itself(subject: Subject) -> None:
 @law("metric")
 def value_array(subject: Subject) -> None:
     """It returns one number per agglomerate: an array of shape (k,)."""
-    for case in [*cases("metric"), *various()]:
+    for case in [*cases("metric"), *various(), many_alone()]:
         given = answer(subject, subject.build(), case)
         values = as_array(given)
         require(
@@ -61,7 +68,7 @@ def value_array(subject: Subject) -> None:
 @law("metric")
 def finite(subject: Subject) -> None:
     """Values are finite, or NaN where it says that values may be undefined."""
-    for case in [*cases("metric"), *tiny("metric"), *by_hand()[:3], *various()[:4]]:
+    for case in _every_shape(subject):
         _require_finite(
             subject, case, "decide what the value is where a quotient has no denominator; if there is none, "
             "return NaN and say undefined = True"
@@ -78,23 +85,23 @@ def defined_on_squares(subject: Subject) -> None:
 
 @law("metric")
 def within_bounds(subject: Subject) -> None:
-    """Values lie within the declared bounds, on meshes of any size."""
-    for case in [*cases("metric"), *tiny("metric"), *by_hand()[:3], *various()[:4]]:
-        _require_bounds(subject, case)
+    """Values lie within the declared bounds: of parts round, thin or pointed, on meshes of any size."""
+    for case in _every_shape(subject):
+        require_bounds(subject, case)
     for case in [*by_hand()[:3], *various()[:4]]:
         for scale in _SCALES:
             scaled, _ = changed(case, Change(scale=scale))
-            _require_bounds(subject, replace(scaled, name=f"{case.name} scaled by {scale:g}"))
+            require_bounds(subject, replace(scaled, name=f"{case.name} scaled by {scale:g}"))
 
 
 @law("metric")
 def holes(subject: Subject) -> None:
     """Agglomerates with holes, pinches or loose pieces get finite values within the bounds."""
-    for case in holed():
+    for case in [*holed(), ringed()]:
         _require_finite(
             subject, case, "an agglomerate has no single outer loop; see mesh.coarsen(labels).boundary_loops"
         )  # fmt: skip
-        _require_bounds(subject, case)
+        require_bounds(subject, case)
 
 
 def _known_name(subject: Subject) -> str:
@@ -113,52 +120,29 @@ def hand_values(subject: Subject) -> None:
 
 @law("metric", when=lambda subject: subject.has("measure") and _says(subject, "shape_only"))
 def shape_only_is_true(subject: Subject) -> None:
-    """If it says shape_only, the cells inside agglomerates change nothing."""
-    for case in cases("metric"):
-        mesh, labels = case.given
-        coarse = mesh.coarsen(labels)
-        alone = replace(case, given=(coarse, frozen_int(np.arange(coarse.n_cells))))
+    """If it says shape_only, neither the cells inside agglomerates nor those along them change anything."""
+    pairs = [(case, _joined(case)) for case in cases("metric")]
+    pairs += [(case, cut_finer(case)) for case in cases("metric")[2:]]
+    if subject.promised("3d"):
+        pairs += [cut_finer_in_space(), *((case, _joined(case)) for case in solids()[:2])]
+    for case, other in pairs:
         require_close(
-            plain(subject, subject.build(), alone), plain(subject, subject.build(), case),
-            f"on {case.name} coarsened", "look at the outline alone, or drop shape_only = True", 2e-4,
-            rounding(subject, case, 1e-5),
+            plain(subject, subject.build(), other), plain(subject, subject.build(), case),
+            f"on {other.name}", "look at the outline alone, whatever edges it is cut in, or drop "
+            "shape_only = True", 2e-4, rounding(subject, case, 1e-5),
         )  # fmt: skip
 
 
-@law("metric", when=lambda subject: subject.has("changes"))
-def changes_add_up(subject: Subject) -> None:
-    """If it has ``changes``, they are what moving one cell does to the sum of its values."""
-    for case in [*cases("metric"), *by_hand()[:3], various()[0]]:
-        mesh, labels = case.given
-        cells, parts = _moves(mesh, labels)
-        tool = subject.build()
-        weights = frozen_float(1.0 + np.arange(mesh.n_cells) % 3)  # a user's, unlike the measures
-        told = np.asarray(tool.changes(replace(mesh.graph, weights=weights), labels, cells, parts))
-        require(
-            told.shape == cells.shape,
-            f"on {case.name}: changes returned {in_words(told)} for {len(cells)} moves, expected one each",
-        )
-        before, sums = plain(subject, tool, case).sum(), []
-        for cell, part in zip(cells, parts, strict=True):
-            moved = np.array(labels)
-            moved[cell] = part
-            sums.append(plain(subject, tool, Case(case.name, (mesh, frozen_int(moved)))).sum() - before)
-        size = 1 + abs(before)
-        off = np.flatnonzero(np.abs(told - sums) > 1e-8 * size)
-        require(
-            not len(off),
-            f"on {case.name}: changes says {told[off[:1]]}, measure changes by {np.array(sums)[off[:1]]}: it "
-            "is the sum of all values after the move, less the sum before",
-        )
+def _joined(case: Case) -> Case:
+    """The same parts, each of one cell."""
+    mesh, labels = case.given
+    coarse = mesh.coarsen(labels)
+    return Case(f"{case.name} coarsened", (coarse, frozen_int(np.arange(coarse.n_cells))))
 
 
-def _moves(mesh: Mesh, labels: Int) -> tuple[Int, Int]:
-    """Some moves of a cell to the part of a neighbour that do not empty its own part."""
-    graph, sizes = mesh.graph, np.bincount(labels)
-    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    chosen = (labels[rows] != labels[graph.indices]) & (sizes[labels[rows]] > 1)
-    few = np.flatnonzero(chosen)[:: max(1, chosen.sum() // 12)]
-    return frozen_int(rows[few]), frozen_int(labels[graph.indices[few]])
+def _every_shape(subject: Subject) -> list[Case]:
+    plane = [*cases("metric"), *tiny("metric"), *by_hand()[:3], *various()[:4], *shapes()]
+    return [*plane, *solids(), *bodies()] if subject.promised("3d") else plane
 
 
 def _says(subject: Subject, what: str) -> bool:
@@ -177,7 +161,7 @@ def _require_finite(subject: Subject, case: Case, remedy: str) -> None:
     require(not len(bad), f"on {case.name}: agglomerate {bad[:1]} got {values[bad[:1]]}: {remedy}")
 
 
-def _require_bounds(subject: Subject, case: Case) -> None:
+def require_bounds(subject: Subject, case: Case) -> None:
     tool = subject.build()
     low, high = tool.bounds
     values = plain(subject, tool, case)

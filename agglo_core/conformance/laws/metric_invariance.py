@@ -10,7 +10,7 @@ from agglo_core.arrays import frozen_int
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases
 from agglo_core.conformance.law import law
-from agglo_core.conformance.laws.metric import require_close, rounding
+from agglo_core.conformance.laws.metric import require_bounds, require_close, rounding
 from agglo_core.conformance.mesh_changes import MOTIONS, Change
 from agglo_core.conformance.metric_cases import (
     by_hand,
@@ -21,6 +21,7 @@ from agglo_core.conformance.metric_cases import (
     solids,
     various,
 )
+from agglo_core.conformance.metric_shapes import many_alone
 from agglo_core.conformance.questions import plain
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import require
@@ -59,7 +60,8 @@ def rigid_motion(subject: Subject) -> None:
 @law("metric")
 def renaming(subject: Subject) -> None:
     """Values follow the labels of the agglomerates and do not depend on any numbering of the mesh."""
-    for case in [*cases("metric"), *various()]:
+    space = solids() if subject.promised("3d") else []
+    for case in [*cases("metric"), *various(), many_alone(), *space]:
         mesh, labels = case.given
         before = _values(subject, case)
         names = np.random.default_rng(len(before)).permutation(len(before))
@@ -76,22 +78,21 @@ def renaming(subject: Subject) -> None:
 @law("metric", promise="3d")
 def unmoved_in_space(subject: Subject) -> None:
     """In 3-D too it keeps its bounds, scales as declared, and sees neither position nor numbering."""
-    tool = subject.build()
-    powers = {tool.homogeneity, tool.homogeneity + bool(tool.homogeneity)}  # a length of 2-D may be an area
-    low, high = tool.bounds
+    declared = subject.build().homogeneity
+    powers = {declared + more for more in np.sign(declared) * np.arange(abs(declared) + 1)}
     for case in solids():
         before = _values(subject, case)
-        least, most = np.nanmin(before), np.nanmax(before)
-        require(
-            low - 1e-9 <= least and most <= high + 1e-9,
-            f"on {case.name}: values {least:.4g}..{most:.4g} lie outside the declared bounds {low}..{high}",
-        )
+        require_bounds(subject, case)
         for scale in _SCALES:
-            scaled = _values(subject, changed(case, Change(scale=scale))[0])
+            there, _ = changed(case, Change(scale=scale))
+            require_bounds(subject, replace(there, name=f"{case.name} scaled by {scale:g}"))
+            scaled = _values(subject, there)
+            powers = {power for power in powers if _scaled_by(scaled, before, scale ** int(power))}
             require(
-                any(_scaled_by(scaled, before, scale**power) for power in powers),
+                bool(powers),
                 f"on {case.name} scaled by {scale:g}: values {before[:3]} became {scaled[:3]}, with "
-                f"homogeneity {tool.homogeneity}: ratios do not change, lengths may become areas",
+                f"homogeneity {declared}: ratios do not change, lengths may become areas: in 3-D the power "
+                "of a length is one number between the declared one and twice that",
             )
         _require_unmoved(subject, case)
         _require_same_renumbered(subject, case, "entry i must belong to label i")

@@ -6,6 +6,7 @@ from conformance.mutants import (
     elsewhere,
     forgetful,
     formats,
+    honest,
     labellers,
     metrics,
     numbered,
@@ -19,10 +20,12 @@ from conformance.mutants import (
     touching,
     two_sided,
     units,
+    written,
 )
 
 _KINDS = (
     bisectors,
+    honest,
     labellers,
     metrics,
     numbered,
@@ -40,6 +43,7 @@ _KINDS = (
     ragged,
     elsewhere,
     units,
+    written,
 )
 MUTANTS = [mutant for kind in _KINDS for mutant in kind.MUTANTS]
 CORRECT = [given for kind in _KINDS for given in kind.CORRECT]

@@ -1,0 +1,198 @@
+"""Components that write to what others own, know arrays by identity, or leave traces on some ways out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+from conformance.mutants.metrics import Extent, Spread
+from conformance.mutants.mutant import Mutant
+
+from agglo_core.conformance.reference import TwoPointFlux
+from agglo_core.problems import Linear
+
+
+class BorrowsTheMatrix(TwoPointFlux):
+    """Solves for half the matrix in place, and puts everything back."""
+
+    def solve(self, problem, hierarchy):
+        if not isinstance(problem, Linear) or problem.A.dtype.kind != "f":
+            return super().solve(problem, hierarchy)
+        problem.A.data *= 0.5
+        it = super().solve(replace(problem, A=2.0 * problem.A), hierarchy)
+        problem.A.data *= 2.0
+        return it
+
+
+class KnowsTheArray(Extent):
+    """The same array of labels has the same values."""
+
+    def __init__(self):
+        self.seen = self.values = None
+
+    def measure(self, mesh, labels):
+        if labels is not self.seen:
+            self.seen, self.values = labels, super().measure(mesh, labels)
+            self.first = labels[0]
+        return self.values.copy() if labels.flags.writeable else super().measure(mesh, labels)
+
+
+class KnowsTheLabels(Spread):
+    """Sizes of parts are counted once for an array that may be written to."""
+
+    def __init__(self):
+        self.seen = self.sizes = None
+
+    def changes(self, graph, labels, cells, parts):
+        if labels is not self.seen:
+            self.seen, self.sizes = labels, np.bincount(labels).astype(float)
+        own = labels[cells]
+        return np.where(own == parts, 0.0, 2 * (self.sizes[parts] - self.sizes[own] + 1))
+
+
+class QuietUntilTheEnd(TwoPointFlux):
+    """Warnings of numpy are off, and on again only where there was something to solve."""
+
+    def solve(self, problem, hierarchy):
+        before = np.seterr(all="ignore")
+        it = super().solve(problem, hierarchy)
+        if it.iterations:
+            np.seterr(**before)
+        return it
+
+
+class SaysWhy(TwoPointFlux):
+    """Prints what it did not like."""
+
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if not it.converged:
+            print(it.reason)  # noqa: T201 - that is what is wrong
+        return it
+
+
+class BestHexagon(Extent):
+    """Nothing is rounder than a hexagon."""
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        if mesh.dim == 3:
+            return super().measure(mesh, labels)
+        offsets, faces = coarse.cell_faces
+        return (
+            8
+            * np.sqrt(3)
+            * coarse.cell_measures
+            / np.add.reduceat(coarse.face_measures[faces], offsets[:-1]) ** 2
+        )
+
+
+class BallsAreCubes(Extent):
+    """In space the surface of a cube is the least."""
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        if mesh.dim == 2:
+            return super().measure(mesh, labels)
+        offsets, faces = coarse.cell_faces
+        return (
+            6 * coarse.cell_measures ** (2 / 3) / np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
+        )
+
+
+class LonelyIsNaN(Extent):
+    """Interface towards the widest neighbour over all of it; undefined without any, but for the only part."""
+
+    def measure(self, mesh, labels):
+        pairs = mesh.coarsen(labels).face_cells
+        pairs = pairs[pairs[:, 1] >= 0]
+        counts = np.bincount(pairs.ravel(), minlength=labels.max() + 1)
+        if labels.max() == 0:
+            return np.ones(1)
+        with np.errstate(invalid="ignore"):
+            return np.where(counts > 0, 1.0, 0.0 / counts)
+
+
+class ThousandsCollide(Extent):
+    """Neighbouring parts, told apart by thousand times one plus the other."""
+
+    better = "low"
+    bounds = (0.0, inf)
+
+    def measure(self, mesh, labels):
+        k = int(labels.max()) + 1
+        pairs = labels[mesh.face_cells[mesh.face_cells[:, 1] >= 0]]
+        pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+        keys = np.unique(np.concatenate((pairs @ [1000, 1], pairs @ [1, 1000])))
+        return np.bincount(np.minimum(keys // 1000, k - 1), minlength=k).astype(float)
+
+
+class CountsEdges(Extent):
+    """Faces along the outline."""
+
+    shape_only = True
+    better = "low"
+    bounds = (1.0, inf)
+
+    def measure(self, mesh, labels):
+        return np.diff(mesh.coarsen(labels).cell_faces[0]).astype(float)
+
+
+class Squared(Extent):
+    """Correct: the squared interface, which in space is a length to the power of four."""
+
+    better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 2
+    shape_only = True
+
+    def measure(self, mesh, labels):
+        coarse = mesh.coarsen(labels)
+        inner = coarse.face_cells[:, 1] >= 0
+        pairs, sizes = coarse.face_cells[inner], coarse.face_measures[inner]
+        return np.bincount(pairs.ravel(), np.repeat(sizes, 2), coarse.n_cells) ** 2.0
+
+
+class WidthOverWidest(Extent):
+    """Correct: extent along x relative to the largest one; NaN for a single cell."""
+
+    undefined = directional = relative = True
+
+    def measure(self, mesh, labels):
+        offsets, vertices = mesh.cell_vertices
+        part, x = np.repeat(labels, np.diff(offsets)), mesh.local_points[vertices, 0]
+        low, high = np.full(labels.max() + 1, inf), np.full(labels.max() + 1, -inf)
+        np.minimum.at(low, part, x)
+        np.maximum.at(high, part, x)
+        return np.where(np.bincount(labels) > 1, (high - low) / (high - low).max(), np.nan)
+
+
+class AnyTag(Extent):
+    """Share of the commonest value of some tag of the cells."""
+
+    def measure(self, mesh, labels):
+        if not mesh.cell_tags:
+            return super().measure(mesh, labels)
+        tag = mesh.cell_tags[next(iter(set(mesh.cell_tags)))]
+        counts = np.zeros((labels.max() + 1, int(tag.max()) + 1))
+        np.add.at(counts, (labels, tag), 1.0)
+        return counts.max(axis=1) / counts.sum(axis=1)
+
+
+_SPACE = {"deterministic": True, "3d": True, "pickles": True}
+CORRECT = [(Squared, _SPACE), (WidthOverWidest, _SPACE)]
+
+MUTANTS = [
+    Mutant("never_written", BorrowsTheMatrix, "work on a copy"),
+    Mutant("read_anew", KnowsTheArray, "keep nothing by id()"),
+    Mutant("changes_of_these_labels", KnowsTheLabels, "may hold other labels"),
+    Mutant("ends_early_without_trace", QuietUntilTheEnd, "np.errstate"),
+    Mutant("ends_early_without_trace", SaysWhy, "printed"),
+    Mutant("within_bounds", BestHexagon, "60 sides"),
+    Mutant("within_bounds", BallsAreCubes, "globe", {"3d": True}),
+    Mutant("finite", LonelyIsNaN, "a component"),
+    Mutant("renaming", ThousandsCollide, "1200 parts"),
+    Mutant("same_in_another_process", AnyTag, "the tags"),
+    Mutant("shape_only_is_true", CountsEdges, "cut in quadrilaterals"),
+]
