@@ -81,9 +81,9 @@ def solve(
         asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot), allow_code=trusted)
         from agglo_core.problems.solving import solved_by
 
-        # plain CG needs no levels, but what is asked of them is checked
+        # some solvers need no levels, but what is asked of them is checked
         plain = bool(getattr(tool, "plain_cg", False))
-        levelless = plain and not agglomeration
+        levelless = (plain or not getattr(tool, "needs_levels", True)) and not agglomeration
         hierarchy = _levelless(mesh) if levelless else _levels(mesh, agglomeration, progress)
         solution = solved_by(Member(tool, title), asked, hierarchy, progress)
         sampled = _sampler(mesh, solution, how, title)
