@@ -208,8 +208,8 @@ def test_a_singular_matrix_is_flagged() -> None:
         it = Direct(backend="superlu").solve(Linear(A, b, np.arange(17)), agglomerate(mesh, n_parts=4))
         assert not it.converged
         assert "singular" in it.reason
+    empty = Linear(sparse.csr_array((16, 16)), np.ones(16), np.arange(17))
     with pytest.raises(OptionError, match="no inverse to precondition with"):
-        empty = Linear(sparse.csr_array((16, 16)), np.ones(16), np.arange(17))
         Direct(backend="superlu").aspreconditioner(empty, agglomerate(mesh, n_parts=4))
 
 
