@@ -114,7 +114,8 @@ def compare(
         solved = [] if posed is None else solve_runs(posed, tool, str(solver), runs, progress)
     if as_json:
         done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
-        print_json(data(mesh, source, _with_solutions(done, solved)) | ({"solver": solver} if solver else {}))
+        asked_for = {"solver": solver, "problem": asked} if solver else {}
+        print_json(data(mesh, source, _with_solutions(done, solved)) | asked_for)
     elif not quiet:
         title = f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
         show(title, runs)
