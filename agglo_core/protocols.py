@@ -291,9 +291,9 @@ class Solver(Protocol):
     ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
-    One that is plain conjugate gradients, and so needs no levels, says ``plain_cg = True``; one whose coarse
-    operators are not Pᵀ A P, but discretised anew, ``galerkin = False``. With ``tells_progress = True`` it
-    takes the keyword ``progress``, None or what :func:`agglo_core.progress.phase` tells of its phases.
+    One that needs no levels says ``needs_levels = False``, or if it is plain conjugate gradients ``plain_cg =
+    True``; one whose coarse operators are not Pᵀ A P, but discretised anew, ``galerkin = False``. With
+    ``tells_progress = True`` it takes ``progress``, None or what :func:`agglo_core.progress.phase` tells.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

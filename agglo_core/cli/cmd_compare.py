@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import (
+    COMPONENT,
     FILE,
     METHODS,
     agglomeration_options,
@@ -23,6 +24,8 @@ from agglo_core.cli.arguments import (
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import Outputs, check_report, draw_runs, foretell_missing_pictures
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
+from agglo_core.cli.solved_runs import Solved, show_solved, solve_runs
+from agglo_core.cli.solver_choice import DEFAULT_SOLVER, built_solver, posed_by
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.progress import phase
 from agglo_core.registry import default
@@ -53,6 +56,15 @@ class _Plan:
 @click.option("--bisectors", "more_bisectors", multiple=True, callback=read_bisectors, hidden=True)
 @click.option("--methods", "more_methods", callback=read_methods, hidden=True)
 @metrics_option
+@click.option(
+    "--solve",
+    "solver",
+    is_flag=False,
+    flag_value=DEFAULT_SOLVER,
+    metavar=f"[{COMPONENT}]",
+    help=f"Solve with each hierarchy too, and count (default {DEFAULT_SOLVER}).",
+)
+@click.option("--problem", metavar="NAME[:opt=val,…]|FILE.toml", help="To be solved (default constant).")
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
@@ -64,6 +76,8 @@ def compare(
     more_bisectors: Sequence[str],
     more_methods: Sequence[str],
     metrics: list[Any] | None,
+    solver: str | None,
+    problem: str | None,
     report: Path | None,
     as_json: bool,
     quiet: bool,
@@ -71,7 +85,8 @@ def compare(
     """Compare bisectors, in the order given (default: all), on a mesh file or a sample.
 
     One that fails is a line of its own and makes the exit code 3; one that does not implement a method
-    is shown as such. Targets are those of agglo run.
+    is shown as such. Targets are those of agglo run. With --solve a second table has iterations and CPU
+    seconds of a solver with each hierarchy; one that does not converge makes the exit code 3 too.
     """
     if quiet:
         quieten()
@@ -79,6 +94,9 @@ def compare(
     refuse_duplicates("--bisector", specs)
     refuse_duplicates("--method", words)
     plans = _plans(specs or all_bisectors(), words or [_configured_method(agglomeration)])
+    if problem is not None and solver is None:
+        raise click.UsageError("--problem is for --solve, which is not given")
+    tool = None if solver is None else built_solver(solver, {}, "--solve")
     if report is not None:
         check_report(report)
     with watched(quiet) as progress:
@@ -86,21 +104,34 @@ def compare(
             mesh = load_mesh(source)
         foretell_missing_pictures(mesh, source, {"--report": report})
         refuse_metrics(mesh, metrics)
+        trusted = bool(agglomeration.get("allow_code"))
+        asked = problem or "constant"
+        posed = None if solver is None else posed_by(asked, mesh, tool, solver, allow_code=trusted)
         if not quiet:
             explain_compilation()
         runs = [_carry_out(mesh, plan, agglomeration, metrics, progress) for plan in plans]
-    refuse_all_failed(runs)
+        refuse_all_failed(runs)
+        solved = [] if posed is None else solve_runs(posed, tool, str(solver), runs, progress)
     if as_json:
         done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
-        print_json(data(mesh, source, done))
+        asked_for = {"solver": solver, "problem": asked} if solver else {}
+        print_json(data(mesh, source, _with_solutions(done, solved)) | asked_for)
     elif not quiet:
         title = f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
         show(title, runs)
+        if solver is not None:
+            show_solved(solver, asked, runs, solved)
     outputs = Outputs()
     with watched(quiet) as progress:
         draw_runs(outputs, mesh, runs, None, report, metrics, progress)
     failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
-    return outputs.finish(listed=not (as_json or quiet)) or (3 if failed else 0)
+    unsolved = any(not each.converged and not plan.lacks for plan, each in zip(plans, solved, strict=False))
+    return outputs.finish(listed=not (as_json or quiet)) or (3 if failed or unsolved else 0)
+
+
+def _with_solutions(runs: list[dict[str, Any]], solved: Sequence[Solved]) -> list[dict[str, Any]]:
+    """Data of the runs, each with that of its solution, if they were solved."""
+    return [run | {"solve": each.data()} for run, each in zip(runs, solved, strict=True)] if solved else runs
 
 
 def _configured_method(given: Mapping[str, Any]) -> str:

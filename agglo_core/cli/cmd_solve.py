@@ -9,32 +9,31 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, as_typed, load_mesh
+from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, check_picture, foretell_missing_pictures
 from agglo_core.cli.runs import watched
+from agglo_core.cli.solver_choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
-from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, phase
-from agglo_core.registry import default, describe
 from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
-    from agglo_core.problems import Discretisation, Problem, Samples, Solution
+    from agglo_core.problems import Discretisation, Samples, Solution
 
 __all__ = ["solve"]
 
-_DEFAULT_SOLVER = "polydg_mg_paper"
 _NOT_CONVERGED = 3
 
 
 @click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")
 @click.argument("source", metavar="MESH|SAMPLE")
-@click.option("--solver", default=_DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
+@click.option("--solver", default=DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
 @agglomeration_options(bisector="one")
 @click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
@@ -46,6 +45,12 @@ _NOT_CONVERGED = 3
 )
 @click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu).")
 @click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
+@click.option(
+    "--write-system",
+    "system_file",
+    type=FILE,
+    help="A, b, near-null vectors and levels, for other solvers (.npz or .mtx).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of text.")
 def solve(
     source: str,
@@ -59,6 +64,7 @@ def solve(
     cg: bool,
     output: Path | None,
     plot: Path | None,
+    system_file: Path | None,
     as_json: bool,
 ) -> int:
     """Solve a problem on a mesh file or a sample: squares:n=64, voronoi:n=5000, paper:triangles, …
@@ -68,32 +74,36 @@ def solve(
     3: not converged, or no picture.
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
-    tool = _solver(solver, _given(options))
-    _check_files(output, plot, tool, solver)
+    tool = built_solver(solver, _given(options))
+    _check_files(output, plot, system_file, tool, solver)
     explain_compilation()
     outputs = Outputs()
     with watched() as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
         foretell_missing_pictures(mesh, source, {"--plot": plot})
-        title = describe(default().record("solver", as_typed(solver)[0]))
+        title = solver_title(solver)
         trusted = bool(agglomeration.get("allow_code"))
-        asked, how = _posed(problem, mesh, tool, solver, wanted=bool(output or plot), allow_code=trusted)
+        posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)
+        if output or plot:
+            posed.refuse_without_meaning("-o and --plot are")
         from agglo_core.problems.solving import solved_by
 
-        # plain CG needs no levels, but what is asked of them is checked
+        # some solvers need no levels, but what is asked of them is checked
         plain = bool(getattr(tool, "plain_cg", False))
-        levelless = plain and not agglomeration
+        levelless = (plain or not getattr(tool, "needs_levels", True)) and not agglomeration
         hierarchy = _levelless(mesh) if levelless else _levels(mesh, agglomeration, progress)
-        solution = solved_by(Member(tool, title), asked, hierarchy, progress)
-        sampled = _sampler(mesh, solution, how, title)
+        if system_file is not None:
+            _hand_over(outputs, system_file, posed, hierarchy, progress)
+        solution = solved_by(Member(tool, title), posed.problem, hierarchy, progress)
+        sampled = _sampler(mesh, solution, posed.how, title)
         if output is not None:
             _write(outputs, output, mesh, sampled, progress)
         counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
         from agglo_core.problems.solution_report import report, text
 
         with attributed(title, spare=(AggloError,)):  # asks the discretisation
-            data = report(mesh, asked, solution, how, counted, progress)
+            data = report(mesh, posed.problem, solution, posed.how, counted, progress)
     if as_json:
         if cg and plain and solution.converged:
             data["cg_iterations"] = solution.iterations
@@ -110,20 +120,9 @@ def _given(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _solver(spec: str, given: Mapping[str, Any]) -> Any:
-    name, options = as_typed(spec)
-    twice = sorted(set(options) & set(given))
-    if twice:
-        raise OptionError(f"{twice[0]} is given twice: in --solver {spec} and by an option of its own")
-    try:
-        return default().build("solver", name, **options, **given)
-    except PluginError as error:
-        if name != _DEFAULT_SOLVER:
-            raise
-        raise PluginError(f"{error}; choose another one by --solver") from error
-
-
-def _check_files(output: Path | None, plot: Path | None, tool: object, solver: str) -> None:
+def _check_files(
+    output: Path | None, plot: Path | None, system_file: Path | None, tool: object, solver: str
+) -> None:
     """Check before anything is computed that the files can be written."""
     if (output or plot) and getattr(tool, "discretisation", None) is None:
         raise OptionError(f"{solver} does not say what its unknowns mean: -o and --plot are not available")
@@ -135,30 +134,10 @@ def _check_files(output: Path | None, plot: Path | None, tool: object, solver: s
         check_writable(output)
     if plot is not None:
         check_picture(plot)
+    if system_file is not None:
+        from agglo_core.io.system_levels import check_system_file
 
-
-def _posed(
-    text: str, mesh: Mesh, tool: object, solver: str, *, wanted: bool, allow_code: bool
-) -> tuple[Problem, Discretisation | None]:
-    """The problem asked for, and its discretisation, which must exist if it is ``wanted``."""
-    from agglo_core.problems import discretisation_of, named_problem, require_accepted
-
-    if not text:
-        raise OptionError("--problem is empty; expected the name of a problem or of a TOML file")
-    is_file = Path(text).suffix.lower() == ".toml" or Path(text).exists()
-    name, options = (text, {}) if is_file else as_typed(text)
-    problem = named_problem(name, mesh, options, allow_code=allow_code)
-    require_accepted(tool, problem, solver)
-    how = discretisation_of(tool, problem)
-    if how is not None:
-        with attributed(f"the discretisation of {solver}", spare=(AggloError,)):
-            how.check(problem, mesh)
-    elif wanted:
-        raise OptionError(
-            f"{solver} does not say what the unknowns of a problem of kind {problem.kind} mean: "
-            "-o and --plot are not available"
-        )
-    return problem, how
+        check_system_file(system_file)
 
 
 def _levelless(mesh: Mesh) -> Hierarchy:
@@ -192,6 +171,17 @@ def _write(
 
     with phase(progress, "writing", output.name):
         outputs.result(output, lambda: write_solution(output, mesh, sampled()))
+
+
+def _hand_over(
+    outputs: Outputs, path: Path, posed: Posed, hierarchy: Hierarchy, progress: Listener | None
+) -> None:
+    """Write the system before it is solved: whatever becomes of that, others have it."""
+    from agglo_core.io.system_levels import write_system_and_levels
+
+    with phase(progress, "writing", path.name):
+        system = posed.system()
+        outputs.result(path, lambda: write_system_and_levels(path, system, hierarchy.levels))
 
 
 def _draw(outputs: Outputs, plot: Path, sampled: Callable[[], Samples], progress: Listener | None) -> None:

@@ -27,6 +27,7 @@ __all__ = [
     "refuse_all_failed",
     "refuse_metrics",
     "run_data",
+    "short",
     "show",
     "single_level",
     "undefined",
@@ -201,7 +202,7 @@ def _cells(level: Level) -> list[str]:
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
     keys = ("parts", *level.metrics, "connected", *_last(level))
-    return [wanted(level.target), *(_short(line[key]) + undefined(level, key) for key in keys)]
+    return [wanted(level.target), *(short(line[key]) + undefined(level, key) for key in keys)]
 
 
 def undefined(level: Level, name: str) -> str:
@@ -210,7 +211,7 @@ def undefined(level: Level, name: str) -> str:
     return f" ({count} undefined)" if count else ""
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
     """A number as columns of ratios show it: three decimals, or four digits where it is large."""
     if isinstance(value, float) and abs(value) < 1000.0:
         return f"{value:.3f}"

@@ -6,10 +6,11 @@ As a TOML table:
 
     kind = "linear"
     matrix = "A.mtx"                          # MatrixMarket, or .npz of scipy.sparse.save_npz
-    rhs = "b.npy"                             # or .mtx, .txt; n numbers
+    rhs = "b.npy"                             # or .mtx, .txt, .npz with an array b; n numbers
     unknowns = 3                              # of each cell, one cell after the other; by default n / cells
 
-File names start from the folder of the table.
+File names start from the folder of the table. The ``.npz`` of ``agglo solve --write-system`` is matrix and
+rhs, and its ``block_offsets`` are the unknowns of cells unless ``unknowns`` are given.
 """
 
 from __future__ import annotations
@@ -79,8 +80,11 @@ class Linear:
             raise OptionError(f"matrix: {matrix} must be square, given {A.shape[0]} x {A.shape[1]}")
         if b.size != n:
             raise OptionError(f"rhs: {rhs} has {b.size} numbers; the matrix has {n} rows")
-        width = _width(table.get("unknowns"), n, mesh)
-        return cls(A.astype(float), frozen_float(b.ravel()), frozen_int(np.arange(mesh.n_cells + 1) * width))
+        offsets = None if "unknowns" in table else _stored_offsets(matrix, n, mesh)
+        if offsets is None:
+            width = _width(table.get("unknowns"), n, mesh)
+            offsets = frozen_int(np.arange(mesh.n_cells + 1) * width)
+        return cls(A.astype(float), frozen_float(b.ravel()), offsets)
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
@@ -129,8 +133,18 @@ def _dense(path: Path) -> Any:
     return found.toarray() if sparse.issparse(found) else found
 
 
+def _right_hand_side(path: Path) -> Any:
+    with np.load(path, allow_pickle=False) as arrays:
+        return arrays["b"]
+
+
 _MATRICES: Mapping[str, Callable[[Path], Any]] = {".mtx": _matrix_market, ".npz": sparse.load_npz}
-_VECTORS: Mapping[str, Callable[[Path], Any]] = {".npy": _numbers, ".mtx": _dense, ".txt": np.loadtxt}
+_VECTORS: Mapping[str, Callable[[Path], Any]] = {
+    ".npy": _numbers,
+    ".mtx": _dense,
+    ".txt": np.loadtxt,
+    ".npz": _right_hand_side,
+}
 
 
 def _require_real(path: Path, values: Any) -> None:
@@ -138,6 +152,22 @@ def _require_real(path: Path, values: Any) -> None:
         raise FileError(f"{path} holds {values.dtype}; expected real numbers")
     if not np.isfinite(values).all():
         raise FileError(f"{path} holds values that are not finite")
+
+
+def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
+    """``block_offsets`` of the file of a matrix, None if it has none."""
+    if matrix.suffix.lower() != ".npz":
+        return None
+    with np.load(matrix, allow_pickle=False) as arrays:
+        if "block_offsets" not in arrays:
+            return None
+        offsets = np.asarray(arrays["block_offsets"])
+    whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and len(offsets) == mesh.n_cells + 1
+    if not whole or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets.astype(np.int64)) < 0).any():
+        raise OptionError(
+            f"matrix: block_offsets of {matrix} do not divide its {n} rows among {mesh.n_cells} cells"
+        )
+    return frozen_int(offsets)
 
 
 def _width(unknowns: Any, n: int, mesh: Mesh) -> int:

@@ -25,8 +25,15 @@ def agglo_components() -> list[Component]:
             kind="solver",
             name="polydg_cg",
             target="agglo_polydg_mg.plain_cg:PlainCG",
-            promises={"deterministic": True, "pickles": True},
+            promises={"deterministic": True, "pickles": True, "symmetric": True},
             summary="PolyDG with plain conjugate gradients, for comparison.",
+        ),
+        Component(
+            kind="solver",
+            name="direct",
+            target="agglo_polydg_mg.direct:Direct",
+            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            summary="PolyDG by a sparse direct solver: PARDISO, CHOLMOD or SuperLU.",
         ),
         Component(
             kind="smoother",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, NoReturn
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from agglo_core.authoring import (
     Linear,
     Listener,
     MultigridLevel,
+    OptionError,
     Problem,
     Registry,
     Smoother,
@@ -146,11 +147,25 @@ class PaperMultigrid:
         seconds = dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True))
         return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), seconds)
 
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:
+        """Refuse: with conjugate gradients for a smoother the cycle is not linear.
+
+        Raises
+        ------
+        OptionError
+            Always; says what to take instead.
+        """
+        raise OptionError(
+            "the paper's cycle cannot precondition Krylov methods: its smoother, some steps of conjugate "
+            "gradients, makes it a nonlinear map; take another solver, or the levels (A, P) in the operators "
+            "of its solution with a linear smoother"
+        )
+
     def _way_out(self, problem: Problem) -> str:
         """What to try where the cycles fail."""
-        rest = "the solver polydg_cg, or a direct solver on A and b of the solution"
+        rest = "the solver direct or polydg_cg"
         given = self.inherited or isinstance(problem, Linear)
-        return f"try {rest}" if given else f"try operators=inherited, {rest}"
+        return f"try {rest}" if given else f"try operators=inherited, or {rest}"
 
     def _cycle(self, operators: LevelOperators, labels: Sequence[Int], tell: Tell) -> Step:
         """One V-cycle, ``(b, x)`` to a better x."""

@@ -6,6 +6,7 @@ import time
 from typing import ClassVar
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
     Hierarchy,
@@ -82,3 +83,14 @@ class PlainCG:
         times.append(time.perf_counter())
         assemble, solve = np.diff(times).tolist()
         return fine.solution(history, [(fine.A, None)], {"assemble": assemble, "setup": 0.0, "solve": solve})
+
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
+        """The identity ``(n, n)``: plain conjugate gradients have no preconditioner.
+
+        Raises
+        ------
+        OptionError, MeshError
+            As :meth:`solve`.
+        """
+        fine = fine_system(problem, hierarchy, self.discretisation)
+        return LinearOperator(fine.A.shape, matvec=np.copy, rmatvec=np.copy, dtype=np.float64)

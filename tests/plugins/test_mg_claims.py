@@ -152,9 +152,7 @@ def test_cycles_that_diverge_name_the_way_out() -> None:
     lost = PaperMultigrid().solve(Diffusion(), hierarchy)
     assert not lost.converged
     assert lost.reason.startswith("diverged: residual")
-    assert lost.reason.endswith(
-        "; try operators=inherited, the solver polydg_cg, or a direct solver on A and b of the solution"
-    )
+    assert lost.reason.endswith("; try operators=inherited, or the solver direct or polydg_cg")
     direct = spsolve(sparse.csc_array(lost.A), lost.b)
     for solver in (PaperMultigrid(operators="inherited"), PlainCG()):
         found = solver.solve(Diffusion(), hierarchy)

@@ -1,0 +1,285 @@
+"""Solvers beside direct solvers and algebraic multigrid: iterations, CPU seconds, memory; losses included.
+
+    python tests/benchmarks/solve.py [--solver NAME[:opt=val,…]] [--cells N ...] [--degrees P ...]
+                                     [--meshes NAME ...] [--solvers NAME ...] [--tolerance T] [--repeats N]
+
+PolyDG for −∇·(κ∇u) = 8 on the unit square, one thread, CPU seconds of this process, best of the repeats after
+a warm-up at the same degree. Everybody gets the same mesh and, but for solvers of agglo, the same assembled
+matrix. ``set-up`` is factorisation, hierarchy and levels; the hierarchy of a solver of agglo is made by
+``agglomerate`` with mean sizes of 8, 64, 512, … cells, and assembly is taken off its time. ``1e-6`` and
+``1e-10`` are iterations to these tolerances by the solver's own test; seconds are for ``--tolerance``.
+``ratio`` is set-up and solve over those of the best direct solver in the same row of meshes. ``MB`` is the
+growth of the peak memory, each solver in a process of its own; ``error`` the true ‖b − A x‖ / ‖b‖. PARDISO
+and PyAMG are left out where they are not installed.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
+    os.environ[f"{_variable}_NUM_THREADS"] = "1"  # before numpy is imported
+
+# ruff: noqa: E402
+import argparse
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import cg
+
+from agglo_core import AggloError, Hierarchy, Mesh, agglomerate, samples
+from agglo_core.authoring import parse_spec
+from agglo_core.problems import Diffusion
+from agglo_core.registry import default
+from agglo_polydg_mg.direct_backends import BACKENDS
+from agglo_polydg_mg.polydg import PolyDG
+
+Row = dict[str, Any]
+PAPER = "polydg_mg_paper"
+MOST = 3000  # iterations of PyAMG
+
+
+def side(cells: int) -> int:
+    """Cells along a side of a square grid."""
+    return max(2, round(np.sqrt(cells)))
+
+
+def graded(cells: int) -> Mesh:
+    """Squares drawn together towards one side, the last of them a thousand times as long as wide."""
+    n = side(cells)
+    even = samples.squares(n)
+    x, y = even.points.T
+    layers = np.expm1(np.log(1e3) * x) / np.expm1(np.log(1e3))
+    return Mesh.from_polygons(np.column_stack((layers, y)), even.boundary_loops.vertices.reshape(-1, 4))
+
+
+def half(n: int) -> int:
+    """Points of about twice as many triangles."""
+    return max(8, n // 2)
+
+
+MESHES: Mapping[str, Callable[[int], Mesh]] = {
+    "squares": lambda n: samples.squares(side(n)),
+    "triangles": lambda n: samples.triangles(side(n // 2)),
+    "voronoi": lambda n: samples.voronoi(n, seed=0),
+    "random": lambda n: samples.random_triangles(half(n), seed=0),
+    "graded": graded,
+    "jumps": lambda n: samples.voronoi(n, seed=0),
+    "checks": lambda n: samples.squares(side(n)),
+}
+"""Meshes by name; on ``jumps`` κ is log-uniform in 1e±3 cell by cell, on ``checks`` 1 or 1e6."""
+
+
+def problem_on(name: str, mesh: Mesh) -> Diffusion:
+    """The problem that goes with a mesh."""
+    rng = np.random.default_rng(0)
+    kappa: Any = 1.0
+    if name == "jumps":
+        kappa = 10.0 ** rng.uniform(-3, 3, mesh.n_cells)
+    if name == "checks":
+        kappa = np.where((mesh.cell_centroids * 8).astype(int).sum(axis=1) % 2, 1e6, 1.0)
+    return Diffusion(kappa=kappa, source=8.0)
+
+
+def clocked(call: Callable[[], Any]) -> tuple[float, Any]:
+    """CPU seconds of a call, and its result."""
+    start = time.process_time()
+    result = call()
+    return time.process_time() - start, result
+
+
+def memory() -> float:
+    """Peak memory of this process in MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def size_of(A: Any, b: Any, x: Any) -> float:
+    """True relative residual."""
+    return float(np.linalg.norm(b - A @ x) / np.linalg.norm(b))
+
+
+def direct(name: str, A: Any, b: Any) -> Row:
+    """Factorise and solve."""
+    setup, solves = clocked(lambda: BACKENDS[name](A))
+    solve, x = clocked(lambda: solves(b))
+    return {"loose": 1, "tight": 1, "setup": setup, "solve": solve, "error": size_of(A, b, x)}
+
+
+def amg(A: Any, b: Any, block: int, near: Any, tolerance: float) -> Row:
+    """Smoothed aggregation of PyAMG, as blocks with the constants, preconditioning conjugate gradients."""
+    import pyamg
+
+    matrix = sparse.csr_matrix(A).tobsr((block, block))
+    matrix.indices, matrix.indptr = (each.astype(np.int32) for each in (matrix.indices, matrix.indptr))
+    setup, levels = clocked(lambda: pyamg.smoothed_aggregation_solver(matrix, B=near))
+    counts, seconds, x = {}, {}, b
+    for wanted in (1e-6, 1e-10):
+        steps: list[int] = []
+        M = levels.aspreconditioner()
+
+        def run(wanted: float = wanted, M: Any = M, steps: list[int] = steps) -> Any:
+            return cg(matrix, b, rtol=wanted, maxiter=MOST, M=M, callback=lambda _: steps.append(1))[0]
+
+        seconds[wanted], found = clocked(run)
+        counts[wanted] = len(steps) if len(steps) < MOST else None
+        x = found if wanted == tolerance else x
+    return {
+        "loose": counts[1e-6],
+        "tight": counts[1e-10],
+        "setup": setup,
+        "solve": seconds[tolerance],
+        "error": size_of(A, b, x),
+    }
+
+
+def own(spec: str, problem: Diffusion, hierarchy: Hierarchy, degree: int, tolerance: float) -> Row:
+    """A solver component."""
+    name, options = parse_spec(spec)
+    found: dict[float, Any] = {}
+    seconds: dict[float, float] = {}
+    for wanted in (1e-6, 1e-10):
+        tool = default().build("solver", name, **{"degree": degree, "tolerance": wanted, **options})
+        seconds[wanted], found[wanted] = clocked(lambda tool=tool: tool.solve(problem, hierarchy))
+    counts = {wanted: it.iterations if it.converged else None for wanted, it in found.items()}
+    it = found[tolerance]
+    phases = it.seconds
+    share = seconds[tolerance] / (sum(phases.values()) or 1.0)  # phases are wall time, the whole is CPU time
+    return {
+        "loose": counts[1e-6],
+        "tight": counts[1e-10],
+        "assemble": share * phases.get("assemble", 0.0),
+        "setup": share * phases.get("setup", 0.0),
+        "solve": share * phases.get("solve", 0.0),
+        "error": size_of(it.A, it.b, it.x),
+        "unconverged": "" if it.converged else it.reason,
+    }
+
+
+def measured(case: Row) -> Row:
+    """One solver on one mesh; ``case`` has mesh, cells, degree, solver, tolerance, repeats."""
+    build = MESHES[case["mesh"]]
+    best: Row = {}
+    for cells in (100, *[case["cells"]] * case["repeats"]):
+        mesh = build(cells)
+        problem, how = problem_on(case["mesh"], mesh), PolyDG(case["degree"], 10.0, False)
+        row = one(case, mesh, problem, how)
+        total = row["setup"] + row["solve"]
+        if cells != 100 and (not best or total < best["setup"] + best["solve"]):
+            best = row
+    return best
+
+
+def one(case: Row, mesh: Mesh, problem: Diffusion, how: PolyDG) -> Row:
+    """One run on a mesh."""
+    name, degree = case["solver"], case["degree"]
+    if name in BACKENDS or name == "pyamg":
+        assemble, system = clocked(lambda: how.assemble(problem, mesh))
+        before = memory()
+        if name in BACKENDS:
+            row = direct(name, system.A, system.b)
+        else:
+            near = how.project(mesh, lambda points: np.ones(len(points)))[:, None]
+            row = amg(system.A, system.b, (degree + 1) * (degree + 2) // 2, near, case["tolerance"])
+        row["assemble"] = assemble
+    else:
+        sizes = [8**k for k in range(1, 8) if mesh.n_cells / 8**k >= 8] or [2]
+        before = memory()
+        grown, hierarchy = clocked(lambda: agglomerate(mesh, cells_per_part=sizes))
+        row = own(name, problem, hierarchy, degree, case["tolerance"])
+        row["setup"] += grown
+    unknowns = mesh.n_cells * (degree + 1) * (degree + 2) // 2
+    return row | {"memory": memory() - before, "cells": mesh.n_cells, "unknowns": unknowns}
+
+
+def in_a_process(case: Row) -> Row:
+    """The same in a process of its own, whose memory is the solver's; an error is a row."""
+    command = [sys.executable, __file__, "--case", json.dumps(case)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        return {"failed": (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]}
+    answer: Row = json.loads(done.stdout.splitlines()[-1])
+    return answer
+
+
+def table(name: str, degree: int, rows: Mapping[str, Row]) -> None:
+    """Print the rows of one mesh and degree."""
+    known = [row for row in rows.values() if "failed" not in row]
+    direct_times = [
+        rows[each]["setup"] + rows[each]["solve"]
+        for each in BACKENDS
+        if each in rows and "failed" not in rows[each]
+    ]
+    best = min(direct_times, default=np.nan)
+    if known:
+        print(f"\n{name}, {known[0]['cells']} cells, p = {degree}, {known[0]['unknowns']} unknowns")
+    print(
+        f"{'':26}{'1e-6':>6}{'1e-10':>7}{'assemble':>10}{'set-up':>9}{'solve':>9}{'ratio':>8}{'MB':>7}"
+        f"{'error':>10}"
+    )
+    for solver, row in rows.items():
+        if "failed" in row:
+            print(f"{solver[:25]:26}{row['failed']}")
+            continue
+        counts = ["–" if row[key] is None else row[key] for key in ("loose", "tight")]
+        print(
+            f"{solver[:25]:26}{counts[0]:>6}{counts[1]:>7}{row['assemble']:10.3f}{row['setup']:9.3f}"
+            f"{row['solve']:9.3f}{(row['setup'] + row['solve']) / best:8.2f}{row['memory']:7.0f}"
+            f"{row['error']:10.1e}  {row.get('unconverged', '')}".rstrip(),
+            flush=True,
+        )
+
+
+def installed() -> list[str]:
+    """Rivals that can be run."""
+    packages = {"pardiso": "pypardiso", "superlu": "scipy", "pyamg": "pyamg"}
+    return [*[name for name, package in packages.items() if find_spec(package)], PAPER]
+
+
+def answer(case: Row) -> None:
+    """Print the row of one case as JSON; an error of agglo is a row."""
+    try:
+        row = measured(case)
+    except AggloError as error:
+        row = {"failed": " ".join(str(error).split())}
+    print(json.dumps(row))
+
+
+def main() -> None:
+    """Read the arguments, print a table for each mesh, size and degree."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--solver", default="polydg_mg", help="the component that is judged")
+    parser.add_argument("--cells", type=int, nargs="+", default=[4_096, 16_384])
+    parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--meshes", nargs="+", choices=MESHES, default=list(MESHES))
+    parser.add_argument("--solvers", nargs="*", default=None, help="rivals (default: all installed)")
+    parser.add_argument("--tolerance", type=float, choices=(1e-6, 1e-10), default=1e-10)
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--case", type=json.loads, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.case is not None:
+        answer(options.case)
+        return
+    rivals = installed() if options.solvers is None else options.solvers
+    for cells in options.cells:
+        for name in options.meshes:
+            for degree in options.degrees:
+                case = {"mesh": name, "cells": cells, "degree": degree}
+                how_long = {"tolerance": options.tolerance, "repeats": options.repeats}
+                solvers = dict.fromkeys([*rivals, options.solver])
+                table(
+                    name, degree, {each: in_a_process(case | how_long | {"solver": each}) for each in solvers}
+                )
+
+
+if __name__ == "__main__":
+    main()

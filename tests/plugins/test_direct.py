@@ -1,0 +1,242 @@
+"""The direct solver: right with every backend, honest about its error, and what precondition others."""
+
+from __future__ import annotations
+
+import gc
+import json
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from command_line import Agglo
+from scipy import sparse
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse.linalg import cg, spsolve
+
+from agglo_core import OptionError, agglomerate, samples
+from agglo_core.problems import Diffusion, Linear
+from agglo_polydg_mg.direct import Direct
+from agglo_polydg_mg.direct_backends import BACKENDS, chosen_backend, superlu
+from agglo_polydg_mg.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.plain_cg import PlainCG
+
+RNG = np.random.default_rng
+
+
+class PyPardisoError(Exception):
+    """What pypardiso raises."""
+
+
+class FakePardiso:
+    """Takes what PARDISO takes: the upper triangle with its whole diagonal, by sorted rows, columns of b."""
+
+    alive = 0
+
+    def __init__(self, mtype: int = 11) -> None:
+        self.mtype, self.held = mtype, False
+        FakePardiso.alive += 1
+
+    def factorize(self, A: sparse.csr_matrix) -> None:
+        assert self.mtype in (2, -2)
+        assert (A.format, A.dtype, A.has_sorted_indices) == ("csr", np.float64, True)
+        rows, columns = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr)), A.indices
+        assert (rows <= columns).all()
+        assert np.count_nonzero(rows == columns) == A.shape[0]
+        whole = (A + sparse.triu(A, 1).T).toarray()
+        if self.mtype == 2 and np.linalg.eigvalsh(whole).min() <= 0:
+            raise PyPardisoError(-4)
+        self.matrix, self.whole = A, whole
+
+    def solve(self, A: sparse.csr_matrix, b: np.ndarray) -> np.ndarray:
+        assert A is self.matrix
+        assert b.flags.f_contiguous
+        return np.linalg.solve(self.whole, b)
+
+    def free_memory(self, everything: bool = False) -> None:
+        assert everything
+        FakePardiso.alive -= 1
+
+
+class CholmodError(Exception):
+    """What CHOLMOD raises."""
+
+
+def dense_cholesky(A: sparse.csc_matrix) -> object:
+    """Factors that solve when called, as in scikit-sparse 0.4, or by a method, as since 0.5."""
+    assert (A.format, A.has_sorted_indices) == ("csc", True)
+    try:
+        factors = cho_factor(A.toarray())
+    except np.linalg.LinAlgError as error:
+        raise CholmodError(str(error)) from error
+    return lambda b: cho_solve(factors, b)
+
+
+FAKES = {
+    "pardiso": ("pypardiso", {"PyPardisoSolver": FakePardiso, "PyPardisoError": PyPardisoError}),
+    "cholmod": ("sksparse", {"cholesky": dense_cholesky, "CholmodError": CholmodError}),
+    "cholmod 0.5": (
+        "sksparse",
+        {"cho_factor": lambda A: SimpleNamespace(solve=dense_cholesky(A)), "CholmodError": CholmodError},
+    ),
+}
+
+
+@pytest.fixture(params=[*FAKES, "superlu"])
+def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a backend, installed for as long as the test lasts."""
+    if request.param != "superlu":
+        package, names = FAKES[request.param]
+        module = "pypardiso.pardiso_wrapper" if package == "pypardiso" else "sksparse.cholmod"
+        monkeypatch.setitem(sys.modules, package, SimpleNamespace(__path__=[]))
+        monkeypatch.setitem(sys.modules, module, SimpleNamespace(**names))
+    return str(request.param).split()[0]
+
+
+@pytest.fixture
+def _nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    for package in ("pypardiso", "sksparse"):
+        monkeypatch.setitem(sys.modules, package, None)
+
+
+def definite(n: int, seed: int = 0) -> sparse.csr_array:
+    """A matrix like those of diffusion, its diagonal far from constant."""
+    rng = RNG(seed)
+    links = sparse.random_array((n, n), density=0.05, rng=rng, format="csr")
+    links = links + links.T
+    scale = sparse.diags_array(10 ** rng.uniform(-2, 2, n))
+    return sparse.csr_array(scale @ (sparse.diags_array(links.sum(axis=1) + 0.1) - links) @ scale)
+
+
+def test_one_or_several_right_hand_sides(backend: str) -> None:
+    A, B = definite(90), RNG(1).standard_normal((90, 3))
+    solves = BACKENDS[backend](A)
+    wanted = np.linalg.solve(A.toarray(), B)
+    assert solves(B) == pytest.approx(wanted, rel=1e-8)
+    assert solves(B[:, 1]) == pytest.approx(wanted[:, 1], rel=1e-8)
+
+
+def test_the_whole_solver(backend: str) -> None:
+    mesh = samples.voronoi(60, seed=4)
+    kappa = 10 ** RNG(5).uniform(-3, 3, mesh.n_cells)
+    it = Direct(degree=2, backend=backend).solve(Diffusion(kappa), agglomerate(mesh, n_parts=6))
+    assert it.converged
+    assert it.tests == ("residual", "energy error")
+    assert it.iterations == 1
+    assert it.residuals[-1] == np.linalg.norm(it.b - it.A @ it.x) < 1e-9 * it.residuals[0]
+    x = np.linalg.solve(it.A.toarray(), it.b)
+    assert it.x == pytest.approx(x, rel=1e-7, abs=1e-9 * abs(x).max())
+    assert set(it.seconds) == {"assemble", "setup", "solve"}
+
+
+def test_matrices_that_are_not_definite(backend: str) -> None:
+    """PARDISO and SuperLU solve with them, a zero on the diagonal too; CHOLMOD says no."""
+    mesh = samples.squares(5)
+    A = sparse.csr_array(mesh.graph.to_scipy() * np.sqrt(2.0) - 1.3 * sparse.eye_array(25))
+    A[3, 3] = 0.0
+    A.eliminate_zeros()
+    b = RNG(2).standard_normal(25)
+    it = Direct(backend=backend).solve(Linear(A, b, np.arange(26)), agglomerate(mesh, n_parts=4))
+    if backend == "cholmod":
+        assert not it.converged
+        assert "CHOLMOD: the matrix is not positive definite" in it.reason
+    else:
+        assert it.converged
+        assert it.x == pytest.approx(np.linalg.solve(A.toarray(), b))
+
+
+def test_memory_of_mkl_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pypardiso", SimpleNamespace(__path__=[]))
+    names = SimpleNamespace(**FAKES["pardiso"][1])
+    monkeypatch.setitem(sys.modules, "pypardiso.pardiso_wrapper", names)
+    gc.collect()  # the factors of other tests
+    before = FakePardiso.alive
+    solves = BACKENDS["pardiso"](definite(8) - 5.0 * sparse.eye_array(8))
+    assert FakePardiso.alive == before + 1  # the Cholesky factors that failed are gone
+    del solves
+    gc.collect()
+    assert FakePardiso.alive == before
+
+
+@pytest.mark.usefixtures("_nothing_installed")
+def test_what_is_not_installed_is_named() -> None:
+    assert chosen_backend("auto") == "superlu"
+    with pytest.raises(OptionError, match=r"backend 'pardiso' needs pypardiso: pip install pypardiso"):
+        Direct(backend="pardiso")
+    with pytest.raises(OptionError, match=r"needs scikit-sparse: pip install scikit-sparse"):
+        Direct(backend="cholmod")
+    with pytest.raises(
+        OptionError, match=r"backend must be one of auto, pardiso, cholmod, superlu; given 'm"
+    ):
+        Direct(backend="mumps")
+
+
+def test_the_fastest_that_is_installed_is_taken(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = {"pardiso": "pypardiso", "cholmod": "sksparse", "superlu": ""}[backend]
+    for package in {"pypardiso", "sksparse"} - {kept}:
+        monkeypatch.setitem(sys.modules, package, None)
+    assert chosen_backend("auto") == backend
+
+
+def rough(A: sparse.csr_array) -> object:
+    """A factorisation of another matrix: refinement has to work."""
+    return superlu(A + 1e-3 * sparse.diags_array(A.diagonal()))
+
+
+def test_a_rough_factorisation_is_refined(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agglo_polydg_mg.direct.BACKENDS", {**BACKENDS, "superlu": rough})
+    hierarchy = agglomerate(samples.squares(6), n_parts=4)
+    found = {
+        most: Direct(backend="superlu", max_refinements=most, tolerance=1e-8).solve(Diffusion(), hierarchy)
+        for most in (0, 1, 20)
+    }
+    assert [each.converged for each in found.values()] == [False, False, True]
+    assert found[0].iterations == 1
+    assert "after 1 iterations, wanted 1.0e-08" in found[0].reason
+    wanted = spsolve(sparse.csc_array(found[20].A), found[20].b)
+    for it in found.values():
+        e = it.x - wanted
+        error = np.sqrt(e @ (it.A @ e) / (wanted @ it.b))
+        assert it.energy_error == pytest.approx(error, rel=0.1)
+
+
+def test_a_singular_matrix_is_flagged() -> None:
+    mesh = samples.squares(4)
+    links = mesh.graph.to_scipy()
+    A = sparse.csr_array(sparse.diags_array(links.sum(axis=1)) - links)
+    for b in (np.ones(16), np.arange(16.0)):
+        it = Direct(backend="superlu").solve(Linear(A, b, np.arange(17)), agglomerate(mesh, n_parts=4))
+        assert not it.converged
+        assert "singular" in it.reason
+    empty = Linear(sparse.csr_array((16, 16)), np.ones(16), np.arange(17))
+    with pytest.raises(OptionError, match="no inverse to precondition with"):
+        Direct(backend="superlu").aspreconditioner(empty, agglomerate(mesh, n_parts=4))
+
+
+def test_preconditioners() -> None:
+    hierarchy = agglomerate(samples.voronoi(50, seed=1), n_parts=5)
+    it = Direct(backend="superlu").solve(Diffusion(), hierarchy)
+    counts = []
+    for solver in (Direct(backend="superlu"), PlainCG()):
+        M, steps = solver.aspreconditioner(Diffusion(), hierarchy), []
+        x, failed = cg(it.A, it.b, rtol=1e-10, M=M, callback=steps.append)
+        assert failed == 0
+        assert x == pytest.approx(it.x, rel=1e-6)
+        counts.append(len(steps))
+    assert counts[0] == 1 < counts[1]
+    B = RNG(0).standard_normal((len(it.b), 3))
+    inverse = Direct(backend="superlu").aspreconditioner(Diffusion(), hierarchy)
+    assert it.A @ (inverse @ B) == pytest.approx(B, abs=1e-8)
+    with pytest.raises(OptionError, match="makes it a nonlinear map"):
+        PaperMultigrid().aspreconditioner(Diffusion(), hierarchy)
+
+
+def test_on_the_command_line_no_levels_are_made(agglo: Agglo) -> None:
+    done = agglo("solve", "squares:n=8", "--solver", "direct:backend=superlu", "--degree", "2", "--json")
+    data = json.loads(done.out)
+    assert (done.code, data["converged"], data["iterations"]) == (0, True, 1)
+    assert data["levels"] == [{"cells": 64, "dofs": 384}]
+    assert data["cg_iterations"] > 50
+    paper = agglo("solve", "squares:n=8", "--degree", "2", "--tol", "1e-9", "--json").data
+    assert data["energy"] == pytest.approx(paper["energy"], rel=1e-7)
+    assert agglo("solve", "squares:n=8", "--solver", "direct", "--parts", "99").code == 2
