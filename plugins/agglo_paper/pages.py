@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from agglo_core.authoring import FileError, OptionError, staging
-from agglo_paper import brain, figures, multigrid, runtime, shape_tables, statistics
+from agglo_paper import brain, figures, multigrid_tables, runtime, shape_tables, statistics
 from agglo_paper.front_page import front
 from agglo_paper.grids import GRIDS
 from agglo_paper.plan import Plan, full, quick
@@ -23,7 +23,7 @@ __all__ = ["build"]
 Begin = Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]
 """Called with the units of a page and its name; returns a function to call after each unit."""
 
-_TABLES: Final = ("uf", "cr", "brain", *multigrid.TABLES, "statistics", "runtime")
+_TABLES: Final = ("uf", "cr", "brain", *multigrid_tables.TABLES, "statistics", "runtime")
 _DRAWN: Final = ("uf", "brain", "runtime")
 
 
@@ -113,7 +113,7 @@ def _units(plan: Plan, word: str, sources: Sequence[str]) -> Iterable[Unit]:
         case "statistics":
             return statistics.units(plan)
         case _:
-            return multigrid.units(plan)
+            return multigrid_tables.units(plan)
 
 
 def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> list[Page]:
@@ -127,7 +127,7 @@ def _pages(plan: Plan, results: Results, word: str, sources: Sequence[str]) -> l
         case "statistics":
             return [statistics.page(plan, results)]
         case _:
-            return [multigrid.page(plan, results, word)]
+            return [multigrid_tables.page(plan, results, word)]
 
 
 def _draw(plan: Plan, results: Results, words: Sequence[str], sources: Sequence[str], folder: Path) -> None:

@@ -108,7 +108,7 @@ def test_files_and_pictures_of_a_stranger(agglo: Agglo) -> None:
         ),
         (
             ["--problem", "ring:turns=2"],
-            "polydg_mg_paper takes problems of kind diffusion, linear; given one",
+            "polydg_mg takes problems of kind diffusion, linear; given one",
         ),
         (["--problem", "ring.toml"], "ring.toml: turns must be a whole number, and the only key"),
         (["--problem", "what.toml"], "what.toml: no problem is named 'rings' (did you mean 'ring'?)"),
@@ -307,7 +307,7 @@ main()
     assert run("--help").returncode == 0
     done = run("squares:n=4")
     assert (done.returncode, done.stdout) == (2, "")
-    assert "no solver is named 'polydg_mg_paper'; available: none" in done.stderr
+    assert "no solver is named 'polydg_mg'; available: none" in done.stderr
     assert "blocked by AGGLO_BLOCK; choose another one by --solver" in done.stderr
     assert "converged after" in run("squares:n=4", "--solver", "fluxes", "--parts", "4").stdout
 
