@@ -54,7 +54,7 @@ class IsoperimetricQuotient:
         left = _quotient(areas[own] - area, outlines[own] - outline + 2.0 * shared.own)
         joined = _quotient(areas[parts] + area, outlines[parts] + outline - 2.0 * shared.there)
         before = _quotient(areas, outlines)
-        return left + joined - before[own] - before[parts]
+        return np.where(own == parts, 0.0, left + joined - before[own] - before[parts])
 
 
 def _quotient(areas: Float, perimeters: Float) -> Float:
