@@ -151,7 +151,7 @@ def _state(data: Mapping[str, Any]) -> str:
 
 def text(title: str, data: Mapping[str, Any]) -> str:
     """Some lines of at most 80 columns for people to read."""
-    lines = [f"{title}: {data['dofs']:,} unknowns, {_levels(data['levels'])}"]
+    lines = [f"{title}: {_levels(data['levels'])}"]
     lines += [f"solver: {data['choice']}"] if data["choice"] else []
     lines.append(_state(data))
     if data["cg_iterations"] is not None:
@@ -173,9 +173,12 @@ def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
     """Agglomerates of the levels; unknowns instead where some have no agglomerates."""
     cells, dofs = ([level[name] for level in levels] for name in ("cells", "dofs"))
     if None not in cells:
-        return f"cells {' → '.join(f'{n:,}' for n in cells)}"
-    first = "" if cells[0] is None else f"cells {cells[0]:,}, "
-    return f"{first}unknowns of levels {' → '.join(f'{n:,}' for n in dofs)}"
+        return f"{dofs[0]:,} unknowns, cells {_chain(cells)}"
+    return f"{'' if cells[0] is None else f'cells {cells[0]:,}, '}unknowns {_chain(dofs)}"
+
+
+def _chain(counts: Sequence[int]) -> str:
+    return " → ".join(f"{n:,}" for n in counts)
 
 
 def _costs(data: Mapping[str, Any]) -> str:

@@ -59,6 +59,17 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
     assert set(data["seconds"]) == {"assemble", "setup", "solve"}
 
 
+def test_levels_without_agglomerates_are_told_by_their_unknowns(agglo: Agglo) -> None:
+    data = agglo("solve", "voronoi:n=900", "--json", "--no-cg").data
+    cells, dofs = ([level[name] for level in data["levels"]] for name in ("cells", "dofs"))
+    assert (cells[0], dofs[0], set(cells[1:])) == (900, 2700, {None})
+    done = agglo("solve", "voronoi:n=900", "--no-cg")
+    assert f"cells 900, unknowns {' → '.join(f'{n:,}' for n in dofs)}" in " ".join(done.out.split())
+    assert max(map(len, done.out.splitlines())) <= 80
+    patches = agglo("solve", "voronoi:n=900", "--solver", "polydg_mg:recipe=patches", "--no-cg")
+    assert "2,700 unknowns, cells 900 → 1" in patches.out
+
+
 def test_errors_of_the_sine_fall_with_the_degree(agglo: Agglo) -> None:
     asked = ("squares:n=8", "--problem", "sine", "--tol", "1e-9", "--no-cg", "--json")
     found = [agglo("solve", *asked, "--degree", degree).data for degree in "123"]
@@ -73,7 +84,7 @@ def test_text_files_and_pictures(agglo: Agglo) -> None:
     pytest.importorskip("matplotlib")
     done = agglo("solve", "voronoi:n=60", "--problem", "sine", "-o", "u.vtu", "--plot", "u.png")
     assert done.code == 0
-    for part in ("unknowns, cells 60 →", "converged after", "error: L2", "wrote u.vtu", "wrote u.png"):
+    for part in (": cells 60, unknowns 180 → ", "converged after", "error: L2", "wrote u.vtu", "wrote u.png"):
         assert part in done.out
     assert Path("u.png").read_bytes().startswith(b"\x89PNG")
     assert read("u.vtu").n_cells > 60
