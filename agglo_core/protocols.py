@@ -292,8 +292,9 @@ class Solver(Protocol):
     its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
     One that needs no levels says ``needs_levels = False``, or if it is plain conjugate gradients ``plain_cg =
-    True``; one whose coarse operators are not Pᵀ A P, but discretised anew, ``galerkin = False``. With
-    ``tells_progress = True`` it takes ``progress``, None or what :func:`agglo_core.progress.phase` tells.
+    True``; one whose coarse operators are not Pᵀ A P, but discretised anew or rounded, ``galerkin = False``.
+    With ``tells_progress = True`` it takes ``progress``, None or what
+    :func:`agglo_core.progress.phase` tells.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

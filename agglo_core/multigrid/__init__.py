@@ -5,9 +5,8 @@ from agglo_core.multigrid.additive_schwarz import additive_schwarz
 from agglo_core.multigrid.aggregation import aggregation_stack
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
-from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver
+from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver
 from agglo_core.multigrid.cycle import cycle
-from agglo_core.multigrid.direct_solution import direct_solver
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
 from agglo_core.multigrid.krylov import pcg, pcg_columns
 from agglo_core.multigrid.level_smoothers import (

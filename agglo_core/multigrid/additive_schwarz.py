@@ -11,7 +11,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.direct_solution import direct_solver
+from agglo_core.multigrid.coarse_solve import direct_solver
 from agglo_core.multigrid.matrix_checks import checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative
 from agglo_core.multigrid.stack import Solve

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.aggregates import greedy_aggregates, split_labels
-from agglo_core.multigrid.direct_solution import direct_solver
+from agglo_core.multigrid.coarse_solve import direct_solver
 from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel

@@ -1,4 +1,4 @@
-"""Solvers of the coarsest level, by name."""
+"""Direct solution, of the coarsest level and of subdomains: by an inverse or a sparse factorisation."""
 
 from __future__ import annotations
 
@@ -14,17 +14,72 @@ from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.stack import Real, Solve
 
-__all__ = ["COARSE_SOLVERS", "coarse_solver", "dense_solve", "lu_solve"]
+__all__ = ["COARSE_SOLVERS", "coarse_solver", "dense_solve", "direct_solver", "lu_solve"]
 
 _MOST = 5_000  # unknowns, for a dense inverse: 200 MB and some 20 seconds
+_ROUNDING = 3e-15
+"""Eigenvalues of a matrix of unit diagonal below this, times its size, are those of its null space."""
+_SHIFT = 1e-11
+"""Added to the unit diagonal of a singular matrix that is too large for an inverse."""
+
+
+def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
+    """Return a function that solves A x = b for a symmetric matrix without negative eigenvalues.
+
+    Up to ``dense`` unknowns by an inverse, larger matrices by a sparse factorisation. For a singular matrix,
+    such as that of a problem with Neumann boundary alone, b must be in its range; the solution is then one of
+    many.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+    dtype : numpy dtype
+        Of the solutions; matrices are factorised in double precision.
+    dense : int
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is not finite or has a negative diagonal entry, or, up to ``dense`` unknowns, another
+        negative eigenvalue.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import direct_solver
+    >>> x = direct_solver(sparse.csr_array([[1.0, -1.0], [-1.0, 1.0]]))(np.array([1.0, -1.0]))
+    >>> float(round(x[0] - x[1], 12))
+    1.0
+    """
+    if A.shape[0] <= dense:
+        return dense_solve(A, dtype)
+    rows = sparse.csr_array(A, dtype=np.float64)
+    scale = _to_unit_diagonal(rows)
+    D = sparse.diags_array(scale)
+    M = sparse.csc_array(D @ rows @ D)
+    factors = _factors(M)
+    regular = factors is not None and np.abs(factors.U.diagonal()).min() > _ROUNDING * M.shape[0]
+    if not regular:
+        factors = _factors(sparse.csc_array(M + _SHIFT * sparse.eye_array(M.shape[0])))
+        if factors is None:
+            raise np.linalg.LinAlgError(f"the matrix to be factorised ({M.shape[0]} rows) is singular")
+
+    def solve(b: Real) -> Real:
+        r = scale * np.asarray(b, np.float64)
+        x = factors.solve(r)
+        for _ in range(0 if regular else 2):  # polynomials in the matrix: symmetric still
+            x = x + factors.solve(r - M @ x)
+        return np.asarray(scale * x, dtype)
+
+    return solve
 
 
 def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     """Solve by the inverse, from a dense Cholesky factorisation: for up to about 1,500 unknowns.
 
     The matrix is first scaled to a unit diagonal. If it is semidefinite to rounding, that is if a pivot is
-    less than n · 1e-15, the pseudo-inverse of the scaled matrix takes the place of the inverse: eigenvalues
-    below n · 1e-15 times the largest count as 0, and a right-hand side loses its part in their eigenvectors.
+    less than n · 3e-15, the pseudo-inverse of the scaled matrix takes the place of the inverse: eigenvalues
+    below n · 3e-15 times the largest count as 0, and a right-hand side loses its part in their eigenvectors.
 
     Raises
     ------
@@ -36,18 +91,29 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     n = A.shape[0]
     if n > _MOST:
         raise OptionError(f"dense: {n} unknowns are too many for a dense inverse, {_MOST} at most; take lu")
-    dense = sparse.csr_array(A).toarray().astype(np.float64)
-    diagonal = dense.diagonal()
-    if not (np.isfinite(dense).all() and (diagonal >= 0.0).all()):
-        raise np.linalg.LinAlgError("the coarsest matrix is not finite, or has negative diagonal entries")
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    inverse = (scale[:, None] * _inverse(scale[:, None] * dense * scale) * scale).astype(dtype)
+    rows = sparse.csr_array(A, dtype=np.float64)
+    scale = _to_unit_diagonal(rows)
+    unit = scale[:, None] * rows.toarray() * scale
+    inverse = (scale[:, None] * _inverse(0.5 * (unit + unit.T)) * scale).astype(dtype)
     return lambda b: np.asarray(inverse @ b)
+
+
+def _to_unit_diagonal(A: Any) -> Float:
+    """The factors ``(n,)`` of rows and columns that give the matrix a unit diagonal."""
+    n, diagonal = A.shape[0], A.diagonal()
+    if not np.isfinite(A.data).all():
+        raise np.linalg.LinAlgError(f"the matrix to be factorised ({n} rows) has entries that are not finite")
+    if (diagonal < 0.0).any():
+        row = int(np.argmin(diagonal))
+        raise np.linalg.LinAlgError(
+            f"the matrix to be factorised has a negative diagonal entry: {diagonal[row]:g} in row {row}"
+        )
+    return np.asarray(1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)))
 
 
 def _inverse(A: Float) -> Float:
     """Inverse, or pseudo-inverse, of a matrix with a unit diagonal."""
-    least = len(A) * 1e-15
+    least = len(A) * _ROUNDING
     factor, failed = dpotrf(A, lower=1)
     if not failed and factor.diagonal().min(initial=1.0) ** 2 > least:
         half, _ = dpotri(factor, lower=1)
@@ -55,7 +121,7 @@ def _inverse(A: Float) -> Float:
     values, vectors = np.linalg.eigh(A)
     if values[0] < -least * max(values[-1], 1.0):
         raise np.linalg.LinAlgError(
-            f"the coarsest matrix is not positive semidefinite: scaled to a unit diagonal it has the "
+            f"the matrix to be factorised is not positive semidefinite: scaled to a unit diagonal it has the "
             f"eigenvalue {values[0]:.1e}"
         )
     kept = values > least * values[-1]
@@ -70,21 +136,24 @@ def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
     LinAlgError
         If the matrix is singular.
     """
-    symmetric = {"SymmetricMode": True}
-    try:
-        factors = splu(
-            sparse.csc_array(A, dtype=np.float64),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options=symmetric,
-        )
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(f"the coarsest matrix of {A.shape[0]} unknowns is singular") from error
+    factors = _factors(sparse.csc_array(A, dtype=np.float64))
+    if factors is None:
+        raise np.linalg.LinAlgError(f"the coarsest matrix of {A.shape[0]} unknowns is singular")
 
     def solve(b: Real) -> Real:
         return np.asarray(factors.solve(np.asarray(b, np.float64))).astype(dtype)
 
     return solve
+
+
+def _factors(M: Any) -> Any:
+    """A sparse LU factorisation that keeps the diagonal as pivots, None if a pivot is zero."""
+    try:
+        return splu(M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError as error:  # SuperLU's word for a zero pivot
+        if "singular" not in str(error):
+            raise
+        return None
 
 
 COARSE_SOLVERS: Final[Mapping[str, Callable[[Any, Any], Solve]]] = {"dense": dense_solve, "lu": lu_solve}

@@ -248,6 +248,7 @@ class Column:
         exact = self.b - (yield "A", self.x)
         drifted = self._drifted(self.r, exact)
         self.r, self.size, self._true = exact, self.measure(exact), True
+        self.residuals[-1] = two_norm(exact)
         self._error = np.inf
         if drifted and self.ended == "loss of conjugacy":
             self.ended = "stagnation"  # it is rounding, not the preconditioner

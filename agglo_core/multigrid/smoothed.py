@@ -11,12 +11,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from agglo_core.multigrid.block_matrix import block_inverses
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 
-__all__ = ["inverse_diagonal", "smoothed_prolongation"]
+__all__ = ["smoothed_prolongation"]
 
 
 def smoothed_prolongation(
@@ -38,7 +38,7 @@ def smoothed_prolongation(
     Raises
     ------
     LinAlgError
-        If a diagonal block is singular or A not positive definite.
+        If a diagonal block, or A, is not positive definite.
 
     Examples
     --------
@@ -55,27 +55,9 @@ def smoothed_prolongation(
     if scaled:
         largest = largest_eigenvalue(A, lambda r: r)
     else:
-        inverses = inverse_diagonal(A)
+        inverses = block_inverses(A, np.arange(0, A.shape[0] + 1, A.blocksize[0]))
         largest = largest_eigenvalue(A, lambda r: np.asarray(inverses @ r))
         step = inverses @ step
     smoothed = sparse.bsr_array(P - (damping / largest) * step)
     smoothed.sort_indices()
     return smoothed
-
-
-def inverse_diagonal(A: Any) -> sparse.bsr_array:
-    """D⁻¹ as a block diagonal matrix ``(n, n)``, D being the diagonal blocks of a bsr matrix.
-
-    Raises
-    ------
-    LinAlgError
-        If a diagonal block is missing or singular.
-    """
-    width = A.blocksize[0]
-    count = A.shape[0] // width
-    rows = np.repeat(np.arange(count), np.diff(A.indptr))
-    on = rows == A.indices
-    blocks: NDArray[Any] = np.zeros((count, width, width), A.dtype)
-    blocks[rows[on]] = A.data[on]
-    places = np.arange(count + 1, dtype=np.int32)
-    return sparse.bsr_array((np.linalg.inv(blocks), places[:-1], places), shape=A.shape)

@@ -37,7 +37,8 @@ class Solution:
     passed; ``energy_error``, an estimate of the error in the energy norm relative to that of the solution;
     ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest);
     ``operator_complexity`` and ``grid_complexity``, entries and unknowns of all levels over those of the
-    finest; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
+    finest; ``parts``, how many agglomerates each level of ``operators`` has, None where its unknowns belong
+    to none; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
     the clock; ``choice``, which recipe was chosen and why; ``advice``, what might do better.
     """
 
@@ -55,6 +56,7 @@ class Solution:
     lifting: Lifting | None = None
     operator_complexity: float | None = None
     grid_complexity: float | None = None
+    parts: tuple[int | None, ...] = ()
     memory: int | None = None
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     choice: str = ""

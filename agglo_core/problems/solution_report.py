@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,7 @@ def report(
     Returns
     -------
     dict
+        ``cells`` of a level is the number of its agglomerates, None if its unknowns belong to none;
         ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x,
         without an offset that the solver took out; ``energy_error`` and ``tests_met`` are what the solution
         says of itself;
@@ -66,7 +67,7 @@ def report(
         energy = float(load @ solution.x)
     return {
         "dofs": dofs[0],
-        "levels": [{"cells": n * mesh.n_cells // dofs[0], "dofs": n} for n in dofs],
+        "levels": [{"cells": k, "dofs": n} for k, n in zip(_parts(mesh, solution, dofs), dofs, strict=True)],
         "iterations": solution.iterations,
         "converged": bool(solution.converged),
         "reason": solution.reason,
@@ -95,6 +96,14 @@ def operator_complexity(solution: Solution) -> float | None:
     entries = [_entries(A) for A in _matrices(solution)]
     known = [count for count in entries if count is not None]
     return float(sum(known) / known[0]) if len(known) == len(entries) else None
+
+
+def _parts(mesh: Mesh, solution: Solution, dofs: list[int]) -> list[int | None]:
+    """Agglomerates of each level: as told, otherwise by the unknowns of a cell, if that gives a number."""
+    if solution.parts:
+        return list(solution.parts)
+    counts = [divmod(n * mesh.n_cells, dofs[0]) for n in dofs]
+    return [None if rest else count for count, rest in counts]
 
 
 def _known(told: float | None, found: float | None) -> float | None:
@@ -142,8 +151,7 @@ def _state(data: Mapping[str, Any]) -> str:
 
 def text(title: str, data: Mapping[str, Any]) -> str:
     """Some lines of at most 80 columns for people to read."""
-    levels = " → ".join(f"{level['cells']:,}" for level in data["levels"])
-    lines = [f"{title}: {data['dofs']:,} unknowns, cells {levels}"]
+    lines = [f"{title}: {_levels(data['levels'])}"]
     lines += [f"solver: {data['choice']}"] if data["choice"] else []
     lines.append(_state(data))
     if data["cg_iterations"] is not None:
@@ -159,6 +167,18 @@ def text(title: str, data: Mapping[str, Any]) -> str:
     lines += [f"processor: {_seconds(data['cpu_seconds'])}"] if data["cpu_seconds"] else []
     lines += [f"advice: {data['advice']}"] if data["advice"] else []
     return "\n".join(_wrapped(line) for line in lines)
+
+
+def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
+    """Agglomerates of the levels; unknowns instead where some have no agglomerates."""
+    cells, dofs = ([level[name] for level in levels] for name in ("cells", "dofs"))
+    if None not in cells:
+        return f"{dofs[0]:,} unknowns, cells {_chain(cells)}"
+    return f"{'' if cells[0] is None else f'cells {cells[0]:,}, '}unknowns {_chain(dofs)}"
+
+
+def _chain(counts: Sequence[int]) -> str:
+    return " → ".join(f"{n:,}" for n in counts)
 
 
 def _costs(data: Mapping[str, Any]) -> str:

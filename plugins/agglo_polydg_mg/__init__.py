@@ -11,7 +11,7 @@ def agglo_components() -> list[Component]:
             kind="solver",
             name="polydg_mg",
             target="agglo_polydg_mg.polydg_multigrid:PolyDGMultigrid",
-            promises={"deterministic": True, "pickles": True},
+            promises={"deterministic": True, "pickles": True, "symmetric": True},
             summary="PolyDG with preconditioned conjugate gradients; the recipe is chosen by the mesh.",
         ),
         Component(

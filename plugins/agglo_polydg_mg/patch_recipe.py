@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve
 
 from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
 from agglo_polydg_mg.basis import Basis, project_between
-from agglo_polydg_mg.schwarz import Solve, lu
 from agglo_polydg_mg.transfer import block_matrix, parents
 
 __all__ = ["patch_stack"]
@@ -74,18 +72,8 @@ def patch_stack(
         levels.append(multigrid.Level(smoother.A, _offsets(smoother.A, width), P, smoother, own, patches))
         basis, own = below, coarse
     levels.append(multigrid.Level(A.astype(dtype), _offsets(A, width), labels=own))
-    return multigrid.LevelStack(levels, _coarse_solve(A, dtype), dtype, scaling)
+    return multigrid.LevelStack(levels, multigrid.direct_solver(A, dtype, _DENSE), dtype, scaling)
 
 
 def _offsets(A: Any, width: int) -> Int:
     return frozen_int(np.arange(0, A.shape[0] + 1, width))
-
-
-def _coarse_solve(A: Any, dtype: Any) -> Solve:
-    """Exact solve on the coarsest level: dense where it is small, by a sparse factorisation otherwise."""
-    if A.shape[0] > _DENSE:
-        sparse_solve = lu(A)
-        return lambda b: sparse_solve(b.astype(np.float64)).astype(dtype)
-    factor, lower = cho_factor(A.toarray())
-    rounded = factor.astype(dtype)
-    return lambda b: np.asarray(cho_solve((rounded, lower), b, check_finite=False))

@@ -13,6 +13,7 @@ from agglo_core.authoring import (
     Hierarchy,
     History,
     Listener,
+    OptionError,
     Problem,
     Solution,
     frozen_float,
@@ -55,7 +56,7 @@ class PolyDGMultigrid:
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
         How many of mesh, level 0, 1, … to use; by default all. Without a hierarchy levels of 8 cells to an
-        agglomerate are made.
+        agglomerate are made, and these are used as far as there are so many.
 
     Raises
     ------
@@ -66,7 +67,7 @@ class PolyDGMultigrid:
     accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
     needs_levels: ClassVar[bool] = False
     tells_progress: ClassVar[bool] = True
-    galerkin: ClassVar[bool] = True
+    galerkin: ClassVar[bool] = False  # they are, but in single precision and without small entries
 
     def __init__(
         self,
@@ -128,6 +129,7 @@ class PolyDGMultigrid:
                 solution,
                 operator_complexity=stack.operator_complexity,
                 grid_complexity=stack.grid_complexity,
+                parts=made.parts(stack),
                 memory=stack.memory,
             ),
             made,
@@ -139,14 +141,17 @@ class PolyDGMultigrid:
 
         Raises
         ------
-        OptionError, MeshError
+        OptionError
+            As :meth:`solve`, or if the matrix is not positive definite.
+        MeshError
             As :meth:`solve`.
-        LinAlgError
-            If the matrix is not positive definite.
         """
         made = _Setup(self, problem, fine_system(problem, hierarchy, self.discretisation), hierarchy)
         made.in_double()
-        return multigrid.cycle(made.stack(), made.plan.cycle)
+        try:
+            return multigrid.cycle(made.stack(), made.plan.cycle)
+        except np.linalg.LinAlgError as failure:
+            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
 
     def _iterate(
         self, fine: FineSystem, made: _Setup, stack: Any, before: History | None, tell: Any
@@ -179,10 +184,15 @@ class _Setup:
         self.plan: Plan = plan_for(problem, fine, self.basis, solver.wishes)
 
     def stack(self) -> Any:
-        labels = levels_by_default(self.hierarchy)
-        if self.count is not None:
-            labels = labels[: self.count - 1]
+        labels = levels_by_default(self.hierarchy, self.count)
         return self.plan.stack(self.problem, self.fine, self.basis, labels)
+
+    def parts(self, stack: Any) -> tuple[int | None, ...]:
+        """Agglomerates of each level; None of a level with unknowns at vertices or of the matrix alone."""
+        below, cells = stack.levels[1:], self.hierarchy.graph.n
+        if self.plan.recipe != "patches":
+            return cells, *(None for _ in below)
+        return cells, *(int(each.labels.max()) + 1 for each in below)
 
     def in_double(self) -> None:
         """Go on in double precision."""

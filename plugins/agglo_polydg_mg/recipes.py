@@ -117,20 +117,23 @@ def plan_for(problem: Any, fine: FineSystem, basis: Basis | None, wishes: Wishes
     return Plan(recipe, kind, dtype, smoother, found.bubbles, reason)
 
 
-def levels_by_default(hierarchy: Hierarchy) -> list[Int]:
+def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[Int]:
     """Labels of the levels, finest first: those of the hierarchy, or some made of 8 cells to a part each.
+
+    ``count`` is how many to use, the mesh included: of levels made here at most as many as there are.
 
     Raises
     ------
     OptionError
-        If the hierarchy has levels and none is coarser than the mesh.
+        If the hierarchy has levels, but fewer than that, or none is coarser than the mesh.
     """
     if hierarchy.levels:
-        return chosen_levels(hierarchy)
+        return chosen_levels(hierarchy, count)
     n = hierarchy.graph.n
     sizes = []
     while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
         sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
+    sizes = sizes[: None if count is None else count - 1]
     if not sizes:
         return []
     from agglo_core.authoring import agglomerate

@@ -59,7 +59,8 @@ def test_each_strategy_is_solved_as_agglo_solve_does(agglo: Agglo) -> None:
     assert [run["bisector"] for run in data["runs"]] == ["kmeans", "coordinate"]
     for run in data["runs"]:
         found = run["solve"]
-        alone = agglo("solve", *asked, "--bisector", run["bisector"], "--degree", "2", "--no-cg").data
+        same = (*asked, "--bisector", run["bisector"], "--solver", "polydg_mg_paper:degree=2", "--no-cg")
+        alone = agglo("solve", *same).data
         assert (found["iterations"], found["converged"]) == (alone["iterations"], True)
         fall = alone["residuals"][-1] / alone["residuals"][0]
         assert found["contraction"] == pytest.approx(fall ** (1 / alone["iterations"]))

@@ -17,7 +17,8 @@ H_STAR = "0.17677669529663687,0.35355339059327373,0.7071067811865476"
 
 
 def test_json_of_the_papers_case(agglo: Agglo) -> None:
-    done = agglo("solve", "paper:triangles", "--h-star", H_STAR, "--levels", "3", "--degree", "2", "--json")
+    asked = ("--h-star", H_STAR, "--levels", "3", "--degree", "2", "--solver", "polydg_mg_paper", "--json")
+    done = agglo("solve", "paper:triangles", *asked)
     assert done.code == 0
     data = done.data
     assert list(data) == [
@@ -58,6 +59,17 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
     assert set(data["seconds"]) == {"assemble", "setup", "solve"}
 
 
+def test_levels_without_agglomerates_are_told_by_their_unknowns(agglo: Agglo) -> None:
+    data = agglo("solve", "voronoi:n=900", "--json", "--no-cg").data
+    cells, dofs = ([level[name] for level in data["levels"]] for name in ("cells", "dofs"))
+    assert (cells[0], dofs[0], set(cells[1:])) == (900, 2700, {None})
+    done = agglo("solve", "voronoi:n=900", "--no-cg")
+    assert f"cells 900, unknowns {' → '.join(f'{n:,}' for n in dofs)}" in " ".join(done.out.split())
+    assert max(map(len, done.out.splitlines())) <= 80
+    patches = agglo("solve", "voronoi:n=900", "--solver", "polydg_mg:recipe=patches", "--no-cg")
+    assert "2,700 unknowns, cells 900 → 1" in patches.out
+
+
 def test_errors_of_the_sine_fall_with_the_degree(agglo: Agglo) -> None:
     asked = ("squares:n=8", "--problem", "sine", "--tol", "1e-9", "--no-cg", "--json")
     found = [agglo("solve", *asked, "--degree", degree).data for degree in "123"]
@@ -72,7 +84,7 @@ def test_text_files_and_pictures(agglo: Agglo) -> None:
     pytest.importorskip("matplotlib")
     done = agglo("solve", "voronoi:n=60", "--problem", "sine", "-o", "u.vtu", "--plot", "u.png")
     assert done.code == 0
-    for part in ("unknowns, cells 60 →", "converged after", "error: L2", "wrote u.vtu", "wrote u.png"):
+    for part in (": cells 60, unknowns 180 → ", "converged after", "error: L2", "wrote u.vtu", "wrote u.png"):
         assert part in done.out
     assert Path("u.png").read_bytes().startswith(b"\x89PNG")
     assert read("u.vtu").n_cells > 60
@@ -138,11 +150,12 @@ def test_a_strong_contrast_is_solved_or_said_not_to_be(agglo: Agglo) -> None:
     material = 1 + (mesh.cell_centroids[:, 0] > 0.5)
     write("m.npz", replace(mesh, cell_tags={"material": material}, face_tags={"boundary": sides.astype(int)}))
     Path("jump.toml").write_text("source = 0\n[kappa.material]\n1 = 1\n2 = 1e6\n[dirichlet]\n1 = 0\n2 = 1\n")
-    for more in ((), ("--solver", "polydg_cg")):
+    for solver in ("polydg_mg", "polydg_mg_paper", "polydg_cg"):
+        more = ("--solver", solver)
         data = agglo("solve", "m.npz", "--problem", "jump.toml", "--json", *more).data
         assert data["converged"]
         assert data["relative_residual"] <= 1e-6
-        assert data["cg_iterations"] > 100
+        assert data["cg_iterations"] > 50
         assert data["tests_met"] == ["residual", "energy error"]
         assert 0.0 < data["energy_error"] <= 1e-6
         assert data["energy"] == 0.0
@@ -191,7 +204,7 @@ def test_problems_that_have_no_solution(agglo: Agglo) -> None:
 
 
 def test_levels_that_do_not_coarsen_are_skipped_with_a_notice(agglo: Agglo) -> None:
-    done = agglo("solve", "squares:n=4", "--parts", "16,4", "--json")
+    done = agglo("solve", "squares:n=4", "--parts", "16,4", "--solver", "polydg_mg_paper", "--json")
     assert [level["cells"] for level in done.data["levels"]] == [16, 4]
     assert "level 0 is skipped: its 16 parts are no fewer than the 16 above" in done.err
 
@@ -215,10 +228,15 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--solver", "polydg_mg_paper:tolerance=small"], "given 'small'"),
         (
             ["squares:n=4", "--solver", "polydg_mg_paper:smoother=sor"],
-            "one of schwarz, block_jacobi, vertex_patches; given 'sor'",
+            "one of schwarz, block_jacobi, chebyshev, gauss_seidel, vertex_patches; given 'sor'",
         ),
         (["squares:n=4", "--tol", "nan"], "tolerance must be a number between 0 and 1; given nan"),
-        (["squares:n=4", "--smoothing-steps", "0"], "smoothing_steps must be a whole number, at least 1"),
+        (
+            ["squares:n=4", "--solver", "polydg_mg_paper", "--smoothing-steps", "0"],
+            "smoothing_steps must be a whole number, at least 1",
+        ),
+        (["squares:n=4", "--smoothing-steps", "5"], "solver 'polydg_mg' "),
+        (["squares:n=4", "--parts", "4", "--levels", "3"], "levels must lie in 2..2"),
         (["squares:n=4", "--levels", "1"], "levels must be a whole number, at least 2; given 1"),
         (["squares:n=4", "--refiner", "none", "--refiner", "interface"], "--refiner none cannot be given"),
         (["squares:n=4", "--parts", "-4"], "each number must be positive"),
@@ -229,7 +247,7 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--solver", "nosuch"], "nosuch"),
         (["squares:n=4", "--solver", "polydg_mg_paper:degre=3"], "did you mean 'degree'"),
         (["squares:n=4", "--solver", "polydg_mg_paper:degree"], "not of the form option=value"),
-        (["squares:n=4", "--levels", "7"], "levels must lie in 2..4"),
+        (["squares:n=4", "--solver", "polydg_mg_paper", "--levels", "7"], "levels must lie in 2..4"),
         (["squares:n=4", "--parts", "16"], "no level of the hierarchy is coarser than its 16 cells"),
         (["squares:n=4", "--parts", "4", "--h-star", "0.5"], "--h-star and --parts cannot be given together"),
         (["squares:n=4", "--parts", "4.5"], "not a comma list of whole numbers"),

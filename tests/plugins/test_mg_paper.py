@@ -286,7 +286,10 @@ def test_a_bare_graph_has_no_diffusion_problem() -> None:
         ({"scaled_basis": 1}, "scaled_basis must be true or false; given 1"),
         ({"schwarz_coarse": "maybe"}, "schwarz_coarse must be true or false; given 'maybe'"),
         ({"operators": "galerkin"}, "one of rediscretised, inherited; given 'galerkin'"),
-        ({"smoother": "jacobi"}, "one of schwarz, block_jacobi, chebyshev, gauss_seidel, vertex_patches; given 'jacobi'"),
+        (
+            {"smoother": "jacobi"},
+            "one of schwarz, block_jacobi, chebyshev, gauss_seidel, vertex_patches; given 'jacobi'",
+        ),
         ({"coarse_solver": "cg"}, "one of lu, dense"),
     ],
 )
