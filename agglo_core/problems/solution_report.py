@@ -63,7 +63,7 @@ def report(
         norms = how.errors(problem, mesh, solution.x) if how else {}
         load = how.load(problem, mesh, solution.b) if how else solution.b
     with np.errstate(over="ignore", invalid="ignore"):
-        energy = float(load @ solution.x)
+        energy = float(np.vdot(load, solution.x))
     return {
         "dofs": dofs[0],
         "levels": [{"cells": n * mesh.n_cells // dofs[0], "dofs": n} for n in dofs],
