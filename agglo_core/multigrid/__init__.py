@@ -2,7 +2,7 @@
 
 from agglo_core.multigrid.adapted_smoother import Adapted, adapted
 from agglo_core.multigrid.additive_schwarz import additive_schwarz
-from agglo_core.multigrid.aggregation import aggregation_stack
+from agglo_core.multigrid.aggregation import aggregation_stack, blockwise, pointwise
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver
@@ -16,6 +16,7 @@ from agglo_core.multigrid.level_smoothers import (
     GaussSeidel,
     smoother_setup,
 )
+from agglo_core.multigrid.near_null import smoothed_near_null
 from agglo_core.multigrid.patch_smoother import AdditivePatches, VertexPatches
 from agglo_core.multigrid.patches import vertex_patches
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
@@ -43,6 +44,7 @@ __all__ = [
     "block_inverses",
     "block_matrix",
     "block_scaled",
+    "blockwise",
     "build_stack",
     "coarse_solver",
     "cycle",
@@ -52,6 +54,8 @@ __all__ = [
     "largest_eigenvalue",
     "pcg",
     "pcg_columns",
+    "pointwise",
+    "smoothed_near_null",
     "smoothed_prolongation",
     "smoother_setup",
     "vertex_patches",

@@ -12,12 +12,14 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.coarse_solve import direct_solver
+from agglo_core.multigrid.level_smoothers import GaussSeidel
 from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
+from agglo_core.problems import MultigridLevel
 
-__all__ = ["MakeSmoother", "aggregates", "aggregation_stack"]
+__all__ = ["MakeSmoother", "aggregates", "aggregation_stack", "blockwise", "pointwise"]
 
 MakeSmoother = Callable[[Any, Int, Any], LevelSmoother]
 """Makes the smoother of a level from its matrix, block offsets and precision."""
@@ -35,6 +37,15 @@ _SLOW = 0.7
 def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
     """Gauss–Seidel over single unknowns, whatever the parts."""
     return ScalarGaussSeidel(A, dtype)
+
+
+def blockwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
+    """Gauss–Seidel over parts, all unknowns of a part at once; LinAlgError if a block is not definite."""
+    parts = len(block_offsets) - 1
+    if A.shape[0] == parts:
+        return ScalarGaussSeidel(A, dtype)
+    own = frozen_int(np.arange(parts))
+    return GaussSeidel().setup(MultigridLevel(A, A, block_offsets, own, None, None, 1), dtype)
 
 
 def aggregation_stack(
@@ -73,7 +84,8 @@ def aggregation_stack(
     dtype : numpy dtype
         Precision of the cycles; levels are set up in double precision.
     smoother : callable, optional
-        Maps ``(A, block_offsets, dtype)`` to a LevelSmoother; by default Gauss–Seidel over unknowns.
+        Maps ``(A, block_offsets, dtype)`` to a LevelSmoother; by default Gauss–Seidel over unknowns,
+        :func:`pointwise`; :func:`blockwise` is better where parts hold several.
     coarsest : int
         A level of at most so many unknowns is solved directly.
 

@@ -8,9 +8,11 @@ As a TOML table:
     matrix = "A.mtx"                          # MatrixMarket, or .npz of scipy.sparse.save_npz
     rhs = "b.npy"                             # or .mtx, .txt, .npz with an array b; n numbers
     unknowns = 3                              # of each cell, one cell after the other; by default n / cells
+    near_null = "B.npy"                       # optional: n rows; or .mtx, .txt, .npz with an array near_null
 
 File names start from the folder of the table. The ``.npz`` of ``agglo solve --write-system`` is matrix and
-rhs, and its ``block_offsets`` are the unknowns of cells unless ``unknowns`` are given.
+rhs, and its ``block_offsets`` are the unknowns of cells unless ``unknowns`` are given, its ``near_null`` the
+near-null vectors unless those are given.
 """
 
 from __future__ import annotations
@@ -31,12 +33,22 @@ from agglo_core.problems.table import require_keys
 
 __all__ = ["Linear"]
 
-_KEYS = ("matrix", "rhs", "unknowns")
+_KEYS = ("matrix", "rhs", "unknowns", "near_null")
 
 
 @dataclass(frozen=True, eq=False)
 class Linear:
     """Solve A x = b, the unknowns of cell c being ``block_offsets[c]:block_offsets[c + 1]``.
+
+    Attributes
+    ----------
+    A : (n, n) sparse
+    b : (n,) or (n, k) float
+        One right-hand side; or several, if the solver takes them.
+    block_offsets : (n_cells + 1,) int
+        Cells may have different numbers of unknowns, and none, if the solver takes them.
+    near_null : (n, m) float, optional
+        Vectors that A takes to nearly nothing, such as constants and rigid motions.
 
     Raises
     ------
@@ -49,6 +61,7 @@ class Linear:
     A: Any
     b: Float
     block_offsets: Int
+    near_null: Float | None = None
 
     def __post_init__(self) -> None:
         if np.ndim(self.block_offsets) != 1:
@@ -64,8 +77,8 @@ class Linear:
         Raises
         ------
         OptionError
-            For keys that are unknown or missing; a matrix that is not square, a right-hand side of another
-            size, unknowns that do not fit the cells.
+            For keys that are unknown or missing; a matrix that is not square, a right-hand side or near-null
+            vectors of another size, unknowns that do not fit the cells.
         FileError
             If a file cannot be read, or holds values that are not finite real numbers.
         """
@@ -84,7 +97,7 @@ class Linear:
         if offsets is None:
             width = _width(table.get("unknowns"), n, mesh)
             offsets = frozen_int(np.arange(mesh.n_cells + 1) * width)
-        return cls(A.astype(float), frozen_float(b.ravel()), offsets)
+        return cls(A.astype(float), frozen_float(b.ravel()), offsets, _near_null(table, matrix, n, folder))
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
@@ -133,9 +146,12 @@ def _dense(path: Path) -> Any:
     return found.toarray() if sparse.issparse(found) else found
 
 
-def _right_hand_side(path: Path) -> Any:
-    with np.load(path, allow_pickle=False) as arrays:
-        return arrays["b"]
+def _member(name: str) -> Callable[[Path], Any]:
+    def read(path: Path) -> Any:
+        with np.load(path, allow_pickle=False) as arrays:
+            return arrays[name]
+
+    return read
 
 
 _MATRICES: Mapping[str, Callable[[Path], Any]] = {".mtx": _matrix_market, ".npz": sparse.load_npz}
@@ -143,8 +159,9 @@ _VECTORS: Mapping[str, Callable[[Path], Any]] = {
     ".npy": _numbers,
     ".mtx": _dense,
     ".txt": np.loadtxt,
-    ".npz": _right_hand_side,
+    ".npz": _member("b"),
 }
+_NEAR_NULL: Mapping[str, Callable[[Path], Any]] = {**_VECTORS, ".npz": _member("near_null")}
 
 
 def _require_real(path: Path, values: Any) -> None:
@@ -154,14 +171,30 @@ def _require_real(path: Path, values: Any) -> None:
         raise FileError(f"{path} holds values that are not finite")
 
 
+def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> Float | None:
+    """Near-null vectors ``(n, m)`` of their own file, or of that of the matrix if they are there."""
+    path = matrix
+    if "near_null" in table:
+        path = _file("near_null", table, folder)
+    elif matrix.suffix.lower() != ".npz" or not _has(matrix, "near_null"):
+        return None
+    found = np.asarray(_read("near_null", path, _NEAR_NULL))
+    _require_real(path, found)
+    if found.ndim not in (1, 2) or len(found) != n or not found.size:
+        raise OptionError(f"near_null: {path} has the shape {found.shape}; the matrix has {n} rows")
+    return frozen_float(found.reshape(n, -1))
+
+
+def _has(path: Path, name: str) -> bool:
+    with np.load(path, allow_pickle=False) as arrays:
+        return name in arrays
+
+
 def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
     """``block_offsets`` of the file of a matrix, None if it has none."""
-    if matrix.suffix.lower() != ".npz":
+    if matrix.suffix.lower() != ".npz" or not _has(matrix, "block_offsets"):
         return None
-    with np.load(matrix, allow_pickle=False) as arrays:
-        if "block_offsets" not in arrays:
-            return None
-        offsets = np.asarray(arrays["block_offsets"])
+    offsets = np.asarray(_member("block_offsets")(matrix))
     whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and len(offsets) == mesh.n_cells + 1
     if not whole or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets.astype(np.int64)) < 0).any():
         raise OptionError(

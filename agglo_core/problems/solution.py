@@ -31,7 +31,9 @@ class Solution:
 
     Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``.
     ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
-    after each iteration, the first one before any.
+    after each iteration, the first one before any. Of several right-hand sides ``b (n, k)`` x is ``(n, k)``,
+    and ``residuals``, ``iterations`` and ``reason`` are those of the worst column: one that has not converged
+    if there is any, and of these the one with most iterations; the other statements hold of all columns.
 
     What a solver need not tell: ``tests``, which of the tests ``"residual"`` and ``"energy error"`` x has
     passed; ``energy_error``, an estimate of the error in the energy norm relative to that of the solution;

@@ -64,7 +64,7 @@ def report(
         norms = how.errors(problem, mesh, solution.x) if how else {}
         load = how.load(problem, mesh, solution.b) if how else solution.b
     with np.errstate(over="ignore", invalid="ignore"):
-        energy = float(load @ solution.x)
+        energy = float(np.vdot(load, solution.x))
     return {
         "dofs": dofs[0],
         "levels": [{"cells": k, "dofs": n} for k, n in zip(_parts(mesh, solution, dofs), dofs, strict=True)],

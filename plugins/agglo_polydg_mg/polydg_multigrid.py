@@ -2,33 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import (
-    Diffusion,
-    Hierarchy,
-    History,
-    Listener,
-    OptionError,
-    Problem,
-    Solution,
-    frozen_float,
-    multigrid,
-    pcg,
-    phase,
-)
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.operators import FineSystem, fine_system
+from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid
 from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name
 from agglo_polydg_mg.penalty import Penalty
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.recipes import CYCLES, PRECISIONS, RECIPES, Plan, Wishes, levels_by_default, plan_for
-from agglo_polydg_mg.stationary import unsolved
-from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_polydg_mg.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
+from agglo_polydg_mg.repeated_solves import RepeatedSolves, task_for
 
 __all__ = ["PolyDGMultigrid"]
 
@@ -48,15 +32,15 @@ class PolyDGMultigrid:
     recipe : "auto", "conforming" or "patches"
         A continuous space inside the discontinuous one, with its own multigrid on the agglomerates
         (:mod:`~agglo_polydg_mg.conforming_stack`); or polynomials on agglomerates, smoothed patch by patch
-        (:mod:`~agglo_polydg_mg.patch_recipe`).
+        (:mod:`~agglo_polydg_mg.patch_recipe`). Linear systems have a recipe of their own.
     cycle : "auto", "V", "W", "F" or "K"
     precision : "auto", "single" or "double"
         Of the cycle. Where single precision turns out not to suffice, double precision takes over.
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
-        How many of mesh, level 0, 1, … to use; by default all. Without a hierarchy levels of 8 cells to an
-        agglomerate are made, and these are used as far as there are so many.
+        How many of mesh, level 0, 1, … to use; by default all. For a diffusion problem levels of 8
+        cells to an agglomerate are made where there are none, and used as far as there are so many.
 
     Raises
     ------
@@ -97,6 +81,10 @@ class PolyDGMultigrid:
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
 
+        A linear system may have blocks of any sizes, near-null vectors, and several right-hand sides
+        ``b (n, k)``. It is preconditioned by smoothed aggregation with block Gauss–Seidel, on the
+        agglomerates of the hierarchy or, if it has none, on the graph of the matrix.
+
         Raises
         ------
         OptionError
@@ -104,36 +92,20 @@ class PolyDGMultigrid:
         MeshError
             For a mesh in 3-D, or of cells that overlap themselves.
         """
-        watch = Stopwatch()
-        with watch("assemble"), phase(progress, "assembling"):
-            fine = fine_system(problem, hierarchy, self.discretisation)
-        made = _Setup(self, problem, fine, hierarchy)
-        try:
-            with watch("setup"), phase(progress, "setting up the levels"):
-                stack = made.stack()
-        except np.linalg.LinAlgError as error:
-            return _told(
-                fine.solution(unsolved(fine.b, str(error)), [(fine.A, None)], watch.wall), made, watch
-            )
-        with watch("solve"), phase(progress, "solving") as tell:
-            history = self._iterate(fine, made, stack, None, tell)
-        if history.preconditioner_failed and made.plan.dtype == np.float32:
-            made.in_double()
-            with watch("setup"), phase(progress, "setting up the levels in double precision"):
-                stack = made.stack()
-            with watch("solve"), phase(progress, "solving") as tell:
-                history = _joined(history, self._iterate(fine, made, stack, history, tell))
-        solution = fine.solution(history, stack.operators, watch.wall)
-        return _told(
-            replace(
-                solution,
-                operator_complexity=stack.operator_complexity,
-                grid_complexity=stack.grid_complexity,
-                parts=made.parts(stack),
-                memory=stack.memory,
-            ),
-            made,
-            watch,
+        return self.repeated(hierarchy).solve(problem, progress)
+
+    def repeated(self, hierarchy: Hierarchy) -> RepeatedSolves:
+        """What solves problems on a hierarchy one after the other, as in time stepping, and keeps levels.
+
+        See :class:`~agglo_polydg_mg.repeated_solves.RepeatedSolves`.
+        """
+        return RepeatedSolves(
+            hierarchy,
+            self.discretisation,
+            self.wishes,
+            self.levels,
+            self.tolerance,
+            self.max_iterations,
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
@@ -146,65 +118,9 @@ class PolyDGMultigrid:
         MeshError
             As :meth:`solve`.
         """
-        made = _Setup(self, problem, fine_system(problem, hierarchy, self.discretisation), hierarchy)
-        made.in_double()
+        task = task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
+        task.in_double()
         try:
-            return multigrid.cycle(made.stack(), made.plan.cycle)
+            return multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
-
-    def _iterate(
-        self, fine: FineSystem, made: _Setup, stack: Any, before: History | None, tell: Any
-    ) -> History:
-        return pcg(
-            fine.A,
-            fine.b,
-            multigrid.cycle(stack, made.plan.cycle),
-            None if before is None else before.x,
-            tolerance=self.tolerance,
-            most=self.max_iterations - (0 if before is None else before.iterations),
-            stop="both",
-            probe=False,
-            measure=fine.measure,
-            energy=fine.measure.energy,
-            tell=tell,
-        )
-
-
-class _Setup:
-    """What the levels of a system are made of, so that they can be made again in another precision."""
-
-    def __init__(
-        self, solver: PolyDGMultigrid, problem: Problem, fine: FineSystem, hierarchy: Hierarchy
-    ) -> None:
-        self.problem, self.fine, self.hierarchy, self.count = problem, fine, hierarchy, solver.levels
-        diffusion = isinstance(problem, Diffusion) and hierarchy.fine is not None
-        how = solver.discretisation
-        self.basis = Basis(hierarchy.fine, how.degree, how.scaled_basis) if diffusion else None
-        self.plan: Plan = plan_for(problem, fine, self.basis, solver.wishes)
-
-    def stack(self) -> Any:
-        labels = levels_by_default(self.hierarchy, self.count)
-        return self.plan.stack(self.problem, self.fine, self.basis, labels)
-
-    def parts(self, stack: Any) -> tuple[int | None, ...]:
-        """Agglomerates of each level; None of a level with unknowns at vertices or of the matrix alone."""
-        below, cells = stack.levels[1:], self.hierarchy.graph.n
-        if self.plan.recipe != "patches":
-            return cells, *(None for _ in below)
-        return cells, *(int(each.labels.max()) + 1 for each in below)
-
-    def in_double(self) -> None:
-        """Go on in double precision."""
-        if self.plan.dtype != np.float64:
-            reason = f"{self.plan.reason}; double precision took over"
-            self.plan = replace(self.plan, dtype=np.float64, reason=reason)
-
-
-def _joined(first: History, second: History) -> History:
-    """One history of two, the second of which went on from where the first ended."""
-    return replace(second, residuals=frozen_float(np.concatenate((first.residuals, second.residuals[1:]))))
-
-
-def _told(solution: Solution, made: _Setup, watch: Stopwatch) -> Solution:
-    return replace(solution, cpu_seconds=watch.cpu, choice=made.plan.reason)

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System, multigrid
+from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, System, multigrid
 from agglo_polydg_mg.assembly import cell_means
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import difficulty
@@ -41,14 +41,14 @@ class Wishes:
 class Plan:
     """How the levels of a system are to be made; ``reason`` says it in words."""
 
-    recipe: Literal["conforming", "patches", "aggregation"]
+    recipe: Literal["conforming", "patches"]
     cycle: Literal["V", "W", "F", "K"]
     dtype: Any
     smoother: Literal["cells", "patches"]
     bubbles: bool
     reason: str
 
-    def stack(self, problem: Any, fine: FineSystem, basis: Basis | None, labels: Sequence[Int]) -> Any:
+    def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
         """The levels.
 
         Raises
@@ -56,11 +56,6 @@ class Plan:
         LinAlgError
             If a matrix is not positive definite.
         """
-        offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
-        if basis is None:
-            return multigrid.aggregation_stack(
-                fine.A, labels=labels or None, block_offsets=offsets, dtype=self.dtype
-            )
         if self.recipe == "patches":
             return patch_stack(basis, fine.A, labels, self.dtype)
         mesh = basis.mesh
@@ -69,7 +64,7 @@ class Plan:
             return multigrid.VertexPatches(A, multigrid.vertex_patches(mesh), dtype)
 
         return conforming_stack(
-            System.trusted(fine.A, fine.b, offsets, mesh),
+            System.trusted(fine.A, fine.b, np.arange(0, fine.A.shape[0] + 1, fine.width), mesh),
             basis,
             _required(fine.sigma),
             cell_means(mesh, problem.kappa),
@@ -80,36 +75,15 @@ class Plan:
         )
 
 
-def plan_for(problem: Any, fine: FineSystem, basis: Basis | None, wishes: Wishes) -> Plan:
-    """The plan for a system: of a diffusion problem by mesh, penalty and coefficient.
+def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes) -> Plan:
+    """The plan for a diffusion problem, by mesh, penalty and coefficient.
 
-    See :func:`~agglo_polydg_mg.conforming_choice.difficulty`. A linear system is aggregated: its unknowns
-    have no mesh that is known to mean anything.
-
-    Raises
-    ------
-    OptionError
-        If a recipe for PolyDG is asked of a linear system.
+    See :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
     """
     double = {"auto": None, "single": False, "double": True}[wishes.precision]
-    if basis is None or not isinstance(problem, Diffusion):
-        if wishes.recipe != "auto":
-            raise OptionError(
-                f"recipe {wishes.recipe!r} is for diffusion problems; a linear system is aggregated"
-            )
-        dtype = np.float64 if double is None or double else np.float32
-        kind: Any = "V" if wishes.cycle == "auto" else wishes.cycle
-        return Plan(
-            "aggregation",
-            kind,
-            dtype,
-            "cells",
-            False,
-            f"smoothed aggregation, {kind}-cycle, {dtype.__name__}",
-        )
     found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
     recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe
-    kind = found.kind if wishes.cycle == "auto" else wishes.cycle
+    kind: Any = found.kind if wishes.cycle == "auto" else wishes.cycle
     dtype = found.dtype if double is None else (np.float64 if double else np.float32)
     smoother: Any = "patches" if recipe == "patches" else found.smoother
     space = "smoothed agglomerates" if recipe == "patches" else "continuous space and its aggregates"

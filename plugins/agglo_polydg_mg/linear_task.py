@@ -1,0 +1,174 @@
+"""Linear systems as the default solver takes them: blocks of any sizes, several right-hand sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.authoring import (
+    TESTS,
+    Hierarchy,
+    History,
+    Int,
+    Linear,
+    OptionError,
+    Solution,
+    System,
+    Tell,
+    frozen_float,
+    frozen_int,
+    multigrid,
+    pcg_columns,
+)
+from agglo_polydg_mg.recipes import Wishes
+from agglo_polydg_mg.scaling import factor_for, unscaled
+from agglo_polydg_mg.stationary import unsolved
+from agglo_polydg_mg.transfer import chosen_levels
+
+__all__ = ["LinearTask"]
+
+
+class LinearTask:
+    """A linear system, its unknowns in the cells of a hierarchy; the levels are smoothed aggregation.
+
+    Aggregates are the agglomerates of the hierarchy, as far as they suit the matrix; without any they come
+    from the graph of the matrix. Blocks are those of the cells that have unknowns.
+
+    Raises
+    ------
+    OptionError
+        If a recipe for diffusion is asked for, blocks are not those of the cells of the hierarchy, or as
+        :class:`~agglo_core.problems.System`.
+    """
+
+    def __init__(self, problem: Linear, hierarchy: Hierarchy, wishes: Wishes, count: int | None) -> None:
+        if wishes.recipe != "auto":
+            raise OptionError(
+                f"recipe {wishes.recipe!r} is for diffusion problems; a linear system is aggregated"
+            )
+        offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
+        self._cells = cells
+        if len(offsets) != cells + 1:
+            raise OptionError(
+                f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
+            )
+        used = np.flatnonzero(np.diff(offsets) != 0)
+        self.system = System(
+            problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
+        )
+        self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)]
+        self.cycle: Any = "V" if wishes.cycle == "auto" else wishes.cycle
+        self.dtype: Any = np.float32 if wishes.precision == "single" else np.float64
+        whole = self.system.b.reshape(self.system.n, -1)
+        self._factors = [factor_for(float(np.abs(each).max())) for each in whole.T]
+        self._b = frozen_float(whole * np.array(self._factors))
+        self._doubled = ""
+
+    @property
+    def A(self) -> Any:
+        """The matrix ``(n, n)``."""
+        return self.system.A
+
+    @property
+    def choice(self) -> str:
+        """Which levels, and why."""
+        aggregates = "agglomerates" if self._labels else "the graph of the matrix"
+        where = f"smoothed aggregation by {aggregates}, {self.cycle}-cycle, {np.dtype(self.dtype).name}"
+        return where + self._doubled
+
+    @property
+    def single(self) -> bool:
+        """Whether cycles are in single precision."""
+        return bool(self.dtype == np.float32)
+
+    def in_double(self) -> None:
+        """Go on in double precision."""
+        if self.single:
+            self.dtype, self._doubled = np.float64, "; double precision took over"
+
+    def stack(self) -> Any:
+        """The levels; LinAlgError if a block is not positive definite."""
+        A, offsets, near_null = self.system.A, self.system.block_offsets, self.system.near_null
+        if near_null is not None or self.system.width != 1:
+            near_null = multigrid.smoothed_near_null(A, offsets, near_null)
+        return multigrid.aggregation_stack(
+            sparse.csr_array(A),
+            labels=self._labels or None,
+            near_null=near_null,
+            block_offsets=offsets,
+            dtype=self.dtype,
+            smoother=multigrid.blockwise,
+        )
+
+    def parts(self, stack: Any) -> tuple[int | None, ...]:
+        """Agglomerates of each level: None of all but the first, which may come of the matrix alone."""
+        return self._cells, *(None for _ in stack.levels[1:])
+
+    def iterate(
+        self, M: LinearOperator, tolerance: float, most: int, before: Sequence[History] | None, tell: Tell
+    ) -> list[History]:
+        """Conjugate gradients, each column from where it ended before: histories of all columns."""
+        found = list(before or ())
+        todo = [j for j in range(self._b.shape[1]) if not (found and found[j].converged)]
+        start = np.stack([found[j].x for j in todo], axis=1) if found else None
+        new = pcg_columns(
+            self.system.A,
+            self._b[:, todo],
+            M,
+            start,
+            tolerance=tolerance,
+            most=most,
+            stop="both",
+            probe=False,
+            tell=tell,
+        )
+        if not found:
+            return list(new)
+        for j, history in zip(todo, new, strict=True):
+            found[j] = history
+        return found
+
+    def unsolved(self, reason: str) -> list[History]:
+        """The histories of an iteration that could not start."""
+        return [unsolved(each, reason) for each in self._b.T]
+
+    def solution(
+        self, histories: Sequence[History], operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
+    ) -> Solution:
+        """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
+        columns = [unscaled(each.x, f) for each, f in zip(histories, self._factors, strict=True)]
+        last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
+        worst, errors = histories[last], [each.energy_error for each in histories]
+        return Solution(
+            x=frozen_float(np.stack(columns, axis=1).reshape(self.system.b.shape)),
+            A=self.system.A,
+            b=self.system.b,
+            operators=operators,
+            residuals=frozen_float(worst.residuals / self._factors[last]),
+            converged=all(each.converged for each in histories),
+            reason=worst.reason,
+            iterations=worst.iterations,
+            seconds=seconds,
+            energy_error=None if None in errors else max(each for each in errors if each is not None),
+            tests=tuple(name for name in TESTS if all(name in each.tests for each in histories)),
+        )
+
+
+def _badness(history: History) -> tuple[bool, int, float]:
+    return not history.converged, history.iterations, history.relative_residual or 0.0
+
+
+def _columns(near_null: Any) -> Any:
+    return near_null if near_null is None or np.ndim(near_null) != 1 else np.asarray(near_null)[:, None]
+
+
+def _levels(hierarchy: Hierarchy, count: int | None) -> list[Int]:
+    return chosen_levels(hierarchy, count) if hierarchy.levels else []
+
+
+def _numbered(labels: Int) -> Int:
+    return frozen_int(np.unique(labels, return_inverse=True)[1])

@@ -1,0 +1,171 @@
+"""Solving systems one after the other, as in time stepping: levels are kept as long as they serve."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from agglo_core.authoring import (
+    Diffusion,
+    Hierarchy,
+    History,
+    Linear,
+    Listener,
+    OptionError,
+    Problem,
+    Solution,
+    frozen_float,
+    multigrid,
+    phase,
+)
+from agglo_polydg_mg.diffusion_task import DiffusionTask
+from agglo_polydg_mg.linear_task import LinearTask
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.recipes import Wishes
+from agglo_polydg_mg.stopwatch import Stopwatch
+
+__all__ = ["RepeatedSolves", "Task", "task_for"]
+
+Task = DiffusionTask | LinearTask
+
+_MORE: Final = 1.5
+"""Levels are renewed once a solve takes more than so many times the iterations that fresh ones took."""
+_FAR_MORE: Final = 3.0
+"""A solve that takes more than so many times those goes on with fresh levels."""
+
+
+def task_for(problem: Problem, hierarchy: Hierarchy, how: PolyDG, wishes: Wishes, count: int | None) -> Task:
+    """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised."""
+    if isinstance(problem, Diffusion):
+        return DiffusionTask(problem, hierarchy, how, wishes, count)
+    if isinstance(problem, Linear):
+        return LinearTask(problem, hierarchy, wishes, count)
+    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+
+
+class RepeatedSolves:
+    """Solves problems on one hierarchy, with levels that are made once and kept while they serve.
+
+    Each system is assembled anew; the levels of an earlier one precondition it, which costs iterations as the
+    matrix changes, but never accuracy: convergence is judged by the matrix at hand. Levels are renewed for
+    the next solve after one that took over 1.5 times the iterations that the levels took when they were
+    fresh, and within a solve that takes over 3 times as many or to which the levels do not fit. Made by
+    :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.repeated`; not for several threads at once.
+
+    Attributes
+    ----------
+    setups : int
+        How many times levels have been made.
+
+    Examples
+    --------
+    >>> from agglo_core import agglomerate, samples
+    >>> from agglo_core.problems import Diffusion
+    >>> from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+    >>> steps = PolyDGMultigrid().repeated(agglomerate(samples.squares(8), n_parts=(16, 4)))
+    >>> all(steps.solve(Diffusion(kappa=1.0 + 0.1 * k)).converged for k in range(3)), steps.setups
+    (True, 1)
+    """
+
+    def __init__(
+        self,
+        hierarchy: Hierarchy,
+        how: PolyDG,
+        wishes: Wishes,
+        count: int | None,
+        tolerance: float,
+        most: int,
+    ) -> None:
+        self.setups = 0
+        self._made_of = (hierarchy, how, wishes, count)
+        self._tolerance, self._most = tolerance, most
+        self._kept: Any = None
+        self._usual: int | None = None
+
+    def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
+        """Solve, as :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.solve` does; errors as there."""
+        watch, setups = Stopwatch(), self.setups
+        with watch("assemble"), phase(progress, "assembling"):
+            task = task_for(problem, *self._made_of)
+        if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
+            self._kept = None
+        try:
+            histories = self._histories(task, watch, progress)
+        except np.linalg.LinAlgError as error:
+            self._kept = None
+            nothing = task.solution(task.unsolved(str(error)), [(task.A, None)], watch.wall)
+            return replace(nothing, cpu_seconds=watch.cpu, choice=task.choice)
+        stack = self._kept
+        kept = "" if self.setups > setups else "; levels of an earlier system"
+        solution = replace(
+            task.solution(histories, stack.operators, watch.wall),
+            operator_complexity=stack.operator_complexity,
+            grid_complexity=stack.grid_complexity,
+            parts=task.parts(stack),
+            memory=stack.memory,
+            cpu_seconds=watch.cpu,
+            choice=task.choice + kept,
+        )
+        self._judge(solution.iterations, solution.converged)
+        return solution
+
+    def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
+        """Iterate with the levels there are, then as far as needed with fresh ones, then in double."""
+        histories: list[History] | None = None
+        if self._kept is not None:
+            usual = self._usual or self._most
+            most = min(self._most, math.ceil(_FAR_MORE * usual))
+            histories = self._iterate(task, most, None, watch, progress)
+            if _finished(histories, self._most):
+                return histories
+        self._renew(task, watch, progress, "setting up the levels")
+        histories = self._iterate(task, self._most, histories, watch, progress)
+        if task.single and any(each.preconditioner_failed for each in histories):
+            task.in_double()
+            self._renew(task, watch, progress, "setting up the levels in double precision")
+            histories = self._iterate(task, self._most, histories, watch, progress)
+        return histories
+
+    def _renew(self, task: Task, watch: Stopwatch, progress: Listener | None, title: str) -> None:
+        self._kept = None  # the levels of before are not needed while those to come are made
+        with watch("setup"), phase(progress, title):
+            self._kept = task.stack()
+        self.setups, self._usual = self.setups + 1, None
+
+    def _iterate(
+        self,
+        task: Task,
+        most: int,
+        before: list[History] | None,
+        watch: Stopwatch,
+        progress: Listener | None,
+    ) -> list[History]:
+        """Histories of all columns, at most so many iterations together with those done before."""
+        left = most - max((each.iterations for each in before or () if not each.converged), default=0)
+        M = multigrid.cycle(self._kept, task.cycle)
+        with watch("solve"), phase(progress, "solving") as tell:
+            found = task.iterate(M, self._tolerance, left, before, tell)
+        return found if before is None else [_joined(*each) for each in zip(before, found, strict=True)]
+
+    def _judge(self, iterations: int, converged: bool) -> None:
+        """Decide whether to keep the levels for the next system."""
+        if self._usual is None:
+            self._usual = iterations
+        elif iterations > _MORE * self._usual + 1:
+            self._kept = None
+        if not converged:
+            self._kept = None
+
+
+def _finished(histories: list[History], most: int) -> bool:
+    return all(each.converged or each.iterations >= most for each in histories)
+
+
+def _joined(first: History, second: History) -> History:
+    """One history of two, the second of which went on from where the first ended, if it had to."""
+    if second is first:
+        return first
+    return replace(second, residuals=frozen_float(np.concatenate((first.residuals, second.residuals[1:]))))
