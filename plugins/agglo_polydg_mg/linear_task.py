@@ -23,6 +23,7 @@ from agglo_core.authoring import (
     frozen_int,
     multigrid,
     pcg_columns,
+    two_norm,
 )
 from agglo_polydg_mg.recipes import Wishes
 from agglo_polydg_mg.scaling import factor_for, unscaled
@@ -143,12 +144,15 @@ class LinearTask:
         columns = [unscaled(each.x, f) for each, f in zip(histories, self._factors, strict=True)]
         last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
         worst, errors = histories[last], [each.energy_error for each in histories]
+        residuals = np.array(worst.residuals)
+        if not worst.converged:  # the last one was updated, not computed from x
+            residuals[-1] = two_norm(self._b[:, last] - self.system.A @ worst.x)
         return Solution(
             x=frozen_float(np.stack(columns, axis=1).reshape(self.system.b.shape)),
             A=self.system.A,
             b=self.system.b,
             operators=operators,
-            residuals=frozen_float(worst.residuals / self._factors[last]),
+            residuals=frozen_float(residuals / self._factors[last]),
             converged=all(each.converged for each in histories),
             reason=worst.reason,
             iterations=worst.iterations,

@@ -52,7 +52,9 @@ class RepeatedSolves:
     Each system is assembled anew; the levels of an earlier one precondition it, which costs iterations as the
     matrix changes, but never accuracy: convergence is judged by the matrix at hand. Levels are renewed for
     the next solve after one that took over 1.5 times the iterations that the levels took when they were
-    fresh, and within a solve that takes over 3 times as many or to which the levels do not fit. Made by
+    fresh, and within a solve that takes over 3 times as many; that solve goes on from where it is. Levels of
+    another number of unknowns are never used. ``operators`` of a Solution are those of the levels in use, of
+    an earlier system perhaps, as its ``choice`` then says. Made by
     :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.repeated`; not for several threads at once.
 
     Attributes
