@@ -71,7 +71,14 @@ def test_the_guide_says_which_promise_fits_which_kind() -> None:
     assert all(f"| `{name}` | {kind.summary} |" in text for name, kind in KINDS.items())
 
 
-@pytest.mark.parametrize("mutant", MUTANTS, ids=str)
+_QUADRATIC = "time_grows_with_the_mesh"  # its mutant takes a minute
+
+
+@pytest.mark.parametrize(
+    "mutant",
+    [pytest.param(each, marks=pytest.mark.slow if each.law == _QUADRATIC else ()) for each in MUTANTS],
+    ids=str,
+)
 def test_every_law_kills_its_mutant(mutant: Mutant) -> None:
     subject = subject_of(mutant.given, mutant.kind, promises=mutant.promises)
     law, message = first_failure(replace(subject, thorough=mutant.thorough))
