@@ -78,8 +78,9 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     """Solve by the inverse, from a dense Cholesky factorisation: for up to about 1,500 unknowns.
 
     The matrix is first scaled to a unit diagonal. If it is semidefinite to rounding, that is if the trace of
-    its inverse is above 1 / (n · 3e-15), the pseudo-inverse of the scaled matrix takes the place of the inverse: eigenvalues
-    below n · 3e-15 times the largest count as 0, and a right-hand side loses its part in their eigenvectors.
+    its inverse is above 1 / (n · 3e-15), the pseudo-inverse of the scaled matrix takes the place of the
+    inverse: eigenvalues below n · 3e-15 times the largest count as 0, and a right-hand side loses its part in
+    their eigenvectors.
 
     Raises
     ------
