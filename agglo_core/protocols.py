@@ -293,7 +293,7 @@ class Solver(Protocol):
     has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
     One that needs no levels says ``needs_levels = False``, or if it is plain conjugate gradients ``plain_cg =
     True``; one whose coarse operators are not Pᵀ A P, but discretised anew or rounded, ``galerkin = False``.
-    With ``tells_progress = True`` it takes ``progress``, None or what :func:`agglo_core.progress.phase` tells.
+    With ``tells_progress = True`` it takes ``progress``, None or for :func:`agglo_core.progress.phase`.
     """
 
     def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:

@@ -77,9 +77,10 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
 def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     """Solve by the inverse, from a dense Cholesky factorisation: for up to about 1,500 unknowns.
 
-    The matrix is first scaled to a unit diagonal. If it is semidefinite to rounding, that is if a pivot is
-    less than n · 3e-15, the pseudo-inverse of the scaled matrix takes the place of the inverse: eigenvalues
-    below n · 3e-15 times the largest count as 0, and a right-hand side loses its part in their eigenvectors.
+    The matrix is first scaled to a unit diagonal. If it is semidefinite to rounding, that is if the trace of
+    its inverse is above 1 / (n · 3e-15), the pseudo-inverse of the scaled matrix takes the place of the
+    inverse: eigenvalues below n · 3e-15 times the largest count as 0, and a right-hand side loses its part in
+    their eigenvectors.
 
     Raises
     ------
@@ -115,9 +116,10 @@ def _inverse(A: Float) -> Float:
     """Inverse, or pseudo-inverse, of a matrix with a unit diagonal."""
     least = len(A) * _ROUNDING
     factor, failed = dpotrf(A, lower=1)
-    if not failed and factor.diagonal().min(initial=1.0) ** 2 > least:
-        half, _ = dpotri(factor, lower=1)
-        return np.asarray(np.tril(half) + np.tril(half, -1).T)
+    if not failed:
+        half, failed = dpotri(factor, lower=1)
+        if not failed and half.trace() * least < 1.0:  # pivots alone may hide a small eigenvalue
+            return np.asarray(np.tril(half) + np.tril(half, -1).T)
     values, vectors = np.linalg.eigh(A)
     if values[0] < -least * max(values[-1], 1.0):
         raise np.linalg.LinAlgError(
