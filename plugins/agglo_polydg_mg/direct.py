@@ -26,6 +26,7 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.direct_backends import AUTO, BACKENDS, Solves, chosen_backend
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
+from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.stationary import unsolved
 
@@ -47,8 +48,8 @@ class Direct:
         :class:`~agglo_polydg_mg.residual_measure.ResidualMeasure`, and of the energy error.
     max_refinements : int
         Further solves that may improve the first one.
-    penalty : float
-        Constant C of the penalty of jumps.
+    penalty : float, "paper" or "sharp"
+        See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     scaled_basis : bool
         Scale the basis by the size of each cell's bounding box. The paper does not.
     backend : "auto", "pardiso", "cholmod" or "superlu"
@@ -69,7 +70,7 @@ class Direct:
         degree: int = 1,
         tolerance: float = 1e-6,
         max_refinements: int = 3,
-        penalty: float = 10.0,
+        penalty: Penalty = PAPER,
         scaled_basis: bool = False,
         backend: str = AUTO,
     ) -> None:
