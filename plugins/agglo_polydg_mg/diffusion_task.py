@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Diffusion, Hierarchy, History, OptionError, Solution, Tell, pcg
 from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.operators import fine_system
+from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes, levels_by_default, plan_for
 from agglo_polydg_mg.stationary import unsolved
 
 __all__ = ["DiffusionTask"]
+
+_RAISED: Final = (0.0, 1e-12)
+_MOST: Final = 1e-10
+"""Parts of the diagonal that are added to it, one after the other, until levels can be made."""
 
 
 class DiffusionTask:
@@ -65,9 +70,28 @@ class DiffusionTask:
             self.plan = replace(self.plan, dtype=np.float64, reason=reason)
 
     def stack(self) -> Any:
-        """The levels; LinAlgError if a matrix is not positive definite."""
+        """The levels; LinAlgError if a matrix is not positive definite.
+
+        Blocks of very flat cells may be indefinite by rounding; levels are then made, in double precision,
+        of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is.
+        """
         labels = levels_by_default(self.hierarchy, self.count)
-        return self.plan.stack(self.problem, self.fine, self.basis, labels)
+        for more in _RAISED:
+            try:
+                return self.plan.stack(self.problem, self._raised(more), self.basis, labels)
+            except np.linalg.LinAlgError:
+                self.in_double()
+        self.plan = replace(self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}")
+        return self.plan.stack(self.problem, self._raised(_MOST), self.basis, labels)
+
+    def _raised(self, part: float) -> FineSystem:
+        """The system with a part of the diagonal of its matrix added to it."""
+        A = self.fine.A
+        if part == 0.0:
+            return self.fine
+        larger = sparse.bsr_array(A + sparse.diags_array(part * A.diagonal()), blocksize=A.blocksize)
+        larger.sort_indices()
+        return self.fine._replace(A=larger)
 
     def parts(self, stack: Any) -> tuple[int | None, ...]:
         """Agglomerates of each level; None of a level with unknowns at vertices."""
