@@ -170,6 +170,7 @@ def test_a_sample_is_a_function() -> None:
 # --- another process --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_another_process_says_the_same() -> None:
     here, there = check("inertial"), check("inertial", timeout=60)
     assert [(r.law, r.passed) for r in here] == [(r.law, r.passed) for r in there]
@@ -186,6 +187,7 @@ def test_a_component_that_hangs_is_stopped() -> None:
     assert "not run: the component had to be stopped twice" in messages["works_in_a_run"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["slow_to_import:SlowToImport", "hanging:CompilesForLong"])
 def test_the_clock_starts_after_the_import_and_stands_still_for_compilers(name: str) -> None:
     slow = Component("bisector", "slow", f"conformance.mutants.{name}")

@@ -166,7 +166,11 @@ ELSEWHERE = {"new_run", "chosen", "columns"}
 """Those that are only ever called by the above, or by a command, which has the program's registry."""
 
 
-@pytest.mark.parametrize("asked", GROUPS, ids=lambda group: group.__name__)
+@pytest.mark.parametrize(
+    "asked",
+    [pytest.param(each, marks=pytest.mark.slow if each is laws else ()) for each in GROUPS],
+    ids=lambda group: group.__name__,
+)
 def test_names_are_looked_up_in_the_registry_given(
     asked: Callable[[Registry, Path], None], registry: Registry, tmp_path: Path
 ) -> None:

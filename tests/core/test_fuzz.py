@@ -20,7 +20,7 @@ from agglo_core import FileError, Mesh, PluginError, read, samples, write
 SHARE = {
     ".vtu": 80,
     ".npz": 60,
-    ".msh": 4,
+    ".msh": 2,
     ".toml": 20,
     ".problem.toml": 20,
     ".safetensors": 20,

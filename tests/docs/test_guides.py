@@ -49,7 +49,18 @@ def run_guide(guide: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("guide", GUIDES, ids=lambda guide: guide.stem)
+_LONG = ("train-a-model", "write-a-plugin")
+
+
+def _with_slow_ones() -> list[object]:
+    """The guides, with a mark for those that take most of a minute."""
+    return [
+        pytest.param(guide, id=guide.stem, marks=pytest.mark.slow if guide.stem in _LONG else ())
+        for guide in GUIDES
+    ]
+
+
+@pytest.mark.parametrize("guide", _with_slow_ones())
 def test_every_block_of_the_guide_runs(guide: Path, tmp_path: Path) -> None:
     done = run_guide(guide, tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -134,6 +134,7 @@ def size_of(mesh: Mesh, problem: Diffusion) -> float:
 
 
 @needs_files
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FROM_FILES)
 @pytest.mark.parametrize("degree", [1, 3])
 def test_patch_on_published_meshes(name: str, degree: int) -> None:
