@@ -55,8 +55,18 @@ _PROBLEMS = {
 }
 
 _SMOOTHERS = {
-    "gauss_seidel": ("GaussSeidel", "Block Gauss–Seidel: forward sweeps, then as many backward."),
-    "chebyshev": ("Chebyshev", "Chebyshev polynomials of the matrix, preconditioned by its diagonal blocks."),
+    "gauss_seidel": (
+        "level_smoothers:GaussSeidel",
+        "Block Gauss–Seidel: forward sweeps, then as many backward.",
+    ),
+    "chebyshev": (
+        "level_smoothers:Chebyshev",
+        "Chebyshev polynomials of the matrix, preconditioned by its diagonal blocks.",
+    ),
+    "vertex_patches": (
+        "patch_smoother:PatchSmoother",
+        "Multiplicative Schwarz on the patches of a level: linear and symmetric.",
+    ),
 }
 
 
@@ -182,7 +192,7 @@ def _smoothers() -> list[Component]:
         Component(
             kind="smoother",
             name=name,
-            target=f"agglo_core.multigrid.level_smoothers:{target}",
+            target=f"agglo_core.multigrid.{target}",
             promises={"deterministic": True, "pickles": True, "symmetric": True},
             summary=summary,
         )

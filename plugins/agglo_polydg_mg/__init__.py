@@ -49,11 +49,4 @@ def agglo_components() -> list[Component]:
             promises={"deterministic": True, "pickles": True, "symmetric": True},
             summary="Damped block Jacobi: linear and symmetric.",
         ),
-        Component(
-            kind="smoother",
-            name="vertex_patches",
-            target="agglo_core.multigrid.patch_smoother:PatchSmoother",
-            promises={"deterministic": True, "pickles": True, "symmetric": True},
-            summary="Multiplicative Schwarz on the patches of a level: linear and symmetric.",
-        ),
     ]

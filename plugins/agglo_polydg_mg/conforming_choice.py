@@ -33,7 +33,7 @@ class Difficulty:
     strong : float
         Part of the inner faces that are strong.
     reason : str
-        The choice in words, for a report.
+        What of the mesh decided, in words, for a report.
     """
 
     smoother: Literal["cells", "patches"]
@@ -73,7 +73,7 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     >>> from agglo_polydg_mg.penalty import face_penalty
     >>> mesh = samples.squares(4)
     >>> difficulty(mesh, face_penalty(mesh, 1), np.ones(16), 1).reason
-    '0 % strong faces, at most 4 faces a cell: cells, V-cycle, float32'
+    '0 % strong faces, at most 4 faces a cell'
     """
     strong = _strong_part(mesh, sigma)
     bad, faces = strong > _BAD, int(np.diff(mesh.cell_faces[0]).max())
@@ -84,10 +84,7 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     double = (bad and degree > 1) or contrast > _CONTRAST
     smoother: Literal["cells", "patches"] = "patches" if patches else "cells"
     dtype = np.float64 if double else np.float32
-    reason = (
-        f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell: {smoother}, {kind}-cycle, "
-        f"{np.dtype(dtype).name}"
-    )
+    reason = f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell"
     return Difficulty(smoother, bad or not patches, kind, dtype, strong, reason)
 
 
