@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, Mask, UInt64
-from agglo_core.progress import Tell
 
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
@@ -35,8 +34,6 @@ __all__ = [
     "Finishing",
     "Forbidding",
     "Format",
-    "Growing",
-    "Growth",
     "HierarchyFormat",
     "IncrementalMetric",
     "LevelBisector",
@@ -106,30 +103,6 @@ class Aiming(Protocol):
 
     def aim(self, target: Target) -> LevelBisector | Bisector:
         """Do what ``for_target`` does."""
-
-
-class Growth(Protocol):
-    """Pieces of a graph that are split again and again."""
-
-    def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split piece i, with the seed ``seeds[i]``, into ``quotas[i]`` pieces.
-
-        Returns the new labels ``(n,)``, which the next call goes on from, numbered by first node, and for
-        each depth the pieces split, the cells in them and the pieces that had to be mended ``(depths, 3)``.
-        ``tell`` is told which share of the work is done.
-        """
-
-
-@runtime_checkable
-class Growing(Protocol):
-    """Optional: a bisector that makes all splits of a run to counts by itself, fused with the other steps."""
-
-    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> Growth | None:
-        """Growth of the connected ``pieces (n,)``, or None: then the driver asks depth by depth.
-
-        The labels must be those that ``bisect_level``, the refiners and the fixer make together; whoever
-        does not know these components returns None.
-        """
 
 
 @runtime_checkable

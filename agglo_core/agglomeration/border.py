@@ -99,7 +99,7 @@ def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
 
 
 def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any) -> Int:
-    """Labels ``(n,)`` of a split of each piece into as many connected pieces as its quota, numbered 0, 1, …."""
+    """Labels ``(n,)`` of a split of each piece into as many connected parts as its quota."""
     labels, total = _integers(member, "grow", given, graph.n), int(quotas.sum())
     if labels.min() < 0 or labels.max() >= total:
         raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")

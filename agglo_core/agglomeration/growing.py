@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal
+from agglo_core.agglomeration.growth import Growth
 from agglo_core.agglomeration.quotas import apportion
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.progress import phase
-from agglo_core.protocols import Growth
 
 __all__ = ["grown_levels"]
 

@@ -19,11 +19,12 @@ from agglo_core.agglomeration.border import (
     one_sided_blocks,
     require_no_worse,
 )
+from agglo_core.agglomeration.growth import Growing, Growth
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import Listener, Tell, labelled
-from agglo_core.protocols import Growth, Target
+from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 
 __all__ = ["Run", "Statistics", "Timed", "splitmix"]
@@ -141,18 +142,13 @@ class Run:
 
     def growth(self, graph: Graph, pieces: Int) -> Growth | None:
         """The growth that the bisector offers for these components; None if it offers none."""
-        offer = getattr(self.bisector.tool, "grow", None)
-        if not callable(offer):
+        tool = self.bisector.tool
+        if not isinstance(tool, Growing):
             return None
         with attributed(self.bisector.title):
-            growth: Growth | None = offer(
-                graph, pieces, [member.tool for member in self.refiners], self.fixer.tool
-            )
-        return growth
+            return tool.grow(graph, pieces, [member.tool for member in self.refiners], self.fixer.tool)
 
-    def grow(
-        self, graph: Graph, pieces: Int, growth: Growth, quotas: Int, seeds: UInt64, tell: Tell
-    ) -> Int:
+    def grow(self, graph: Graph, pieces: Int, growth: Growth, quotas: Int, seeds: UInt64, tell: Tell) -> Int:
         """Labels ``(n,)`` once the bisector has split each piece into its quota of connected ones."""
         with attributed(self.bisector.title):
             given, depths = growth.split(quotas, seeds, tell)

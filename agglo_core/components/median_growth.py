@@ -1,4 +1,4 @@
-"""All splits of a run at medians, made in place: :class:`CoordinateBisection` without a graph for each depth."""
+"""All splits of a run at medians, made in place, without a graph for each depth."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class MedianGrowth:
     """Pieces of a graph, halved across the longest side of the box of their centroids; parts are mended.
 
     Gives, to the bit, what :class:`~agglo_core.components.geometric.CoordinateBisection` and
-    :class:`~agglo_core.components.fixers.ConnectivityFixer` give depth by depth: sums are added up in the same
-    order, and what counts as equal does so in both.
+    :class:`~agglo_core.components.fixers.ConnectivityFixer` give depth by depth: sums are added up in the
+    same order, and what counts as equal does so in both.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class MedianGrowth:
         self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
-        """Split piece i into ``quotas[i]`` pieces; see :class:`~agglo_core.protocols.Growth`."""
+        """Split piece i into ``quotas[i]`` pieces; see :class:`~agglo_core.agglomeration.growth.Growth`."""
         from agglo_core.kernels.median_splits import split_at_medians
 
         total, first = int(quotas.sum()), len(quotas)
@@ -61,7 +61,8 @@ class MedianGrowth:
             split_at_medians(
                 self._graph, self._columns, self._lists, self._tag, todo, leaves, counts, tally, TIE, _WORK
             )
-            tell(counts[1] / total, f"{counts[1]:,} parts")
+            done = int(counts[1])
+            tell(done / total, f"{done:,} parts")
         cells = self._lists[0]
         self._slices = leaves[np.argsort(cells[leaves[:, 0]])]
         places = np.argsort(self._slices[:, 0])

@@ -128,7 +128,7 @@ def _places(cells, centroids, nodes, offsets):
 
 @kernel
 def _piece(cells, indptr, indices, interface, local):
-    """CSR of the piece ``cells``, rising, numbered in that order; ``local (n,)`` is a work array of numbers."""
+    """CSR of the piece ``cells``, which rise, numbered in that order; ``local (n,)`` is a work array."""
     m, count = len(cells), 0
     for i in range(m):
         local[cells[i]] = i

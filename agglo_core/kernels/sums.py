@@ -1,7 +1,7 @@
-"""Sums of chosen values, to the last bit those of numpy.
+"""Sums of chosen values, in one fixed order of additions.
 
-A share of exactly one half is rounded up or down by the last bit of a sum. Whoever needs the same decision
-needs the same order of additions: that of ``np.add.reduceat``, by pairs.
+A share of exactly one half is rounded up or down by the last bit of a sum: whoever needs the same decision
+needs the same order. This one, by pairs, is that of ``np.add.reduceat``.
 """
 
 from __future__ import annotations
