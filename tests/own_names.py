@@ -101,7 +101,10 @@ MINE = [
     Component("sample", "patch", f"{HERE}:patch"),
     Component("problem", "heating", "agglo_core.problems.diffusion:Diffusion"),
     Component("problem", "eight", "agglo_core.problems.named:constant"),
-    Component("smoother", "jacobi", "agglo_polydg_mg.smoothers:BlockJacobi"),
+    Component("smoother", "jacobi", "agglo_core.multigrid.level_smoothers:BlockJacobi"),
+    Component("transfer", "inject", "agglo_core.multigrid.transfers:Injection"),
+    Component("coarse_operator", "products", "agglo_core.multigrid.coarse_operators:Galerkin"),
+    Component("coarse_solver", "eliminate", "agglo_core.multigrid.coarse_solve:Elimination"),
     Component("constraint", "free", f"{HERE}:Free"),
     Component("section", "note", f"{HERE}:Note"),
 ]

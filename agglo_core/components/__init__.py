@@ -55,6 +55,7 @@ _PROBLEMS = {
 }
 
 _SMOOTHERS = {
+    "block_jacobi": ("level_smoothers:BlockJacobi", "Block Jacobi steps, damped by 4/(3 λ_max)."),
     "gauss_seidel": (
         "level_smoothers:GaussSeidel",
         "Block Gauss–Seidel: forward sweeps, then as many backward.",
@@ -68,12 +69,37 @@ _SMOOTHERS = {
         "Multiplicative Schwarz on the patches of a level: linear and symmetric.",
     ),
 }
+_MULTIGRID = {
+    ("transfer", "injection"): (
+        "transfers:Injection",
+        "The functions of the coarse space as they are, or their L2 projections.",
+    ),
+    ("transfer", "smoothed"): (
+        "transfers:SmoothedInjection",
+        "Injection after a damped step of block Jacobi.",
+    ),
+    ("transfer", "aggregation"): (
+        "transfers:Aggregation",
+        "Smoothed aggregation: near-null vectors on the agglomerates.",
+    ),
+    ("coarse_operator", "galerkin"): ("coarse_operators:Galerkin", "Pᵀ A P."),
+    ("coarse_operator", "rediscretised"): (
+        "coarse_operators:Rediscretised",
+        "The problem discretised on the agglomerates.",
+    ),
+    ("coarse_solver", "elimination"): (
+        "coarse_solve:Elimination",
+        "An inverse for up to 1,500 unknowns, then a sparse factorisation; singular matrices too.",
+    ),
+    ("coarse_solver", "dense"): ("coarse_solve:Dense", "A dense inverse, or pseudo-inverse."),
+    ("coarse_solver", "lu"): ("coarse_solve:SparseLU", "Sparse LU factors of SuperLU."),
+}
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Refiners, the fixer, geometric bisectors, metrics, formats, samples, problems and smoothers."""
-    parts = (_refiners, _bisectors, _metrics, _formats, _samples, _problems, _smoothers)
+    """Refiners, the fixer, geometric bisectors, metrics, formats, samples, problems, parts of multigrid."""
+    parts = (_refiners, _bisectors, _metrics, _formats, _samples, _problems, _smoothers, _multigrid)
     return [component for each in parts for component in each()]
 
 
@@ -197,4 +223,18 @@ def _smoothers() -> list[Component]:
             summary=summary,
         )
         for name, (target, summary) in _SMOOTHERS.items()
+    ]
+
+
+def _multigrid() -> list[Component]:
+    alike = {"deterministic": True, "pickles": True}
+    return [
+        Component(
+            kind=kind,
+            name=name,
+            target=f"agglo_core.multigrid.{target}",
+            promises=alike | ({"symmetric": True} if kind == "coarse_solver" else {}),
+            summary=summary,
+        )
+        for (kind, name), (target, summary) in _MULTIGRID.items()
     ]

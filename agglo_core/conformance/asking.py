@@ -29,6 +29,7 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
         "bisector": _sides,
         "format": _read_back,
         "smoother": _smoothed,
+        "coarse_solver": _solved_exactly,
         "constraint": _masks,
         "solver": _solved,
     }
@@ -85,6 +86,10 @@ def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
 
 def _smoothed(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
     return tool.setup(level)(b, x)
+
+
+def _solved_exactly(tool: Any, A: Any, b: Float) -> Any:
+    return tool.solver_for(A)(b)
 
 
 def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:

@@ -12,6 +12,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, UInt64, frozen, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
+from agglo_core.conformance.coarsening_cases import PARTS, coarsenings, one_part
 from agglo_core.conformance.level_cases import levels, single_unknown
 from agglo_core.conformance.mesh_cases import in_space, of_one_cell, on_meshes
 from agglo_core.conformance.ragged_levels import ragged_in_space
@@ -44,6 +45,8 @@ def cases(kind: str, seed: int = 0) -> list[Case]:
         return _problems()
     if kind == "smoother":
         return levels()
+    if kind in PARTS:
+        return coarsenings(kind)
     if kind == "sample":
         return [Case("it", ())]
     if kind in _ABOUT_MESHES:
@@ -64,7 +67,7 @@ def cases_in_3d(kind: str) -> list[Case]:
     """The same in 3-D; none for a kind that is given neither mesh nor graph."""
     if kind in _ABOUT_MESHES:
         return in_space(kind)
-    if kind in ("smoother", "sample"):
+    if kind in ("smoother", "sample", *PARTS):
         return []
     mesh = small_meshes.boxes()
     graphs = {
@@ -92,6 +95,8 @@ def tiny(kind: str) -> list[Case]:
     """Questions about degenerate inputs: one cell, coincident centroids, touching in a point."""
     if kind in _ABOUT_MESHES:
         return of_one_cell(kind)
+    if kind in PARTS:
+        return one_part(kind)
     if kind in ("smoother", "sample"):
         return single_unknown() if kind == "smoother" else []
     if kind == "solver":

@@ -55,7 +55,7 @@ __all__ = [
 ]
 
 _CHOOSY = ("solver", "format", "constraint")
-_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")
+_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "coarse_solver")
 _OWN_PROBLEMS = ("diffusion", "linear")
 
 

@@ -5,7 +5,8 @@ from agglo_core.multigrid.additive_schwarz import additive_schwarz
 from agglo_core.multigrid.aggregation import aggregation_stack, blockwise, pointwise
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
-from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver
+from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
+from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
 from agglo_core.multigrid.krylov import pcg, pcg_columns
@@ -16,6 +17,7 @@ from agglo_core.multigrid.level_smoothers import (
     GaussSeidel,
     smoother_setup,
 )
+from agglo_core.multigrid.named_parts import CoarseOperator, CoarseSolver, Transfer, part
 from agglo_core.multigrid.near_null import smoothed_near_null
 from agglo_core.multigrid.patch_smoother import AdditivePatches, VertexPatches
 from agglo_core.multigrid.patches import vertex_patches
@@ -23,6 +25,7 @@ from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothed import smoothed_prolongation
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
+from agglo_core.multigrid.transfers import parents
 
 __all__ = [
     "COARSE_SOLVERS",
@@ -32,11 +35,15 @@ __all__ = [
     "BlockJacobi",
     "BlockMatrix",
     "Chebyshev",
+    "CoarseOperator",
+    "CoarseSolver",
+    "Composition",
     "GaussSeidel",
     "Level",
     "LevelSmoother",
     "LevelStack",
     "ScalarGaussSeidel",
+    "Transfer",
     "VertexPatches",
     "adapted",
     "additive_schwarz",
@@ -52,11 +59,14 @@ __all__ = [
     "galerkin",
     "injection",
     "largest_eigenvalue",
+    "parents",
+    "part",
     "pcg",
     "pcg_columns",
     "pointwise",
     "smoothed_near_null",
     "smoothed_prolongation",
     "smoother_setup",
+    "symmetric_lu",
     "vertex_patches",
 ]

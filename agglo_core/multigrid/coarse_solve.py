@@ -14,7 +14,17 @@ from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.stack import Real, Solve
 
-__all__ = ["COARSE_SOLVERS", "coarse_solver", "dense_solve", "direct_solver", "lu_solve"]
+__all__ = [
+    "COARSE_SOLVERS",
+    "Dense",
+    "Elimination",
+    "SparseLU",
+    "coarse_solver",
+    "dense_solve",
+    "direct_solver",
+    "lu_solve",
+    "symmetric_lu",
+]
 
 _MOST = 5_000  # unknowns, for a dense inverse: 200 MB and some 20 seconds
 _ROUNDING = 3e-15
@@ -57,10 +67,10 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
     scale = _to_unit_diagonal(rows)
     D = sparse.diags_array(scale)
     M = sparse.csc_array(D @ rows @ D)
-    factors = _factors(M)
+    factors = symmetric_lu(M)
     regular = factors is not None and np.abs(factors.U.diagonal()).min() > _ROUNDING * M.shape[0]
     if not regular:
-        factors = _factors(sparse.csc_array(M + _SHIFT * sparse.eye_array(M.shape[0])))
+        factors = symmetric_lu(sparse.csc_array(M + _SHIFT * sparse.eye_array(M.shape[0])))
         if factors is None:
             raise np.linalg.LinAlgError(f"the matrix to be factorised ({M.shape[0]} rows) is singular")
 
@@ -138,9 +148,9 @@ def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
     LinAlgError
         If the matrix is singular.
     """
-    factors = _factors(sparse.csc_array(A, dtype=np.float64))
+    factors = symmetric_lu(sparse.csc_array(A, dtype=np.float64))
     if factors is None:
-        raise np.linalg.LinAlgError(f"the coarsest matrix of {A.shape[0]} unknowns is singular")
+        raise np.linalg.LinAlgError(f"a coarse matrix of {A.shape[0]} unknowns is singular")
 
     def solve(b: Real) -> Real:
         return np.asarray(factors.solve(np.asarray(b, np.float64))).astype(dtype)
@@ -148,17 +158,49 @@ def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
     return solve
 
 
-def _factors(M: Any) -> Any:
-    """A sparse LU factorisation that keeps the diagonal as pivots, None if a pivot is zero."""
+def symmetric_lu(M: Any, pivots: float = 0.0) -> Any:
+    """SuperLU of a symmetric ``(n, n)`` csc matrix, whose ``solve`` takes ``(n,)`` or ``(n, k)``.
+
+    A pivot is taken from the diagonal unless it is below ``pivots`` times the largest entry of its column;
+    None if a pivot is zero.
+    """
     try:
-        return splu(M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        return splu(M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivots, options={"SymmetricMode": True})
     except RuntimeError as error:  # SuperLU's word for a zero pivot
         if "singular" not in str(error):
             raise
         return None
 
 
-COARSE_SOLVERS: Final[Mapping[str, Callable[[Any, Any], Solve]]] = {"dense": dense_solve, "lu": lu_solve}
+class Elimination:
+    """By an inverse up to 1,500 unknowns, then by a sparse factorisation: :func:`direct_solver`."""
+
+    def solver_for(self, A: Any) -> Solve:
+        """Return a function that solves A x = b; errors as :func:`direct_solver`."""
+        return direct_solver(A)
+
+
+class Dense:
+    """By a dense inverse: :func:`dense_solve`."""
+
+    def solver_for(self, A: Any) -> Solve:
+        """Return a function that solves A x = b; errors as :func:`dense_solve`."""
+        return dense_solve(A)
+
+
+class SparseLU:
+    """By a sparse LU factorisation of SuperLU: :func:`lu_solve`."""
+
+    def solver_for(self, A: Any) -> Solve:
+        """Return a function that solves A x = b; errors as :func:`lu_solve`."""
+        return lu_solve(A)
+
+
+COARSE_SOLVERS: Final[Mapping[str, Callable[[Any, Any], Solve]]] = {
+    "dense": dense_solve,
+    "elimination": direct_solver,
+    "lu": lu_solve,
+}
 """Solvers of the coarsest level by name: functions of matrix and dtype."""
 
 
@@ -167,7 +209,7 @@ def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.f
 
     Parameters
     ----------
-    given : "dense", "lu" or callable
+    given : "dense", "elimination", "lu" or callable
         A callable makes a solver of right-hand sides in double precision from the matrix.
     A : (n, n) sparse
         Symmetric positive definite.

@@ -83,7 +83,7 @@ def build_stack(
         To each level from the next one, finest first.
     smoother : str, object with ``setup``, or callable
         See :func:`smoother_setup`.
-    coarse : "dense", "lu" or callable
+    coarse : "dense", "elimination", "lu" or callable
         See :func:`coarse_solver`.
     dtype : float32 or float64
         Of the vectors of a cycle.

@@ -4,12 +4,14 @@ from agglo_core.problems.choosing import discretisation_of, named_problem, read_
 from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.linear import Linear
-from agglo_core.problems.multigrid_level import MultigridLevel, Patches
+from agglo_core.problems.multigrid_level import Coarsening, CoarseSpace, MultigridLevel, Patches
 from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.solution import Lifting, Solution
 from agglo_core.problems.system import System
 
 __all__ = [
+    "CoarseSpace",
+    "Coarsening",
     "Diffusion",
     "Discretisation",
     "Field",

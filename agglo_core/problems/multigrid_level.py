@@ -1,4 +1,4 @@
-"""One level of a multigrid method, as it is given to a smoother."""
+"""Levels of a multigrid method, as they are given to its parts: transfers, coarse operators, smoothers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from agglo_core.arrays import Float, Int
 
-__all__ = ["MultigridLevel", "Patches"]
+__all__ = ["CoarseSpace", "Coarsening", "MultigridLevel", "Patches"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class MultigridLevel:
     steps : int
         Smoothing steps asked for in one application.
     patches : Patches, optional
-        Groups of parts that meet at a vertex, where the method has found them.
+        Groups of parts that meet at a vertex; None without a mesh.
     """
 
     A: Any
@@ -61,3 +61,55 @@ class MultigridLevel:
     coarse: Callable[[Float], Float] | None
     steps: int
     patches: Patches | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Coarsening:
+    """A level, and the agglomerates that are to be the parts of the next coarser one.
+
+    Attributes
+    ----------
+    A : (n, n) sparse
+        Matrix of the level, in blocks (``bsr_array``) where all parts have the same number of unknowns.
+    block_offsets : (parts + 1,) int
+        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``.
+    labels, coarse_labels : (n_cells,) int
+        Part of the level, and of the next coarser one, that holds each cell of the mesh.
+    parents : (parts,) int, optional
+        Coarse part of each part; None where a part lies in several.
+    near_null : (n, k) float, optional
+        Vectors that A takes to nearly nothing, if any are known.
+    injected : (n, m) sparse, optional
+        The functions of the coarse space as they are on the finer level, or their L2 projections; None where
+        the method has no coarse space of its own.
+    rediscretised : callable, optional
+        Makes the matrix ``(m, m)`` of the problem on the coarse parts; None where there is no discretisation.
+    """
+
+    A: Any
+    block_offsets: Int
+    labels: Int
+    coarse_labels: Int
+    parents: Int | None = None
+    near_null: Float | None = None
+    injected: Any = None
+    rediscretised: Callable[[], Any] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseSpace:
+    """What a transfer may return in place of P alone, where P does not say all.
+
+    Attributes
+    ----------
+    P : (n, m) sparse
+        Prolongation.
+    block_offsets : (parts + 1,) int, optional
+        The unknowns of each coarse part; by default all have the same number.
+    near_null : (m, k) float, optional
+        Near-null vectors of the coarse level, handed on to its own transfer.
+    """
+
+    P: Any
+    block_offsets: Int | None = None
+    near_null: Float | None = None

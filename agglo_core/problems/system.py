@@ -71,7 +71,7 @@ class System:
 
     @classmethod
     def trusted(
-        cls, A: Any, b: Float, block_offsets: Int, mesh: Mesh, near_null: Float | None = None
+        cls, A: Any, b: Float, block_offsets: Int, mesh: Mesh | None, near_null: Float | None = None
     ) -> Self:
         """A system of parts that fit together, taken as they are: for a discretisation that made them."""
         system = object.__new__(cls)

@@ -56,6 +56,7 @@ _ON_LEVELS = (
     "another_process",
     "thorough",
 )
+_OF_PARTS = ("general", "multigrid_parts", "whole", "without_trace", "promises")
 _RECORDS = (
     Kind(
         "bisector",
@@ -157,6 +158,27 @@ _RECORDS = (
             "promises",
             "another_process",
         ),
+    ),
+    Kind(
+        "transfer",
+        "says what the unknowns of a coarse multigrid level are on the next finer one",
+        ("prolongation",),
+        ("deterministic", "pickles"),
+        _OF_PARTS,
+    ),
+    Kind(
+        "coarse_operator",
+        "makes the matrix of a coarse multigrid level",
+        ("coarse_matrix",),
+        ("deterministic", "pickles"),
+        _OF_PARTS,
+    ),
+    Kind(
+        "coarse_solver",
+        "solves on the coarsest level of a multigrid method",
+        ("solver_for",),
+        ("deterministic", "pickles", "symmetric"),
+        _OF_PARTS,
     ),
     Kind(
         "constraint",

@@ -23,6 +23,13 @@ def agglo_components() -> list[Component]:
         ),
         Component(
             kind="solver",
+            name="multigrid",
+            target="agglo_polydg_mg.composed_multigrid:ComposedMultigrid",
+            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            summary="PolyDG by multigrid of your own choice: transfer, smoother, cycle and more by name.",
+        ),
+        Component(
+            kind="solver",
             name="polydg_cg",
             target="agglo_polydg_mg.plain_cg:PlainCG",
             promises={"deterministic": True, "pickles": True, "symmetric": True},
@@ -41,12 +48,5 @@ def agglo_components() -> list[Component]:
             target="agglo_polydg_mg.smoothers:Schwarz",
             promises={"deterministic": True, "pickles": True},
             summary="The paper's: conjugate gradients preconditioned by additive Schwarz.",
-        ),
-        Component(
-            kind="smoother",
-            name="block_jacobi",
-            target="agglo_polydg_mg.smoothers:BlockJacobi",
-            promises={"deterministic": True, "pickles": True, "symmetric": True},
-            summary="Damped block Jacobi: linear and symmetric.",
         ),
     ]

@@ -1,10 +1,10 @@
-"""Matrices and prolongations of all multigrid levels; coarse matrices are rediscretised or inherited."""
+"""The system on the mesh, and the spaces of the multigrid levels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,16 +23,19 @@ from agglo_core.authoring import (
     OptionError,
     Problem,
     Solution,
+    System,
     frozen_float,
+    frozen_int,
+    multigrid,
     symmetric_system,
 )
 from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
-from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
+from agglo_polydg_mg.transfer import block_matrix, l2_projection
 
-__all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
+__all__ = ["FineSystem", "LevelSpaces", "fine_system", "level_spaces"]
 
 
 class FineSystem(NamedTuple):
@@ -78,34 +81,25 @@ class FineSystem(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LevelOperators:
-    """System of the mesh, and matrices and prolongations of the levels, finest first.
+class LevelSpaces:
+    """System of the mesh, and the spaces of the coarse levels, finest first.
 
     Attributes
     ----------
     fine : FineSystem
-    P : list of sparse
-        To each level except the coarsest from the next coarser one.
-    rediscretised : list of sparse, optional
-        Matrices of the coarse levels where they are rediscretised.
+    system : System
+        The same, as compositions of multigrid parts take it.
+    injected : list of sparse
+        Coarse functions on the next finer level: as they are, or their L2 projections where levels do not
+        nest.
+    rediscretised : list of callables, optional
+        Each makes the matrix of a coarse level; None for a linear system.
     """
 
     fine: FineSystem
-    P: list[Any]
-    rediscretised: list[Any] | None = None
-
-    @cached_property
-    def inherited(self) -> list[Any]:
-        """Matrices B_1 = A_1, B_{k+1} = P_kᵀ B_k P_k of every level."""
-        chain = [self.fine.A]
-        for P in self.P:
-            chain.append(P.T @ chain[-1] @ P)
-        return chain
-
-    @property
-    def A(self) -> list[Any]:
-        """Matrices of every level."""
-        return self.inherited if self.rediscretised is None else [self.fine.A, *self.rediscretised]
+    system: System
+    injected: list[Any]
+    rediscretised: list[Callable[[], Any]] | None = None
 
 
 def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSystem:
@@ -179,53 +173,58 @@ def _width(problem: Linear, n: int) -> int:
     return int(sizes[0])
 
 
-def level_operators(
-    problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: PolyDG, inherited: bool
-) -> LevelOperators:
-    """Operators of a problem on all levels: its system on the mesh, and the coarse levels.
+def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], how: PolyDG) -> LevelSpaces:
+    """A problem on all levels: its system on the mesh, and the spaces of the coarse levels.
 
     Parameters
     ----------
     labels : sequence of (n_cells,) int
-        Of the coarse levels, finest first.
-    inherited : bool
-        Whether coarse matrices of a diffusion problem are Pᵀ A P, or rediscretised on the agglomerates,
-        each level with its own sizes and penalty. Of a linear system coarse unknowns are constant on
-        agglomerates, and matrices always inherited.
+        Of the coarse levels, finest first. Of a diffusion problem coarse unknowns are polynomials on the
+        agglomerates, of a linear system constants, one for each unknown of a cell.
 
     Raises
     ------
     OptionError
         As :func:`fine_system`.
     MeshError
-        For a mesh in 3-D; for cells or, unless ``inherited``, agglomerates that overlap themselves.
+        For a mesh in 3-D, or of cells that overlap themselves; what rediscretises for agglomerates that do.
     """
     fine = fine_system(problem, hierarchy, how)
+    offsets = frozen_int(np.arange(0, fine.A.shape[0] + 1, fine.width))
     if isinstance(problem, Linear):
-        return LevelOperators(fine, _constant_prolongations(hierarchy, labels, fine.width))
+        near_null = None if problem.near_null is None else _columns(problem.near_null)
+        system = System.trusted(fine.A, fine.b, offsets, hierarchy.fine, near_null)
+        return LevelSpaces(fine, system, _constant_prolongations(hierarchy, labels, fine.width))
     mesh = _own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
-    P = _polydg_prolongations([how.basis(each) for each in (mesh, *meshes)], labels)
-    rediscretised = None
-    if not inherited:
-        problems = [corrections(problem, mesh, each) for each in labels]
-        rediscretised = [_coarse_matrix(how, *each) for each in zip(problems, meshes, strict=True)]
-    return LevelOperators(fine, P, rediscretised)
+    bases = [how.basis(each) for each in (mesh, *meshes)]
+    constant = frozen_float(bases[0].project(lambda points: np.ones(len(points)))[:, None])
+    system = System.trusted(fine.A, fine.b, offsets, mesh, constant)
+    rediscretised = [
+        partial(_coarse_matrix, how, problem, mesh, *each) for each in zip(labels, meshes, strict=True)
+    ]
+    return LevelSpaces(fine, system, _polydg_prolongations(bases, labels), rediscretised)
 
 
-def _coarse_matrix(how: PolyDG, problem: Diffusion, mesh: Mesh) -> Any:
+def _columns(vectors: Any) -> Float:
+    found = np.asarray(vectors, np.float64)
+    return frozen_float(found if found.ndim == 2 else found[:, None])
+
+
+def _coarse_matrix(how: PolyDG, problem: Problem, mesh: Mesh, labels: Int, coarse: Mesh) -> Any:
     try:
-        return how.assemble(problem, mesh).A
+        return how.assemble(corrections(problem, mesh, labels), coarse).A
     except MeshError as error:  # a mesh whose cells overlap a little works on its own cells
         raise MeshError(
-            f"on the level of {mesh.n_cells} agglomerates: {error} (operators='inherited' does not need it)"
+            f"on the level of {coarse.n_cells} agglomerates: {error} (operators='inherited', or "
+            "coarse_operator='galerkin', does not need it)"
         ) from error
 
 
 def _polydg_prolongations(bases: Sequence[Basis], labels: Sequence[Int]) -> list[Any]:
     P = []
     for level, coarse in enumerate(labels):
-        nested = parents(labels[level - 1], coarse) if level else coarse
+        nested = multigrid.parents(labels[level - 1], coarse) if level else coarse
         if nested is not None:
             P.append(project_between(bases[level], bases[level + 1], nested))
             continue
@@ -238,10 +237,10 @@ def _constant_prolongations(hierarchy: Hierarchy, labels: Sequence[Int], width: 
     P = []
     mass = sparse.diags_array(np.repeat(hierarchy.graph.measures, width)).tocsr()
     for level, coarse in enumerate(labels):
-        nested = parents(labels[level - 1], coarse) if level else coarse
+        nested = multigrid.parents(labels[level - 1], coarse) if level else coarse
         if nested is not None:
-            P.append(injection(nested, width))
+            P.append(multigrid.injection(nested, width))
         else:
-            down = [injection(each, width) for each in labels[level - 1 : level + 1]]
+            down = [multigrid.injection(each, width) for each in labels[level - 1 : level + 1]]
             P.append(l2_projection(down[0], down[1], mass, width))
     return P

@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar, Literal, NoReturn
-
-import numpy as np
+from functools import partial
+from typing import Any, ClassVar, Literal, NoReturn
 
 from agglo_core.authoring import (
     Hierarchy,
-    Int,
     Linear,
     Listener,
-    MultigridLevel,
     OptionError,
     Problem,
     Registry,
     Smoother,
     Solution,
-    Tell,
-    frozen_int,
-    phase,
+    multigrid,
 )
-from agglo_polydg_mg.operators import LevelOperators, level_operators
-from agglo_polydg_mg.option_checks import chosen, require_count, require_fraction, require_name, require_truth
+from agglo_polydg_mg.composed_multigrid import ComposedMultigrid
+from agglo_polydg_mg.option_checks import require_name, require_truth
 from agglo_polydg_mg.penalty import PAPER, Penalty
-from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
-from agglo_polydg_mg.smoothers import set_up, smoother_of, smoother_title
-from agglo_polydg_mg.stationary import SmoothedLevel, Step, stationary, unsolved, v_cycle
-from agglo_polydg_mg.transfer import chosen_levels
+from agglo_polydg_mg.schwarz import SmootherMaker, Solve
+from agglo_polydg_mg.smoothers import smoother_of
 
 __all__ = ["PaperMultigrid"]
 
 
 class PaperMultigrid:
-    """V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
+    """The paper's choice of parts for :class:`~agglo_polydg_mg.composed_multigrid.ComposedMultigrid`.
+
+    V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
 
     :class:`~agglo_polydg_mg.residual_measure.ResidualMeasure` says how residuals are measured where the
     coefficient is not constant, so that no contrast hides them.
@@ -68,8 +61,9 @@ class PaperMultigrid:
     schwarz_coarse : bool
         Whether smoothers that use it get the correction of the next level. The coarse matrix of this
         correction is inherited whatever ``operators`` says, as in the paper's experiments.
-    coarse_solver : "lu", "dense" or callable
-        Sparse or dense direct solver, or a function that makes one from a matrix.
+    coarse_solver : str, object with ``solver_for``, or callable
+        Name of a component of kind ``coarse_solver``, such as ``"lu"``, ``"dense"`` and ``"elimination"``; a
+        :class:`~agglo_core.multigrid.CoarseSolver`; or a function that makes a solver from a matrix.
     registry : Registry, optional
         Where the name of a smoother is looked up; by default that of the program.
 
@@ -94,25 +88,35 @@ class PaperMultigrid:
         operators: Literal["rediscretised", "inherited"] = "rediscretised",
         smoother: str | Smoother | SmootherMaker = "schwarz",
         schwarz_coarse: bool = True,
-        coarse_solver: str | SolveMaker = "lu",
+        coarse_solver: str | multigrid.CoarseSolver | Callable[[Any], Solve] = "lu",
         *,
         registry: Registry | None = None,
     ) -> None:
-        require_count("smoothing_steps", smoothing_steps, 1)
-        require_count("max_iterations", max_iterations, 1)
-        if levels is not None:
-            require_count("levels", levels, 2)
-        require_fraction("tolerance", tolerance)
         require_name("operators", operators, ("rediscretised", "inherited"))
         require_truth("schwarz_coarse", schwarz_coarse)
-        self.discretisation = PolyDG(degree, penalty, scaled_basis)
-        self.smoothing_steps, self.levels = smoothing_steps, levels
-        self.tolerance, self.max_iterations = tolerance, max_iterations
-        self.inherited = self.galerkin = operators == "inherited"
-        self.smoother = smoother_of(smoother, registry)
-        self._smoother_title = smoother_title(smoother, registry)
-        self.coarse_solver = chosen("coarse_solver", coarse_solver, COARSE_SOLVERS)
-        self.schwarz_coarse = schwarz_coarse
+        preset = partial(
+            ComposedMultigrid,
+            degree=degree,
+            transfer="injection",
+            smoother=smoother_of(smoother, registry),
+            coarse_solver=coarse_solver,
+            cycle="V",
+            outer="stationary",
+            smoothing_steps=smoothing_steps,
+            levels=levels,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            penalty=penalty,
+            scaled_basis=scaled_basis,
+            corrections=schwarz_coarse,
+            registry=registry,
+        )
+        self._inherits = preset(coarse_operator="galerkin")
+        anew = operators == "rediscretised"
+        self._chosen = preset(coarse_operator="rediscretised") if anew else self._inherits
+        self.discretisation, self.galerkin = self._chosen.discretisation, self._chosen.galerkin
+        self.levels, self.max_iterations = levels, max_iterations
+        self.smoother = self._chosen.composition.smoother.tool
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve by V-cycles; ``converged`` and ``reason`` say how it ended; ``progress`` is told the phases.
@@ -124,28 +128,13 @@ class PaperMultigrid:
         MeshError
             For a mesh in 3-D, or of cells or agglomerates that overlap themselves.
         """
-        times = [time.perf_counter()]
-        labels = chosen_levels(hierarchy, self.levels)
-        with phase(progress, "assembling"):
-            operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
-        fine = operators.fine
-        times.append(time.perf_counter())
-        try:
-            with phase(progress, "setting up the levels") as tell:
-                step = self._cycle(operators, labels, tell)
-        except np.linalg.LinAlgError as error:
-            times.append(time.perf_counter())
-            history = unsolved(fine.b, str(error))
-        else:
-            times.append(time.perf_counter())
-            how_long = (self.tolerance, self.max_iterations)
-            with phase(progress, "solving") as tell:
-                history = stationary(fine.A, fine.b, step, *how_long, fine.measure, tell)
-        if not history.converged and history.iterations < self.max_iterations:
-            history = replace(history, reason=f"{history.reason}; {self._way_out(problem)}")
-        times.append(time.perf_counter())
-        seconds = dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True))
-        return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), seconds)
+        method = self._inherits if isinstance(problem, Linear) else self._chosen
+        solution = method.solve(problem, hierarchy, progress)
+        if solution.converged or solution.iterations >= self.max_iterations:
+            return solution
+        rest = "the solver direct or polydg_cg"
+        way_out = f"try {rest}" if method.galerkin else f"try operators=inherited, or {rest}"
+        return replace(solution, reason=f"{solution.reason}; {way_out}")
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:
         """Refuse: with conjugate gradients for a smoother the cycle is not linear.
@@ -166,22 +155,3 @@ class PaperMultigrid:
         rest = "the solver direct or polydg_cg"
         given = self.inherited or isinstance(problem, Linear)
         return f"try {rest}" if given else f"try operators=inherited, or {rest}"
-
-    def _cycle(self, operators: LevelOperators, labels: Sequence[Int], tell: Tell) -> Step:
-        """One V-cycle, ``(b, x)`` to a better x."""
-        parts = [frozen_int(np.arange(operators.fine.A.shape[0] // operators.fine.width)), *labels]
-        levels = []
-        for level in range(len(operators.P)):
-            tell(level / len(parts), f"level {level}")
-            levels.append(self._level(operators, level, parts[level]))
-        coarsest = self.coarse_solver(operators.A[-1])
-        return lambda b, x: v_cycle(levels, coarsest, b, x)
-
-    def _level(self, operators: LevelOperators, level: int, labels: Int) -> SmoothedLevel:
-        A, P = operators.A[level], operators.P[level]
-        wanted = self.schwarz_coarse and getattr(self.smoother, "uses_coarse", True)
-        coarse = correction(P, self.coarse_solver(operators.inherited[level + 1])) if wanted else None
-        offsets = frozen_int(np.arange(0, A.shape[0] + 1, operators.fine.width))
-        B = operators.inherited[level]
-        own = MultigridLevel(A, B, offsets, labels, P, coarse, self.smoothing_steps)
-        return SmoothedLevel(A, P, set_up(self.smoother, self._smoother_title, own))

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
 from agglo_polydg_mg.basis import Basis, project_between
-from agglo_polydg_mg.transfer import block_matrix, parents
+from agglo_polydg_mg.transfer import block_matrix
 
 __all__ = ["patch_stack"]
 
@@ -58,7 +58,7 @@ def patch_stack(
     for at, coarse in enumerate(labels):
         if A.shape[0] <= _DENSE:
             break
-        nested = parents(own, coarse)
+        nested = multigrid.parents(own, coarse)
         if nested is None:
             raise OptionError(f"the agglomerates of level {at} are not unions of those of the level before")
         below = Basis(mesh.coarsen(coarse), basis.degree, basis.scaled)

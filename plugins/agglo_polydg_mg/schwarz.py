@@ -1,73 +1,32 @@
-"""Smoothers and coarse solvers of one matrix: maps ``(b, x) → x`` and ``b → x``."""
+"""The paper's smoother of one matrix: a map ``(b, x) → x``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Final
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse.linalg import splu
 
 from agglo_core.authoring import Float, Int
 from agglo_polydg_mg.transfer import diagonal_blocks
 
 __all__ = [
-    "COARSE_SOLVERS",
     "Smooth",
     "SmootherMaker",
     "Solve",
-    "SolveMaker",
     "block_jacobi",
-    "correction",
-    "damped_jacobi",
-    "dense",
     "local_solve",
-    "lu",
     "pcg_steps",
+    "schwarz",
 ]
 
 Solve = Callable[[Float], Float]
 """Maps a right-hand side or residual ``(n,)`` to a solution or correction ``(n,)``."""
 Smooth = Callable[[Float, Float], Float]
 """Maps ``(b, x)`` to a better x."""
-SolveMaker = Callable[[Any], Solve]
-"""Makes a solver from a matrix."""
 SmootherMaker = Callable[[Any, Solve, Solve | None, int], Smooth]
 """Makes a smoother from matrix, solve in the parts, correction of the next level, number of steps."""
-
-
-def lu(A: Any) -> Solve:
-    """Sparse direct solve of a symmetric positive definite matrix.
-
-    Raises
-    ------
-    LinAlgError
-        If the matrix is singular.
-    """
-    try:
-        factors = splu(
-            sparse.csc_array(A),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(f"a coarse matrix of {A.shape[0]} unknowns is singular") from error
-    return lambda b: np.asarray(factors.solve(b))
-
-
-def dense(A: Any) -> Solve:
-    """Dense Cholesky solve.
-
-    Raises
-    ------
-    LinAlgError
-        If the matrix is not positive definite.
-    """
-    factors = cho_factor(A.toarray())
-    return lambda b: np.asarray(cho_solve(factors, b))
 
 
 def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Float:
@@ -78,7 +37,7 @@ def pcg_steps(A: Any, b: Float, x: Float, precondition: Solve, steps: int) -> Fl
     LinAlgError
         If matrix or preconditioner turn out not to be positive definite.
     """
-    r = b - A @ x
+    r = b - A @ x if x.any() else b
     if not r.any():
         return x
     z = precondition(r)
@@ -147,11 +106,6 @@ def local_solve(A: Any, block_offsets: Int) -> Solve:
     return solve
 
 
-def correction(P: Any, solve: Solve) -> Solve:
-    """The map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
-    return lambda residual: P @ solve(P.T @ residual)
-
-
 def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
     """The paper's smoother: ``steps`` of conjugate gradients, preconditioned by additive Schwarz.
 
@@ -173,27 +127,3 @@ def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
         return local(r) if coarse is None else local(r) + coarse(r)
 
     return lambda b, x: pcg_steps(A, b, x, precondition, steps)
-
-
-def damped_jacobi(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
-    """Block Jacobi steps damped by 4/(3 λ_max), ``coarse`` unused: a linear, symmetric smoother."""
-    damping = 4.0 / (3.0 * largest_eigenvalue(A, local))
-
-    def smooth(b: Float, x: Float) -> Float:
-        for _ in range(steps):
-            x = x + damping * local(b - A @ x)
-        return x
-
-    return smooth
-
-
-def largest_eigenvalue(A: Any, precondition: Solve, steps: int = 20) -> float:
-    """Largest eigenvalue of the preconditioned matrix, a little low: power method in A's inner product."""
-    x = np.cos(np.arange(A.shape[0]) ** 2 + 1.0)  # rough, and the same in every run
-    for _ in range(steps):
-        x = x / np.sqrt(float(x @ (A @ x)))
-        x, before = precondition(A @ x), x
-    return float(x @ (A @ before))
-
-
-COARSE_SOLVERS: Final[Mapping[str, SolveMaker]] = {"lu": lu, "dense": dense}

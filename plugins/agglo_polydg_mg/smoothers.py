@@ -1,29 +1,15 @@
-"""Smoothers of a level: the paper's and a linear one as components, and smoothers made from functions."""
+"""Smoothers of a level: the paper's as a component, and smoothers made from functions."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, ClassVar, Final
+from types import MappingProxyType
+from typing import Any
 
-import numpy as np
+from agglo_core.authoring import Member, MultigridLevel, Registry, Smoother, multigrid
+from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, local_solve, schwarz
 
-from agglo_core.authoring import (
-    AggloError,
-    MultigridLevel,
-    OptionError,
-    PluginError,
-    Registry,
-    Smoother,
-    attributed,
-    default,
-    describe,
-    multigrid,
-)
-from agglo_polydg_mg.schwarz import Smooth, SmootherMaker, damped_jacobi, local_solve, schwarz
-
-__all__ = ["BlockJacobi", "Schwarz", "set_up", "smoother_of", "smoother_title"]
+__all__ = ["Schwarz", "smoother_of"]
 
 
 class Schwarz:
@@ -35,18 +21,7 @@ class Schwarz:
 
     def setup(self, level: MultigridLevel) -> Smooth:
         """Return ``smooth(b, x)``; LinAlgError if a block is singular."""
-        local = local_solve(level.inherited, level.block_offsets)
-        return schwarz(level.A, local, level.coarse, level.steps)
-
-
-class BlockJacobi:
-    """Block Jacobi steps damped by 4/(3 λ_max): a linear, symmetric smoother without a coarse space."""
-
-    uses_coarse: ClassVar[bool] = False
-
-    def setup(self, level: MultigridLevel) -> Smooth:
-        """Return ``smooth(b, x)``; LinAlgError if a block is singular."""
-        return damped_jacobi(level.A, local_solve(level.A, level.block_offsets), None, level.steps)
+        return _Made(schwarz).setup(level)
 
 
 @dataclass(frozen=True)
@@ -60,11 +35,11 @@ class _Made:
         return self.maker(level.A, local, level.coarse, level.steps)
 
 
-_OWN: Final[Mapping[str, type[Smoother]]] = {"schwarz": Schwarz, "block_jacobi": BlockJacobi}
-"""Our own smoothers; their names are reserved, so that no registry is needed."""
+_OWN = MappingProxyType({"schwarz": Schwarz, **multigrid.SMOOTHERS})
+"""Names that need no registry."""
 
 
-def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
+def smoother_of(given: Any, registry: Registry | None = None) -> Member:
     """A smoother, from the name of its component, the smoother itself, or the function that makes it.
 
     Parameters
@@ -81,42 +56,6 @@ def smoother_of(given: Any, registry: Registry | None = None) -> Smoother:
     PluginError
         If the component cannot be used.
     """
-    if isinstance(given, Smoother) and not isinstance(given, type):
-        return given
-    if given is damped_jacobi:
-        return BlockJacobi()  # blocks are those of A itself
-    if callable(given):
-        return _Made(given)
-    if isinstance(given, str) and given in _OWN:
-        return _OWN[given]()
-    registry = default() if registry is None else registry
-    try:
-        record = registry.record("smoother", str(given))
-    except PluginError as error:
-        others = {each.name for each in registry.list() if each.kind == "smoother" and each.state == "ok"}
-        known = ", ".join([*_OWN, *sorted(others - set(_OWN))])
-        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.list() if r.kind == "plugin")
-        tail = f"; plugins that cannot be used: {failed}" if failed else ""
-        raise OptionError(f"smoother must be one of {known}; given {given!r}{tail}") from error
-    built: Smoother = registry.assemble(record, {})
-    return built
-
-
-def smoother_title(given: Any, registry: Registry | None = None) -> str:
-    """How errors call what :func:`smoother_of` makes of the same arguments."""
-    if isinstance(given, str) and given not in _OWN:
-        return describe((default() if registry is None else registry).record("smoother", given))
-    return f"smoother {given if isinstance(given, str) else getattr(given, '__name__', type(given).__name__)}"
-
-
-def set_up(smoother: Smoother, title: str, level: MultigridLevel) -> multigrid.Adapted:
-    """``smooth(b, x)`` of a level; what it returns is checked, and errors name the smoother.
-
-    Raises
-    ------
-    PluginError
-        For whatever it raises but AggloErrors and the LinAlgError of a singular block, and if it returns no
-        function; so does the function, and if it returns no vector like ``b``.
-    """
-    spare = (AggloError, np.linalg.LinAlgError)
-    return multigrid.adapted(smoother, level, title, partial(attributed, title, spare=spare))
+    if callable(given) and not isinstance(given, Smoother | type):
+        return Member(_Made(given), f"smoother {getattr(given, '__name__', type(given).__name__)}")
+    return multigrid.part("smoother", given, _OWN, registry)

@@ -1,9 +1,8 @@
-"""The V-cycle on any number of levels, and its stationary iteration."""
+"""Stationary iterations: a step that is repeated until the solution is right."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,44 +20,14 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.corrections import Corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
-from agglo_polydg_mg.schwarz import Smooth, Solve
 
-__all__ = ["SmoothedLevel", "Step", "stationary", "unsolved", "v_cycle"]
+__all__ = ["Step", "stationary", "unsolved"]
 
 Step = Callable[[Float, Float], Float]
 """One iteration: maps right-hand side and iterate ``(n,)`` to the next iterate."""
 
 _DIVERGED = 1e6
 """Growth of the residual at which a stationary iteration is given up."""
-
-
-@dataclass(frozen=True)
-class SmoothedLevel:
-    """A multigrid level that is smoothed: matrix, prolongation from the next one, smoother."""
-
-    A: Any
-    P: Any
-    smooth: Smooth
-
-
-def v_cycle(levels: Sequence[SmoothedLevel], coarsest: Solve, b: Float, x: Float) -> Float:
-    """One V-cycle from ``x (n,)``: smooth, correct by the next level, smooth.
-
-    Parameters
-    ----------
-    levels : sequence of SmoothedLevel
-        Finest first; without any, ``coarsest`` solves.
-    coarsest : callable
-        Solves on the coarsest level.
-    b, x : (n,) float
-    """
-    if not levels:
-        return coarsest(b)
-    here, below = levels[0], levels[1:]
-    x = here.smooth(b, x)
-    residual = here.P.T @ (b - here.A @ x)
-    x = x + here.P @ v_cycle(below, coarsest, residual, np.zeros(len(residual)))
-    return here.smooth(b, x)
 
 
 def stationary(

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Hierarchy, Int, OptionError, frozen_float, frozen_int
+from agglo_core.authoring import Float, Hierarchy, Int, OptionError, frozen_float
 from agglo_polydg_mg.basis import block_diagonal
 
-__all__ = ["block_matrix", "chosen_levels", "diagonal_blocks", "injection", "l2_projection", "parents"]
+__all__ = ["block_matrix", "chosen_levels", "diagonal_blocks", "l2_projection"]
 
 _log = logging.getLogger("agglo")
 
@@ -53,21 +53,6 @@ def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
             f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
         )
     return chosen
-
-
-def parents(fine: Int, coarse: Int) -> Int | None:
-    """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest."""
-    holder = np.empty(int(fine.max()) + 1, np.int64)
-    holder[fine] = coarse
-    return frozen_int(holder) if (holder[fine] == coarse).all() else None
-
-
-def injection(labels: Int, width: int) -> sparse.bsr_array:
-    """Injection: the ``width`` unknowns of a part become those of each of its cells."""
-    n, parts = len(labels), int(labels.max()) + 1
-    blocks = np.broadcast_to(np.eye(width), (n, width, width)).copy()
-    shape = (n * width, parts * width)
-    return sparse.bsr_array((blocks, labels.astype(np.int32), np.arange(n + 1, dtype=np.int32)), shape=shape)
 
 
 def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_array:

@@ -34,7 +34,7 @@ def first_failure(subject: Subject) -> tuple[str, str]:
 
 def test_the_number_of_laws() -> None:
     laws = all_laws()
-    assert len(laws) == len({law.name for law in laws}) == 125
+    assert len(laws) == len({law.name for law in laws}) == 132
     assert {kind: sum(kind in law.kinds for law in laws) for kind in KINDS} == {
         "bisector": 35,
         "refiner": 32,
@@ -45,6 +45,9 @@ def test_the_number_of_laws() -> None:
         "sample": 8,
         "problem": 18,
         "smoother": 32,
+        "transfer": 16,
+        "coarse_operator": 15,
+        "coarse_solver": 15,
         "constraint": 18,
         "section": 16,
     }

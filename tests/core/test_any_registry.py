@@ -24,8 +24,10 @@ from agglo_core.draw import plot
 from agglo_core.draw.webpage import page
 from agglo_core.io import check_writable
 from agglo_core.measure import comparison, measure_levels, selection, summary
+from agglo_core.multigrid import Composition, part
 from agglo_core.problems import Diffusion, choosing
 from agglo_core.registry.construct import construct
+from agglo_polydg_mg.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.smoothers import smoother_of
 
@@ -142,10 +144,26 @@ def handed_on(registry: Registry, folder: Path) -> None:
 
 
 def smoothers(registry: Registry, folder: Path) -> None:
-    assert type(smoother_of("jacobi", registry)).__name__ == "BlockJacobi"
+    assert type(smoother_of("jacobi", registry).tool).__name__ == "BlockJacobi"
     built = registry.build("solver", "polydg_mg_paper", smoother="jacobi")
     assert built.solve(Diffusion(), run(registry)).converged
     assert type(PaperMultigrid(smoother="jacobi", registry=registry).smoother).__name__ == "BlockJacobi"
+
+
+def parts_of_multigrid(registry: Registry, folder: Path) -> None:
+    mine = {
+        "transfer": "inject",
+        "coarse_operator": "products",
+        "smoother": "jacobi",
+        "coarse_solver": "eliminate",
+    }
+    for kind, name in mine.items():
+        assert "mine" in part(kind, name, {}, registry).title
+    built = registry.build("solver", "multigrid", **mine)
+    assert built.solve(Diffusion(), run(registry)).converged
+    assert ComposedMultigrid(**mine, registry=registry).composition.title == built.composition.title
+    with pytest.raises(AggloError, match="transfer must be one of injection, smoothed, aggregation, inject"):
+        Composition("wavelets", registry=registry)
 
 
 GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
@@ -159,7 +177,8 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     laws: {"check", "conformance"},
     subjects: {"find", "subject_of"},
     handed_on: {"chosen_objective", "construct", "DescentRefiner"},
-    smoothers: {"smoother_of", "smoother_title", "PaperMultigrid"},
+    smoothers: {"smoother_of", "PaperMultigrid"},
+    parts_of_multigrid: {"part", "Composition", "ComposedMultigrid"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
 ELSEWHERE = {"new_run", "chosen", "columns"}

@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "graph": EVERYBODY | {"kernels", "mesh"},
     "hierarchy": EVERYBODY | {"graph", "mesh"},
     "problems": EVERYBODY | {"hierarchy", "mesh", "registry"},
-    "multigrid": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "problems"},
+    "multigrid": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "problems", "registry"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},
     "agglomeration": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "protocols", "registry"},
     "components": EVERYBODY | {"graph", "kernels", "mesh", "protocols", "registry"},

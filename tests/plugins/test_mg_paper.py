@@ -290,7 +290,7 @@ def test_a_bare_graph_has_no_diffusion_problem() -> None:
             {"smoother": "jacobi"},
             "one of schwarz, block_jacobi, chebyshev, gauss_seidel, vertex_patches; given 'jacobi'",
         ),
-        ({"coarse_solver": "cg"}, "one of lu, dense"),
+        ({"coarse_solver": "cg"}, "coarse_solver must be one of elimination, dense, lu; given 'cg'"),
     ],
 )
 def test_bad_options_are_refused(options: dict[str, object], message: str) -> None:

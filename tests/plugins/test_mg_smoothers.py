@@ -23,11 +23,12 @@ from agglo_core import (
     hookimpl,
     samples,
 )
+from agglo_core.multigrid import BlockJacobi
 from agglo_core.problems import Diffusion, Linear, MultigridLevel
 from agglo_core.protocols import Smoother
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.schwarz import block_jacobi, local_solve, schwarz
-from agglo_polydg_mg.smoothers import BlockJacobi, Schwarz, smoother_of
+from agglo_polydg_mg.smoothers import Schwarz, smoother_of
 
 Array = NDArray[np.float64]
 
@@ -79,6 +80,8 @@ def test_a_strangers_smoother_converges_and_sees_the_level(
         assert level.block_offsets.tolist() == list(range(0, n + 1, 3))
         assert level.labels.tolist() == labels.tolist()
         assert level.steps == 4
+        assert level.patches is not None
+        assert np.unique(level.patches.parts).tolist() == list(range(n // 3))
         assert (level.coarse is not None) is schwarz_coarse
         if level.coarse is not None:
             r = np.linspace(-1, 1, n)
@@ -114,17 +117,19 @@ def test_names_are_looked_up_in_the_registry() -> None:
         Component("smoother", name, f"{PointJacobi.__module__}:PointJacobi") for name in ("points", "dots")
     ]
     registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: given)), "mine")
-    assert isinstance(smoother_of("schwarz", registry), Schwarz)
-    assert isinstance(smoother_of("points", registry), PointJacobi)
-    assert isinstance(smoother_of("mine/dots", registry), PointJacobi)
-    with pytest.raises(OptionError, match="one of schwarz, block_jacobi, dots, points; given 'sor'"):
+    assert isinstance(smoother_of("schwarz", registry).tool, Schwarz)
+    assert isinstance(smoother_of("points", registry).tool, PointJacobi)
+    assert isinstance(smoother_of("mine/dots", registry).tool, PointJacobi)
+    with pytest.raises(
+        OptionError, match="one of schwarz, block_jacobi, chebyshev, gauss_seidel, dots, points; given 'sor'"
+    ):
         smoother_of("sor", registry)
     registry.block("mine")
     with pytest.raises(PluginError, match="blocked"):
         smoother_of("points", registry)
 
 
-@pytest.mark.parametrize("smoother", [Schwarz(), BlockJacobi(), smoother_of(schwarz)])
+@pytest.mark.parametrize("smoother", [Schwarz(), BlockJacobi(), smoother_of(schwarz).tool])
 def test_smoothers_keep_to_the_protocol_and_pickle(smoother: Smoother) -> None:
     assert isinstance(smoother, Smoother)
     assert type(pickle.loads(pickle.dumps(smoother))) is type(smoother)

@@ -9,8 +9,9 @@ import pytest
 from scipy import sparse
 
 from agglo_core import Hierarchy, OptionError, samples
+from agglo_core.multigrid import injection, parents
 from agglo_polydg_mg.basis import Basis, project_between
-from agglo_polydg_mg.transfer import chosen_levels, diagonal_blocks, injection, l2_projection, parents
+from agglo_polydg_mg.transfer import chosen_levels, diagonal_blocks, l2_projection
 
 
 def hierarchy_of(*levels: list[int]) -> Hierarchy:

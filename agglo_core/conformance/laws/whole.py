@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases_in_3d, tiny
+from agglo_core.conformance.coarsening_cases import PARTS
 from agglo_core.conformance.hard_cases import partitions_in_3d
 from agglo_core.conformance.law import ASKED, law
 from agglo_core.conformance.laws.bisector import one_sided
@@ -28,7 +29,7 @@ from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
 from agglo_core.registry import KINDS
 
-_SEES_SPACE = tuple(kind for kind in ASKED if kind != "smoother")
+_SEES_SPACE = tuple(kind for kind in ASKED if kind not in ("smoother", *PARTS))
 
 
 @law(*KINDS)

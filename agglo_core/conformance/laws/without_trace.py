@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 
+from agglo_core.conformance.coarsening_cases import PARTS
 from agglo_core.conformance.early_ends import early_ends
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import answer, fingerprints, global_random
@@ -12,7 +13,7 @@ from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.surroundings import Snapshot, elsewhere, stdout_of_process
 from agglo_core.conformance.verdict import Broken, require
 
-_KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "constraint")
+_KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "constraint", *PARTS)
 
 
 @law(*_KINDS)

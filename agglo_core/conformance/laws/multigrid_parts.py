@@ -1,0 +1,139 @@
+"""Laws of the parts of a multigrid method besides its smoother: transfer, coarse operator, coarse solver."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.conformance.case import Case
+from agglo_core.conformance.law import law
+from agglo_core.conformance.questions import answer, in_words, plain, questions
+from agglo_core.conformance.subject import Subject
+from agglo_core.conformance.verdict import require
+
+_NEAR = 0.2  # of a near-null vector, at most so much may lie outside the range of a prolongation
+_LEFT = 0.1  # of the error, at most so much may be left by a coarse solver
+
+
+@law("transfer")
+def prolongation_fits(subject: Subject) -> None:
+    """It gives a sparse matrix of a row for each unknown, its columns dealt out to the coarse parts."""
+    for case in questions(subject):
+        given = answer(subject, subject.build(), case)
+        P, step = getattr(given, "P", given), case.given[0]
+        n, parts = step.A.shape[0], int(step.coarse_labels.max()) + 1
+        require(
+            sparse.issparse(P) and P.dtype.kind == "f" and P.shape[0] == n and np.isfinite(P.data).all(),
+            f"on {case.name}: it returned {in_words(P)}, expected a sparse matrix of {n} rows of finite "
+            "floats",
+        )
+        offsets = getattr(given, "block_offsets", None)
+        dealt = P.shape[1] > 0 and P.shape[1] % parts == 0
+        if offsets is not None:
+            dealt = len(offsets) == parts + 1 and offsets[0] == 0 and offsets[-1] == P.shape[1]
+        require(
+            dealt,
+            f"on {case.name}: its {P.shape[1]} columns cannot be dealt out to {parts} parts: return "
+            "CoarseSpace(P, block_offsets), whose offsets rise from 0 to the number of columns",
+        )
+
+
+@law("transfer")
+def columns_independent(subject: Subject) -> None:
+    """No coarse unknown can be made of the others: the columns are linearly independent."""
+    for case in questions(subject):
+        P = _prolongation(subject, case)
+        size = np.linalg.norm(P, axis=0)
+        rank = np.linalg.matrix_rank(P / np.where(size > 0.0, size, 1.0), tol=1e-8)
+        require(
+            rank == P.shape[1],
+            f"on {case.name}: {P.shape[1]} columns have the rank {rank}: the coarse matrix would be singular",
+        )
+
+
+@law("transfer")
+def near_null_kept(subject: Subject) -> None:
+    """What the matrix takes to nearly nothing lies nearly in the range of the prolongation."""
+    for case in questions(subject):
+        P, B = _prolongation(subject, case), case.given[0].near_null
+        left = B - P @ np.linalg.lstsq(P, B, rcond=None)[0]
+        share = float((np.linalg.norm(left, axis=0) / np.linalg.norm(B, axis=0)).max())
+        require(
+            share <= _NEAR,
+            f"on {case.name}: {share:.2f} of a near-null vector lies outside the range of P: smoothers "
+            "hardly reduce such errors, the coarse level has to; build P of step.near_null or step.injected",
+        )
+
+
+@law("coarse_operator")
+def coarse_matrix_fits(subject: Subject) -> None:
+    """``coarse_matrix(step, P)`` gives a sparse real square matrix with a row for each column of P."""
+    for case in questions(subject):
+        given, m = answer(subject, subject.build(), case), case.given[1].shape[1]
+        require(
+            sparse.issparse(given) and given.dtype.kind == "f" and given.shape == (m, m),
+            f"on {case.name}: it returned {in_words(given)}, expected a sparse matrix ({m}, {m}) of floats",
+        )
+
+
+@law("coarse_operator")
+def coarse_matrix_definite(subject: Subject) -> None:
+    """The coarse matrix is symmetric and positive definite."""
+    for case in questions(subject):
+        A = answer(subject, subject.build(), case).toarray()
+        size = np.abs(A).max()
+        gap = float(np.abs(A - A.T).max() / size)
+        require(gap <= 1e-9, f"on {case.name}: A and its transpose differ by {gap:.1e}: restrict by Pᵀ")
+        least = float(np.linalg.eigvalsh(0.5 * (A + A.T))[0] / size)
+        require(least > 0.0, f"on {case.name}: it has the eigenvalue {least:.1e} of its largest entry")
+
+
+@law("coarse_solver")
+def coarse_error_reduced(subject: Subject) -> None:
+    """``solver_for(A)`` gives a function of b whose x ``(n,)`` is the solution but for a tenth at most."""
+    for case in questions(subject):
+        A, b = case.given
+        given = answer(subject, subject.build(), case)
+        require(
+            isinstance(given, np.ndarray) and given.shape == b.shape and given.dtype.kind == "f",
+            f"on {case.name}: solve(b) returned {in_words(given)}, expected floats of shape {b.shape}",
+        )
+        exact = np.atleast_1d(spsolve(sparse.csc_array(A), b))
+        error = given - exact
+        left = float(np.sqrt((error @ (A @ error)) / (exact @ (A @ exact))))
+        require(
+            left <= _LEFT,
+            f"on {case.name}: {left:.2f} of the error is left in the energy norm: nothing below the coarsest "
+            "level makes up for it; solve, or iterate more",
+        )
+
+
+@law("coarse_solver", promise="symmetric")
+def coarse_solver_symmetric(subject: Subject) -> None:
+    """The solution is a linear function of b, and symmetric."""
+    for case in questions(subject):
+        A = case.given[0]
+        u, v = np.random.default_rng(3).standard_normal((2, A.shape[0]))
+        Su, Sv, both = (_solution(subject, case, each) for each in (u, v, 2 * u - 3 * v))
+        size = np.abs(both).max() + np.abs(Su).max()
+        bent = float(np.abs(both - 2 * Su + 3 * Sv).max() / size)
+        require(
+            bent <= 1e-8,
+            f"on {case.name}: of 2 u − 3 v it does not make 2 S u − 3 S v, by {bent:.1e}: conjugate "
+            "gradients that stop by a tolerance are not linear; drop the promise symmetric",
+        )
+        gap = float(abs(u @ Sv - v @ Su) / (np.linalg.norm(u) * np.linalg.norm(Sv)))
+        require(gap <= 1e-8, f"on {case.name}: u·S v and v·S u differ by {gap:.1e}: sweep there and back")
+
+
+def _prolongation(subject: Subject, case: Case) -> Float:
+    given = answer(subject, subject.build(), case)
+    return np.asarray(getattr(given, "P", given).toarray())
+
+
+def _solution(subject: Subject, case: Case, b: Any) -> Float:
+    return plain(subject, subject.build(), Case(case.name, (case.given[0], frozen_float(b))))

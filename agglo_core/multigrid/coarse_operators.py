@@ -1,0 +1,46 @@
+"""Coarse operators: the matrices of coarse levels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.galerkin import galerkin
+from agglo_core.problems import Coarsening
+
+__all__ = ["Galerkin", "Rediscretised"]
+
+
+class Galerkin:
+    """Pᵀ A P: coarse corrections are the best in the energy norm."""
+
+    def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
+        """Return the matrix ``(m, m)``."""
+        return galerkin(step.A, P)
+
+
+class Rediscretised:
+    """The problem discretised anew on the agglomerates, with sizes and penalty of their own."""
+
+    def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
+        """Return the matrix ``(m, m)``.
+
+        Raises
+        ------
+        OptionError
+            If there is no discretisation, as of a linear system, or P leads to other unknowns than its.
+        MeshError
+            For agglomerates that overlap themselves.
+        """
+        if step.rediscretised is None:
+            raise OptionError(
+                "coarse_operator=rediscretised needs a problem that is discretised; a linear system has only "
+                "its matrix: take galerkin"
+            )
+        matrix = step.rediscretised()
+        if matrix.shape[0] != P.shape[1]:
+            raise OptionError(
+                f"coarse_operator=rediscretised has {matrix.shape[0]} unknowns on the coarse level, the "
+                f"transfer {P.shape[1]}: take galerkin, or transfer=injection"
+            )
+        return matrix

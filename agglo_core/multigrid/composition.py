@@ -1,0 +1,263 @@
+"""Multigrid methods put together from parts: transfer, coarse operator, smoother, coarse solver, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import AggloError, PluginError
+from agglo_core.multigrid.adapted_smoother import adapted
+from agglo_core.multigrid.block_matrix import in_blocks
+from agglo_core.multigrid.coarse_operators import Galerkin, Rediscretised
+from agglo_core.multigrid.coarse_solve import Dense, Elimination, SparseLU
+from agglo_core.multigrid.galerkin import galerkin, injection
+from agglo_core.multigrid.level_smoothers import SMOOTHERS, BlockJacobi, Chebyshev, GaussSeidel
+from agglo_core.multigrid.named_parts import part
+from agglo_core.multigrid.patches import vertex_patches
+from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Real, Solve
+from agglo_core.multigrid.transfers import Aggregation, Injection, SmoothedInjection, parents
+from agglo_core.problems import Coarsening, CoarseSpace, MultigridLevel, System
+from agglo_core.progress import Tell, to_nobody
+from agglo_core.registry import Registry
+from agglo_core.registry.attribution import Member, attributed
+
+__all__ = ["Composition"]
+
+_TRANSFERS: Final[Mapping[str, Callable[[], Any]]] = MappingProxyType(
+    {"injection": Injection, "smoothed": SmoothedInjection, "aggregation": Aggregation}
+)
+_COARSE_OPERATORS: Final[Mapping[str, Callable[[], Any]]] = MappingProxyType(
+    {"galerkin": Galerkin, "rediscretised": Rediscretised}
+)
+_COARSE_SOLVERS: Final[Mapping[str, Callable[[], Any]]] = MappingProxyType(
+    {"elimination": Elimination, "dense": Dense, "lu": SparseLU}
+)
+
+
+class Composition:
+    """The parts of a multigrid method, each by name, as an object, or as a function.
+
+    Parameters
+    ----------
+    transfer : "smoothed", "injection", "aggregation", or a component of kind ``transfer``
+        What the unknowns of a coarse level are on the finer one: the functions of the coarse space, smoothed
+        or as they are; or near-null vectors on agglomerates, smoothed.
+    coarse_operator : "galerkin", "rediscretised", or a component of kind ``coarse_operator``
+        Matrices of coarse levels: Pᵀ A P, or the problem discretised on the agglomerates.
+    smoother : "gauss_seidel", "block_jacobi", "chebyshev", or a component of kind ``smoother``
+    coarse_solver : "elimination", "dense", "lu", or a component of kind ``coarse_solver``
+        For the coarsest level, and for smoothers that add the correction of the next one.
+    registry : Registry, optional
+        Where names are looked up; by default the installed plugins.
+
+    Raises
+    ------
+    OptionError
+        For a name that no component has, and what is no component.
+    PluginError
+        If a component cannot be used.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import Composition, cycle, pcg
+    >>> from agglo_core.problems import System
+    >>> A = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(64, 64))
+    >>> system = System(A, np.ones(64))
+    >>> stack = Composition(smoother="chebyshev").stack(system, [np.arange(64) // 4, np.arange(64) // 16])
+    >>> [level.A.shape[0] for level in stack.levels]
+    [64, 16, 4]
+    >>> pcg(system.A, system.b, cycle(stack, "W")).converged
+    True
+    """
+
+    def __init__(
+        self,
+        transfer: Any = "smoothed",
+        coarse_operator: Any = "galerkin",
+        smoother: Any = "gauss_seidel",
+        coarse_solver: Any = "elimination",
+        *,
+        registry: Registry | None = None,
+    ) -> None:
+        self.transfer = part("transfer", transfer, _TRANSFERS, registry)
+        self.coarse_operator = part("coarse_operator", coarse_operator, _COARSE_OPERATORS, registry)
+        self.smoother = part("smoother", smoother, SMOOTHERS, registry)
+        self.coarse_solver = part("coarse_solver", coarse_solver, _COARSE_SOLVERS, registry)
+
+    @property
+    def galerkin(self) -> bool:
+        """Whether coarse matrices are Pᵀ A P."""
+        return isinstance(self.coarse_operator.tool, Galerkin)
+
+    @property
+    def title(self) -> str:
+        """The parts in words."""
+        members = (self.transfer, self.coarse_operator, self.smoother, self.coarse_solver)
+        return ", ".join(member.title for member in members)
+
+    def stack(
+        self,
+        system: System,
+        labels: Sequence[Int],
+        *,
+        injected: Sequence[Any] | None = None,
+        rediscretised: Sequence[Callable[[], Any]] | None = None,
+        steps: int = 1,
+        corrections: bool = True,
+        tell: Tell = to_nobody,
+    ) -> LevelStack:
+        """The levels of a system on agglomerates, ready for cycles in double precision.
+
+        Parameters
+        ----------
+        system : System
+            With a mesh, smoothers are given the patches of each level.
+        labels : sequence of (n_blocks,) int
+            Agglomerate of each block (cell) on the coarse levels, finest first.
+        injected : sequence of (n, m) sparse, optional
+            The coarse functions on the next finer level, finest first: of a discretisation. By default the
+            unknowns of a part become those of its children.
+        rediscretised : sequence of callables, optional
+            Each makes the matrix of a coarse level.
+        steps : int
+            Smoothing steps before and after the correction by the next level.
+        corrections : bool
+            Whether smoothers that use it are given the correction by the next level.
+        tell : callable, optional
+            Told how far the set-up has come.
+
+        Raises
+        ------
+        OptionError
+            For parts that do not fit together, or do not fit the system.
+        PluginError
+            For what a part returns that is not what its kind promises.
+        LinAlgError
+            If a matrix is not positive definite; the message names the level.
+        """
+        offsets = system.block_offsets
+        A = inherited = in_blocks(system.A, offsets)
+        own, near_null = frozen_int(np.arange(system.n_blocks)), system.near_null
+        levels: list[Level] = []
+        for k, coarse in enumerate(labels):
+            tell(k / (len(labels) + 1), f"level {k}")
+            step = Coarsening(
+                A,
+                offsets,
+                own,
+                frozen_int(coarse),
+                parents(own, coarse),
+                near_null,
+                _injected(k, own, coarse, offsets) if injected is None else injected[k],
+                None if rediscretised is None else rediscretised[k],
+            )
+            try:
+                space = self._space(step)
+                below = self._matrix(step, space)
+                down = below if self.galerkin and inherited is A else galerkin(inherited, space.P)
+                wanted = corrections and getattr(self.smoother.tool, "uses_coarse", True)
+                correction = _correction(space.P, self._solver(down)) if wanted else None
+                patches = None if system.mesh is None else vertex_patches(system.mesh, own if k else None)
+                level = MultigridLevel(A, inherited, offsets, own, space.P, correction, steps, patches)
+                levels.append(Level(A, offsets, space.P, self._smoother(level), own, patches))
+            except np.linalg.LinAlgError as error:
+                raise np.linalg.LinAlgError(f"level {k}: {error}") from error
+            own, near_null, offsets = step.coarse_labels, space.near_null, _required(space.block_offsets)
+            A, inherited = below, below if down is below else in_blocks(down, offsets)
+        levels.append(Level(A, offsets, labels=own))
+        return LevelStack(levels, self._solver(A))
+
+    def _space(self, step: Coarsening) -> CoarseSpace:
+        """The coarse space of a transfer, checked, with its blocks."""
+        with _guarded(self.transfer):
+            made = self.transfer.tool.prolongation(step)
+            space = made if isinstance(made, CoarseSpace) else CoarseSpace(made)
+            parts = int(step.coarse_labels.max()) + 1
+            n = step.A.shape[0]
+            P = _stored("prolongation", space.P, (n, space.P.shape[1] if sparse.issparse(space.P) else parts))
+            m = P.shape[1]
+            offsets = space.block_offsets
+            if offsets is None:
+                if m == 0 or m % parts:
+                    raise PluginError(
+                        f"P has {m} columns for {parts} parts: return a CoarseSpace, whose block_offsets say "
+                        "which columns belong to which part"
+                    )
+                offsets = np.arange(parts + 1) * (m // parts)
+            fits = np.shape(offsets) == (parts + 1,) and offsets[0] == 0 and offsets[-1] == m
+            if not fits or (np.diff(offsets) < 0).any():
+                raise PluginError(f"block_offsets must rise from 0 to {m} and have {parts + 1} entries")
+        return CoarseSpace(P, frozen_int(offsets), space.near_null)
+
+    def _matrix(self, step: Coarsening, space: CoarseSpace) -> Any:
+        """The matrix of the coarse level, in blocks."""
+        m = space.P.shape[1]
+        with _guarded(self.coarse_operator):
+            made = self.coarse_operator.tool.coarse_matrix(step, space.P)
+            return in_blocks(_stored("coarse_matrix", made, (m, m)), _required(space.block_offsets))
+
+    def _smoother(self, level: MultigridLevel) -> LevelSmoother:
+        tool = self.smoother.tool
+        if isinstance(tool, GaussSeidel | BlockJacobi | Chebyshev):
+            return tool.setup(level)
+        return adapted(tool, level, self.smoother.title, partial(_guarded, self.smoother))
+
+    def _solver(self, A: Any) -> Solve:
+        tool = self.coarse_solver.tool
+        if isinstance(tool, Elimination | Dense | SparseLU):
+            return tool.solver_for(A)
+        with _guarded(self.coarse_solver):
+            solve = tool.solver_for(A)
+            if not callable(solve):
+                raise PluginError(f"solver_for returned {solve!r:.60}, expected a function of b")
+
+        def checked(b: Real) -> Real:
+            with _guarded(self.coarse_solver):
+                x: Real = np.asarray(solve(b))
+                if x.shape != b.shape or x.dtype.kind != "f":
+                    raise PluginError(
+                        f"the solver returned shape {x.shape} of {x.dtype}, expected {b.shape} of float64"
+                    )
+            return x
+
+        return checked
+
+
+def _guarded(member: Member) -> Any:
+    """A context manager that says whose errors they are; those that are ours pass as they are."""
+    return attributed(member.title, spare=(AggloError, np.linalg.LinAlgError))
+
+
+def _injected(k: int, own: Int, coarse: Int, offsets: Int) -> Any:
+    """The injection of a system that comes without any; None where there is none."""
+    sizes, to = np.diff(offsets), parents(own, coarse)
+    return None if to is None or sizes.min() != sizes.max() else injection(to, int(sizes[0]))
+
+
+def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
+    """The map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
+    PT = sparse.csr_array(P.T)
+    return lambda r: np.asarray(P @ solve(PT @ r))
+
+
+def _stored(what: str, given: Any, shape: tuple[int, int]) -> Any:
+    """A sparse matrix of real numbers, by rows or in blocks."""
+    if not sparse.issparse(given) or given.dtype.kind not in "fiu" or given.shape != shape:
+        seen = f"{given.shape} of {given.dtype}" if sparse.issparse(given) else f"{given!r:.60}"
+        raise PluginError(f"{what} returned {seen}, expected a sparse matrix {shape} of floats")
+    stored = given if given.format in ("bsr", "csr") else sparse.csr_array(given)
+    if not np.isfinite(stored.data).all():
+        raise PluginError(f"{what} returned values that are not finite")
+    return stored
+
+
+def _required(offsets: Int | None) -> Int:
+    assert offsets is not None  # made with the space
+    return offsets

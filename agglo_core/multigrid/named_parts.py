@@ -1,0 +1,96 @@
+"""The parts of a multigrid method: what each must offer, and how it is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import Any, Protocol, runtime_checkable
+
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.multigrid.stack import Solve
+from agglo_core.problems import Coarsening
+from agglo_core.registry import KINDS, Registry, default, describe
+from agglo_core.registry.attribution import Member
+from agglo_core.registry.options import name_and_options
+
+__all__ = ["CoarseOperator", "CoarseSolver", "Transfer", "part"]
+
+
+@runtime_checkable
+class Transfer(Protocol):
+    """Says what the unknowns of a coarse level are on the next finer one; restriction is the transpose."""
+
+    def prolongation(self, step: Coarsening) -> Any:
+        """Return P ``(n, m)`` sparse, the coarse unknowns part by part; or a CoarseSpace, which says more."""
+
+
+@runtime_checkable
+class CoarseOperator(Protocol):
+    """Makes the matrix of a coarse level."""
+
+    def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
+        """Return a symmetric positive definite matrix ``(m, m)`` sparse, for P ``(n, m)``."""
+
+
+@runtime_checkable
+class CoarseSolver(Protocol):
+    """Solves on the coarsest level, and wherever a smoother adds the correction of the next level."""
+
+    def solver_for(self, A: Any) -> Solve:
+        """Return a function that maps b ``(n,)`` to x with A x = b; LinAlgError if A cannot be factorised."""
+
+
+def part(kind: str, given: Any, own: Mapping[str, Callable[[], Any]], registry: Registry | None) -> Member:
+    """The component that a choice stands for, and how errors call it.
+
+    Parameters
+    ----------
+    kind : str
+        ``transfer``, ``coarse_operator``, ``smoother`` or ``coarse_solver``.
+    given : str, (str, dict), object or callable
+        A name, a name with options, an object with the method of the kind, or a function that does what
+        the method does.
+    own : mapping
+        Our components by name; their names are reserved, so that no registry is needed.
+    registry : Registry, optional
+        Where other names are looked up; by default the installed plugins.
+
+    Raises
+    ------
+    OptionError
+        If it is none of these, or no component has the name.
+    PluginError
+        If the component cannot be used.
+    """
+    method = KINDS[kind].methods[0]
+    if isinstance(given, Member):
+        return given
+    if isinstance(given, str) and given in own:
+        return Member(own[given](), f"{kind} {given}")
+    if isinstance(given, str | tuple):
+        return _named(kind, given, own, default() if registry is None else registry)
+    if not isinstance(given, type):
+        if callable(getattr(given, method, None)):
+            return Member(given, f"{kind} {type(given).__name__}")
+        if callable(given):
+            title = getattr(given, "__name__", type(given).__name__)
+            return Member(SimpleNamespace(**{method: given}), f"{kind} {title}")
+    raise OptionError(
+        f"{kind} must be a name, an object with {method}, or a function that does what {method} does; given "
+        f"{given!r:.60}"
+    )
+
+
+def _named(
+    kind: str, given: str | tuple[Any, ...], own: Mapping[str, Callable[[], Any]], registry: Registry
+) -> Member:
+    name, options = (given, {}) if isinstance(given, str) else name_and_options(kind, given)
+    try:
+        record = registry.record(kind, name)
+    except PluginError as error:
+        usable = {each.name for each in registry.list() if each.kind == kind and each.state == "ok"}
+        failed = "; ".join(f"{describe(r)}: {r.reason}" for r in registry.list() if r.kind == "plugin")
+        tail = f"; plugins that cannot be used: {failed}" if failed else ""
+        known = ", ".join([*own, *sorted(usable - set(own))])
+        raise OptionError(f"{kind} must be one of {known}; given {given!r}{tail}") from error
+    return Member(registry.assemble(record, options), describe(record))

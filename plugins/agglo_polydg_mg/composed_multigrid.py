@@ -1,0 +1,193 @@
+"""Multigrid put together by the user, its parts, its cycle and the iteration around it by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.authoring import (
+    Hierarchy,
+    Int,
+    Listener,
+    OptionError,
+    Problem,
+    Registry,
+    Smoother,
+    Solution,
+    Tell,
+    multigrid,
+    phase,
+    to_nobody,
+)
+from agglo_polydg_mg.operators import LevelSpaces, level_spaces
+from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, require_truth
+from agglo_polydg_mg.outer_iterations import (
+    CYCLES,
+    OUTER,
+    Cycle,
+    Outer,
+    iterate,
+    require_linear,
+    require_together,
+)
+from agglo_polydg_mg.penalty import Penalty
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.stationary import unsolved
+from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_polydg_mg.transfer import chosen_levels
+
+__all__ = ["ComposedMultigrid"]
+
+
+class ComposedMultigrid:
+    """PolyDG, or a linear system, by a multigrid method whose parts are chosen one by one.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    transfer, coarse_operator, smoother, coarse_solver : str, object or callable
+        The parts, see :class:`agglo_core.multigrid.Composition`.
+    cycle : "V", "W", "F" or "K"
+    outer : "cg", "flexible_cg" or "stationary"
+        Conjugate gradients, for a cycle that is linear and symmetric; such as bear with one that is not; or
+        the cycle alone, repeated.
+    smoothing_steps : int
+        Before and after each correction by the next level.
+    levels : int, optional
+        How many of mesh, level 0, 1, … to use; by default all. The last one is solved directly.
+    tolerance : float
+    max_iterations : int
+    penalty : float, "paper" or "sharp"
+        See :class:`~agglo_polydg_mg.polydg.PolyDG`.
+    scaled_basis : bool
+        Scale the basis by the size of each cell's bounding box.
+    corrections : bool
+        Whether smoothers that use it are given the correction by the next level. Its matrices are inherited,
+        Pᵀ A P from the mesh down, whatever the coarse operator.
+    registry : Registry, optional
+        Where names are looked up; by default that of the program.
+
+    Raises
+    ------
+    OptionError
+        For any other value, and for a cycle that the iteration cannot use.
+    """
+
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    tells_progress: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        degree: int = 1,
+        transfer: str | multigrid.Transfer = "smoothed",
+        coarse_operator: str | multigrid.CoarseOperator = "galerkin",
+        smoother: str | Smoother = "gauss_seidel",
+        coarse_solver: str | multigrid.CoarseSolver = "elimination",
+        cycle: Cycle = "V",
+        outer: Outer = "cg",
+        smoothing_steps: int = 1,
+        levels: int | None = None,
+        tolerance: float = 1e-6,
+        max_iterations: int = 1000,
+        penalty: Penalty = "sharp",
+        scaled_basis: bool = True,
+        corrections: bool = True,
+        *,
+        registry: Registry | None = None,
+    ) -> None:
+        require_count("smoothing_steps", smoothing_steps, 1)
+        require_count("max_iterations", max_iterations, 1)
+        if levels is not None:
+            require_count("levels", levels, 2)
+        require_fraction("tolerance", tolerance)
+        require_name("cycle", cycle, CYCLES)
+        require_name("outer", outer, OUTER)
+        require_truth("corrections", corrections)
+        require_together(cycle, outer)
+        self.discretisation = PolyDG(degree, penalty, scaled_basis)
+        self.composition = multigrid.Composition(
+            transfer, coarse_operator, smoother, coarse_solver, registry=registry
+        )
+        self.cycle, self.outer = cycle, outer
+        self.smoothing_steps, self.levels, self.corrections = smoothing_steps, levels, corrections
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+
+    @property
+    def galerkin(self) -> bool:
+        """Whether coarse matrices are Pᵀ A P."""
+        return self.composition.galerkin
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` names the parts.
+
+        Raises
+        ------
+        OptionError
+            If problem, hierarchy and parts do not fit together, no level is coarser than the mesh, data are
+            not finite, or the cycle is not linear and symmetric where ``outer`` is ``cg``.
+        MeshError
+            For a mesh in 3-D, or of cells that overlap themselves; for such agglomerates if rediscretised.
+        """
+        watch = Stopwatch()
+        labels = chosen_levels(hierarchy, self.levels)
+        with watch("assemble"), phase(progress, "assembling"):
+            spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
+        fine = spaces.fine
+        choice = f"{self.composition.title}, {self.cycle}-cycle, {self.outer}"
+        try:
+            with watch("setup"), phase(progress, "setting up the levels") as tell:
+                stack = self._stack(spaces, labels, tell)
+                M = self._cycle(stack)
+        except np.linalg.LinAlgError as failure:
+            watch.wall["solve"] = watch.cpu["solve"] = 0.0
+            history = unsolved(fine.b, str(failure))
+            nothing = fine.solution(history, [(fine.A, None)], watch.wall)
+            return replace(nothing, cpu_seconds=watch.cpu, choice=choice)
+        with watch("solve"), phase(progress, "solving") as tell:
+            history = iterate(self.outer, fine, M, self.tolerance, self.max_iterations, tell)
+        return replace(
+            fine.solution(history, stack.operators, watch.wall),
+            operator_complexity=stack.operator_complexity,
+            grid_complexity=stack.grid_complexity,
+            parts=tuple(int(level.labels.max()) + 1 for level in stack.levels),
+            memory=stack.memory,
+            cpu_seconds=watch.cpu,
+            choice=choice,
+        )
+
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
+        """One cycle ``(n, n)``; symmetric where ``outer`` is ``cg``.
+
+        Raises
+        ------
+        OptionError, MeshError
+            As :meth:`solve`; and if the matrix is not positive definite.
+        """
+        labels = chosen_levels(hierarchy, self.levels)
+        spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
+        try:
+            return self._cycle(self._stack(spaces, labels))
+        except np.linalg.LinAlgError as failure:
+            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+
+    def _stack(self, spaces: LevelSpaces, labels: Sequence[Int], tell: Tell = to_nobody) -> Any:
+        return self.composition.stack(
+            spaces.system,
+            labels,
+            injected=spaces.injected,
+            rediscretised=spaces.rediscretised,
+            steps=self.smoothing_steps,
+            corrections=self.corrections,
+            tell=tell,
+        )
+
+    def _cycle(self, stack: Any) -> LinearOperator:
+        M = multigrid.cycle(stack, self.cycle)
+        if self.outer == "cg":
+            require_linear(M, self.composition.title)
+        return M

@@ -1,0 +1,110 @@
+"""Transfers, coarse operators and coarse solvers: correct ones, and those that break one law first."""
+
+from __future__ import annotations
+
+import numpy as np
+from conformance.mutants.mutant import Mutant
+from scipy import sparse
+from scipy.sparse.linalg import cg, splu
+
+from agglo_core.problems import CoarseSpace
+
+
+def constants(step):
+    """One coarse unknown for each unknown of a part, by the labels alone."""
+    width = int(step.block_offsets[1])
+    ones = np.ones(len(step.parents))
+    inject = sparse.csr_array((ones, (np.arange(len(ones)), step.parents)))
+    return sparse.csr_array(sparse.kron(inject, sparse.eye_array(width)))
+
+
+class Constants:
+    def prolongation(self, step):
+        return constants(step)
+
+
+class Described(Constants):
+    def prolongation(self, step):
+        P = super().prolongation(step)
+        width = int(step.block_offsets[1])
+        return CoarseSpace(P, np.arange(0, P.shape[1] + 1, width))
+
+
+class DenseProlongation(Constants):
+    def prolongation(self, step):
+        return super().prolongation(step).toarray()
+
+
+class OneColumnMore(Constants):
+    def prolongation(self, step):
+        P = super().prolongation(step)
+        return sparse.csr_array(sparse.hstack([P, P[:, :1] ** 2 + sparse.eye_array(P.shape[0], 1)]))
+
+
+class TwiceTheSame(Constants):
+    def prolongation(self, step):
+        P = super().prolongation(step)
+        return sparse.csr_array(sparse.kron(P, [[1.0, 1.0]]))
+
+
+class Differences(Constants):
+    """Functions that alternate from cell to cell."""
+
+    def prolongation(self, step):
+        P = super().prolongation(step)
+        return sparse.csr_array(sparse.diags_array((-1.0) ** np.arange(P.shape[0])) @ P)
+
+
+class RestrictsDifferently:
+    def coarse_matrix(self, step, P):
+        A = sparse.csr_array(P.T @ sparse.csr_array(step.A) @ P)
+        return sparse.csr_array(sparse.tril(A) + 0.5 * sparse.triu(A, 1))
+
+
+class Products:
+    def coarse_matrix(self, step, P):
+        P = sparse.csr_array(P)
+        return sparse.csr_array(P.T @ sparse.csr_array(step.A) @ P)
+
+
+class DenseProducts(Products):
+    def coarse_matrix(self, step, P):
+        return super().coarse_matrix(step, P).toarray()
+
+
+class LU:
+    def solver_for(self, A):
+        return splu(sparse.csc_array(A)).solve
+
+
+class JustJacobi:
+    def solver_for(self, A):
+        return lambda b: b / A.diagonal()
+
+
+class UntilItWillDo:
+    """Conjugate gradients that stop by a tolerance."""
+
+    def solver_for(self, A):
+        return lambda b: cg(A, b, rtol=1e-3)[0]
+
+
+_ALL = {"deterministic": True, "pickles": True}
+CORRECT = [
+    (Constants, _ALL),
+    (Described, _ALL),
+    (Products, _ALL),
+    (LU, {**_ALL, "symmetric": True}),
+    (UntilItWillDo, _ALL),
+]
+
+MUTANTS = [
+    Mutant("prolongation_fits", DenseProlongation, "expected a sparse matrix"),
+    Mutant("prolongation_fits", OneColumnMore, "cannot be dealt out"),
+    Mutant("columns_independent", TwiceTheSame, "have the rank"),
+    Mutant("near_null_kept", Differences, "outside the range"),
+    Mutant("coarse_matrix_fits", DenseProducts, "expected a sparse matrix"),
+    Mutant("coarse_matrix_definite", RestrictsDifferently, "its transpose"),
+    Mutant("coarse_error_reduced", JustJacobi, "solve, or iterate more"),
+    Mutant("coarse_solver_symmetric", UntilItWillDo, "not linear", {"symmetric": True}),
+]
