@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -30,6 +30,7 @@ from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
+from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import block_matrix, injection, l2_projection, parents
 
 __all__ = ["FineSystem", "LevelOperators", "fine_system", "level_operators"]
@@ -52,10 +53,8 @@ class FineSystem(NamedTuple):
     factor: float = 1.0
     sigma: Float | None = None
 
-    def solution(
-        self, history: History, operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
-    ) -> Solution:
-        """The solution of A x = full that a history on A x = b leads to."""
+    def solution(self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch) -> Solution:
+        """The solution of A x = full that a history on A x = b leads to; ``watch`` has timed its phases."""
         x = rest = unscaled(history.x, self.factor)
         lifting = None
         if self.offset is not None:
@@ -70,7 +69,8 @@ class FineSystem(NamedTuple):
             converged=history.converged,
             reason=history.reason,
             iterations=history.iterations,
-            seconds=seconds,
+            seconds=watch.wall,
+            cpu_seconds=watch.cpu,
             energy_error=history.energy_error,
             tests=history.tests,
             lifting=lifting,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import ClassVar, Literal, NoReturn
@@ -31,6 +30,7 @@ from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.schwarz import COARSE_SOLVERS, SmootherMaker, SolveMaker, correction
 from agglo_polydg_mg.smoothers import set_up, smoother_of, smoother_title
 from agglo_polydg_mg.stationary import SmoothedLevel, Step, stationary, unsolved, v_cycle
+from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["PaperMultigrid"]
@@ -124,28 +124,23 @@ class PaperMultigrid:
         MeshError
             For a mesh in 3-D, or of cells or agglomerates that overlap themselves.
         """
-        times = [time.perf_counter()]
+        watch = Stopwatch()
         labels = chosen_levels(hierarchy, self.levels)
-        with phase(progress, "assembling"):
+        with watch("assemble"), phase(progress, "assembling"):
             operators = level_operators(problem, hierarchy, labels, self.discretisation, self.inherited)
         fine = operators.fine
-        times.append(time.perf_counter())
         try:
-            with phase(progress, "setting up the levels") as tell:
+            with watch("setup"), phase(progress, "setting up the levels") as tell:
                 step = self._cycle(operators, labels, tell)
         except np.linalg.LinAlgError as error:
-            times.append(time.perf_counter())
             history = unsolved(fine.b, str(error))
         else:
-            times.append(time.perf_counter())
             how_long = (self.tolerance, self.max_iterations)
-            with phase(progress, "solving") as tell:
+            with watch("solve"), phase(progress, "solving") as tell:
                 history = stationary(fine.A, fine.b, step, *how_long, fine.measure, tell)
         if not history.converged and history.iterations < self.max_iterations:
             history = replace(history, reason=f"{history.reason}; {self._way_out(problem)}")
-        times.append(time.perf_counter())
-        seconds = dict(zip(("assemble", "setup", "solve"), np.diff(times).tolist(), strict=True))
-        return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), seconds)
+        return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), watch)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:
         """Refuse: with conjugate gradients for a smoother the cycle is not linear.

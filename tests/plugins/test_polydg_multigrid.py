@@ -287,3 +287,14 @@ def test_what_is_called_converged_is_right(seed: int) -> None:
 @pytest.mark.slow
 def test_what_is_called_converged_is_right_on_two_hundred_problems() -> None:
     assert sum(checked(seed) for seed in range(3000, 3200)) >= 190
+
+
+def test_seconds_of_levels_that_it_makes_are_a_phase_of_their_own() -> None:
+    mesh, phases = samples.squares(24), ["assemble", "hierarchy", "setup", "solve"]
+    own = PolyDGMultigrid().solve(SOURCE, bare(mesh))
+    given = PolyDGMultigrid().solve(SOURCE, agglomerate(mesh, n_parts=72))
+    for seconds in (own.seconds, own.cpu_seconds):
+        assert list(seconds) == phases
+        assert min(seconds.values()) > 0.0
+    for seconds in (given.seconds, given.cpu_seconds):
+        assert list(seconds) == [each for each in phases if each != "hierarchy"]
