@@ -137,7 +137,11 @@ class DiffusionTask:
         return [unsolved(self.fine.b, reason)]
 
     def solution(
-        self, histories: Sequence[History], operators: list[tuple[Any, Any]], watch: Stopwatch
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
     ) -> Solution:
         """The solution that histories lead to."""
-        return self.fine.solution(histories[0], operators, watch)
+        return self.fine.solution(histories[0], operators, watch, tolerance)

@@ -101,7 +101,7 @@ class Direct:
                 history = _refined(fine, solves, self.tolerance, self.max_refinements)
         except np.linalg.LinAlgError as failure:
             history = unsolved(fine.b, str(failure))
-        return fine.solution(history, [(fine.A, None)], watch)
+        return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.

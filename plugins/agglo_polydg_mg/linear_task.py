@@ -139,7 +139,11 @@ class LinearTask:
         return [unsolved(each, reason) for each in self._b.T]
 
     def solution(
-        self, histories: Sequence[History], operators: list[tuple[Any, Any]], watch: Stopwatch
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
     ) -> Solution:
         """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
         columns = [unscaled(each.x, f) for each, f in zip(histories, self._factors, strict=True)]
@@ -161,6 +165,8 @@ class LinearTask:
             cpu_seconds=watch.cpu,
             energy_error=None if None in errors else max(each for each in errors if each is not None),
             tests=tuple(name for name in TESTS if all(name in each.tests for each in histories)),
+            energy_errors=worst.energy_errors,
+            tolerance=tolerance,
         )
 
 

@@ -53,7 +53,9 @@ class FineSystem(NamedTuple):
     factor: float = 1.0
     sigma: Float | None = None
 
-    def solution(self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch) -> Solution:
+    def solution(
+        self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
+    ) -> Solution:
         """The solution of A x = full that a history on A x = b leads to; ``watch`` has timed its phases."""
         x = rest = unscaled(history.x, self.factor)
         lifting = None
@@ -73,6 +75,8 @@ class FineSystem(NamedTuple):
             cpu_seconds=watch.cpu,
             energy_error=history.energy_error,
             tests=history.tests,
+            energy_errors=history.energy_errors,
+            tolerance=tolerance,
             lifting=lifting,
         )
 

@@ -140,7 +140,8 @@ class PaperMultigrid:
                 history = stationary(fine.A, fine.b, step, *how_long, fine.measure, tell)
         if not history.converged and history.iterations < self.max_iterations:
             history = replace(history, reason=f"{history.reason}; {self._way_out(problem)}")
-        return fine.solution(history, list(zip(operators.A, [*operators.P, None], strict=True)), watch)
+        levels = list(zip(operators.A, [*operators.P, None], strict=True))
+        return fine.solution(history, levels, watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:
         """Refuse: with conjugate gradients for a smoother the cycle is not linear.

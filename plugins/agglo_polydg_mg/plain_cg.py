@@ -79,7 +79,7 @@ class PlainCG:
         how_long = (self.tolerance, self.max_iterations)
         with watch("solve"), phase(progress, "solving") as tell:
             history = conjugate_gradients(fine.A, fine.b, *how_long, fine.measure, fine.measure.energy, tell)
-        return fine.solution(history, [(fine.A, None)], watch)
+        return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The identity ``(n, n)``: plain conjugate gradients have no preconditioner.

@@ -98,12 +98,13 @@ class RepeatedSolves:
             histories = self._histories(task, watch, progress)
         except np.linalg.LinAlgError as error:
             self._kept = None
-            nothing = task.solution(task.unsolved(str(error)), [(task.A, None)], watch)
+            unsolved = task.unsolved(str(error))
+            nothing = task.solution(unsolved, [(task.A, None)], watch, self._tolerance)
             return replace(nothing, choice=task.choice)
         stack = self._kept
         kept = "" if self.setups > setups else "; levels of an earlier system"
         solution = replace(
-            task.solution(histories, stack.operators, watch),
+            task.solution(histories, stack.operators, watch, self._tolerance),
             operator_complexity=stack.operator_complexity,
             grid_complexity=stack.grid_complexity,
             parts=task.parts(stack),
@@ -172,4 +173,6 @@ def _joined(first: History, second: History) -> History:
     """One history of two, the second of which went on from where the first ended, if it had to."""
     if second is first:
         return first
-    return replace(second, residuals=frozen_float(np.concatenate((first.residuals, second.residuals[1:]))))
+    residuals = np.concatenate((first.residuals, second.residuals[1:]))
+    gains = np.concatenate((first.gains, second.gains))
+    return replace(second, residuals=frozen_float(residuals), gains=frozen_float(gains))
