@@ -52,6 +52,7 @@ class Column:
     ended: Ended = ""
     size: float = 1.0  # of the residual, relative
     residuals: list[float] = field(default_factory=list)
+    gains: list[float] = field(default_factory=list)  # squares of the energy norms of the steps
     _error: float = np.inf  # in the energy norm, relative, as far as it is known
     _ritz: RitzValue = field(default_factory=RitzValue)
     _true: bool = True  # r is b − A x itself
@@ -88,7 +89,8 @@ class Column:
         met = self.ended == "met"
         reason = MET if met else self._reason(error)
         x, residuals = frozen_float(self.x), frozen_float(self.residuals)
-        return History(x, residuals, met, reason, error, tests, self.ended, self.size)
+        gains = frozen_float(self.gains)
+        return History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
 
     def _reason(self, error: float | None) -> str:
         known = "" if error is None else f", energy error about {error:.1e}"
@@ -148,6 +150,7 @@ class Column:
 
     def _count(self, gain: float, curvature: float) -> None:
         """Take note of what a step took from ‖e‖_A², and of the Rayleigh quotient of its direction."""
+        self.gains.append(gain)
         self._moved += gain
         self._still = self._still + 1 if gain <= np.finfo(float).eps ** 2 * self._moved else 0
         self._ritz.least = min(self._ritz.least, curvature / self.pp)

@@ -149,9 +149,3 @@ class PaperMultigrid:
             "gradients, makes it a nonlinear map; take another solver, or the levels (A, P) in the operators "
             "of its solution with a linear smoother"
         )
-
-    def _way_out(self, problem: Problem) -> str:
-        """What to try where the cycles fail."""
-        rest = "the solver direct or polydg_cg"
-        given = self.inherited or isinstance(problem, Linear)
-        return f"try {rest}" if given else f"try operators=inherited, or {rest}"

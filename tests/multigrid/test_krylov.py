@@ -233,3 +233,25 @@ def test_plain_conjugate_gradients_name_their_end_too() -> None:
     assert conjugate_gradients(A, b, most=3).ended == "most iterations"
     assert conjugate_gradients(-A, b).ended == "indefinite matrix"
     assert conjugate_gradients(A, 1e-200 * b).ended == "underflow"
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5])
+def test_energy_errors_of_all_iterates_are_told(noise: float) -> None:
+    found = pcg(A, b, inverse(noise), tolerance=1e-8)
+    errors = found.energy_errors
+    assert len(errors) == len(found.residuals) == found.iterations + 1 > 4
+    assert errors[-1] == pytest.approx(found.energy_error)
+    iterates = [pcg(A, b, inverse(noise), tolerance=1e-8, most=k).x for k in range(found.iterations)]
+    true = np.array([energy_error(x) for x in iterates])
+    np.testing.assert_allclose(errors[:-4], true[:-3], rtol=0.01)
+    np.testing.assert_allclose(errors[-4:-1], true[-3:], rtol=0.3)  # where the bound at the end is felt
+
+
+def test_energy_errors_of_plain_conjugate_gradients() -> None:
+    found = conjugate_gradients(A, b, 1e-8)
+    assert found.converged
+    errors = found.energy_errors
+    assert errors[0] == pytest.approx(1.0, rel=1e-6)
+    assert errors[-1] == pytest.approx(found.energy_error)
+    assert (np.diff(errors) < 0).all()
+    assert len(conjugate_gradients(A, b, 1e-8, most=3).energy_errors) == 0  # nobody knows what is left
