@@ -58,6 +58,7 @@ class Column:
     _true: bool = True  # r is b − A x itself
     _afresh: bool = False  # and so far from that of the recursion that this has to start again
     _replaced: float = np.inf  # size of the residual when that was last so
+    _stuck: bool = False  # it fell no more since then: x passes the tests now or never
     _scale: float = 0.0  # energy norm of x when last asked for
     _moved: float = 0.0  # squares of the energy norms of all steps
     _still: int = 0
@@ -93,7 +94,8 @@ class Column:
         return History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
 
     def _reason(self, error: float | None) -> str:
-        known = "" if error is None else f", energy error about {error:.1e}"
+        known = ", energy error unknown" if error is None else f", energy error about {error:.1e}"
+        known = "" if self.rules.stop == "residual" else known
         sizes = f"relative residual {self.size:.1e}{known} after {self.done} iterations"
         return f"{SAID.get(self.ended, '')}{sizes}, wanted {self.rules.tolerance:.1e}"
 
@@ -145,8 +147,10 @@ class Column:
             yield from self._precondition()
         if not self.ended:
             self._turn(before, zr, step)
-        if not self.ended and self._true and self._passes():
+        if not self.ended and self._true and (self._stuck or self._passes()):
             yield from self._confirm()
+        if not self.ended and self._stuck:
+            self.ended = "stagnation"
 
     def _count(self, gain: float, curvature: float) -> None:
         """Take note of what a step took from ‖e‖_A², and of the Rayleigh quotient of its direction."""
@@ -168,8 +172,7 @@ class Column:
         if not np.isfinite(length):
             self.ended = "matrix not finite"
         elif self._afresh:
-            self.ended = "stagnation" if self.size > 0.5 * self._replaced else ""
-            self._replaced = self.size
+            self._stuck, self._replaced = self.size > 0.5 * self._replaced, self.size
 
     def _drifted(self, r: Float, exact: Float) -> bool:
         return not two_norm(exact - r) <= _DRIFT * two_norm(exact)

@@ -73,13 +73,17 @@ class DiffusionTask:
 
     @property
     def makes_levels(self) -> bool:
-        """Whether the hierarchy has none."""
-        return not self.hierarchy.levels
+        """Whether agglomerates are made here: the hierarchy has none, and the recipe needs some.
+
+        Aggregates of vertices come as well from the graph of their matrix (a recipe with a continuous space).
+        """
+        return not self.hierarchy.levels and (self.plan.recipe == "patches" or self.count is not None)
 
     @cached_property
     def labels(self) -> list[Int]:
-        """Labels of the levels, finest first, made where there are none."""
-        return levels_by_default(self.hierarchy, self.count)
+        """Labels of the levels, finest first."""
+        wanted = self.hierarchy.levels or self.makes_levels
+        return levels_by_default(self.hierarchy, self.count) if wanted else []
 
     def stack(self) -> Any:
         """The levels; LinAlgError if a matrix is not positive definite.

@@ -180,6 +180,24 @@ def test_breakdowns_are_named(name: str) -> None:
     assert np.isfinite(found.x).all()
 
 
+@pytest.mark.parametrize("seed", [33, 38])
+def test_an_iterate_at_the_limit_of_rounding_is_judged_before_it_is_given_up(seed: int) -> None:
+    """The tolerance lies 1.5 times above what rounding lets b − A x fall to."""
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.standard_normal((60, 60)))[0]
+    values = np.geomspace(1.0, 10.0 ** rng.uniform(4, 12), 60)
+    stiff, M = (Q * values) @ Q.T, (Q / values * (1.0 + 0.3 * rng.random(60))) @ Q.T
+    stiff, M, right = (stiff + stiff.T) / 2, (M + M.T) / 2, rng.standard_normal(60)
+    least = pcg(stiff, right, M, tolerance=1e-30)
+    assert least.ended == "stagnation"
+    assert not least.converged
+    tolerance = 1.5 * float(np.linalg.norm(right - stiff @ least.x) / np.linalg.norm(right))
+    found = pcg(stiff, right, M, tolerance=tolerance)
+    error = found.x - np.linalg.solve(stiff, right)
+    assert found.converged
+    assert error @ stiff @ error < (tolerance**2) * (found.x @ stiff @ found.x)
+
+
 def test_a_preconditioner_that_breaks_late_leaves_the_iterate_before() -> None:
     calls = []
 
