@@ -56,6 +56,13 @@ class Composition:
     registry : Registry, optional
         Where names are looked up; by default the installed plugins.
 
+    Attributes
+    ----------
+    transfer, coarse_operator, smoother, coarse_solver : Member
+        The components (``tool``), and how errors call them.
+    title : str
+        The parts in words.
+
     Raises
     ------
     OptionError
@@ -90,17 +97,14 @@ class Composition:
         self.coarse_operator = part("coarse_operator", coarse_operator, _COARSE_OPERATORS, registry)
         self.smoother = part("smoother", smoother, SMOOTHERS, registry)
         self.coarse_solver = part("coarse_solver", coarse_solver, _COARSE_SOLVERS, registry)
+        given = (transfer, coarse_operator, smoother, coarse_solver)
+        kinds = ("transfer", "coarse_operator", "smoother", "coarse_solver")
+        self.title = ", ".join(map(_title, kinds, given))
 
     @property
     def galerkin(self) -> bool:
         """Whether coarse matrices are Pᵀ A P."""
         return isinstance(self.coarse_operator.tool, Galerkin)
-
-    @property
-    def title(self) -> str:
-        """The parts in words."""
-        members = (self.transfer, self.coarse_operator, self.smoother, self.coarse_solver)
-        return ", ".join(member.title for member in members)
 
     def stack(
         self,
@@ -228,6 +232,14 @@ class Composition:
             return x
 
         return checked
+
+
+def _title(kind: str, given: Any) -> str:
+    if isinstance(given, Member):
+        return given.title
+    name = given[0] if isinstance(given, tuple) else given
+    own = getattr(given, "__name__", type(given).__name__)
+    return f"{kind} {name if isinstance(name, str) else own}"
 
 
 def _guarded(member: Member) -> Any:

@@ -15,9 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
-from agglo_core.authoring import OptionError
+from agglo_core.authoring import OptionError, multigrid
 
 __all__ = [
     "AUTO",
@@ -48,15 +47,9 @@ def superlu(A: Any) -> Solves:
     LinAlgError
         If the matrix is singular.
     """
-    try:
-        factors = splu(
-            sparse.csc_array(A),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.001,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        raise np.linalg.LinAlgError(f"SuperLU: {error}") from error
+    factors = multigrid.symmetric_lu(sparse.csc_array(A), pivots=0.001)
+    if factors is None:
+        raise np.linalg.LinAlgError(f"SuperLU: the matrix of {A.shape[0]} unknowns is singular")
     return lambda b: np.asarray(factors.solve(np.asarray(b, dtype=np.float64)))
 
 
