@@ -238,7 +238,7 @@ def test_xfail_is_strict() -> None:
     assert [(p.values, p.marks[0].kwargs) for p in marked] == [
         (("survives",), {"strict": True, "reason": "known"})
     ]
-    assert len(mark.args[1]) == 1 + len(check(CrashesOnOneCell))
+    assert len(mark.args[1]) == 1 + len(laws_for(subject_of(CrashesOnOneCell)))
     with pytest.raises(OptionError, match="'survive', which is not a law"):
         conformance(CrashesOnOneCell, xfail={"survive": "misspelt"})
     with pytest.raises(AssertionError, match="'symmetric', which does not apply"):
@@ -266,7 +266,7 @@ AGGLO = "from agglo_core.cli import main; main({!r})"
 def test_a_plugin_outside_the_repository_passes(elsewhere: Path) -> None:
     done = python(elsewhere, AGGLO.format(["check", "mine"]))
     assert done.returncode == 0, done.stdout + done.stderr
-    laws = len(check("coordinate", promises={"deterministic": True, "3d": True}))
+    laws = len(laws_for(subject_of("coordinate", promises={"deterministic": True, "3d": True})))
     assert f"mine: {laws} of {laws} laws hold" in done.stdout
 
 
