@@ -8,6 +8,7 @@ from agglo_core.multigrid.block_scaling import block_scaled
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
+from agglo_core.multigrid.joined_patches import joined_patches
 from agglo_core.multigrid.krylov import pcg, pcg_columns
 from agglo_core.multigrid.level_smoothers import (
     SMOOTHERS,
@@ -51,6 +52,7 @@ __all__ = [
     "direct_solver",
     "galerkin",
     "injection",
+    "joined_patches",
     "largest_eigenvalue",
     "pcg",
     "pcg_columns",
