@@ -9,6 +9,7 @@ from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, dir
 from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
+from agglo_core.multigrid.joined_patches import joined_patches
 from agglo_core.multigrid.krylov import pcg, pcg_columns
 from agglo_core.multigrid.level_smoothers import (
     SMOOTHERS,
@@ -58,6 +59,7 @@ __all__ = [
     "direct_solver",
     "galerkin",
     "injection",
+    "joined_patches",
     "largest_eigenvalue",
     "parents",
     "part",

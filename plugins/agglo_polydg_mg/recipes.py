@@ -8,11 +8,12 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, System, multigrid
+from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, System
 from agglo_polydg_mg.assembly import cell_means
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import difficulty
-from agglo_polydg_mg.conforming_stack import cell_sweeps, conforming_stack
+from agglo_polydg_mg.conforming_stack import conforming_stack
+from agglo_polydg_mg.grouped_stack import grouped_stack
 from agglo_polydg_mg.operators import FineSystem
 from agglo_polydg_mg.patch_recipe import patch_stack
 from agglo_polydg_mg.transfer import chosen_levels
@@ -44,12 +45,12 @@ class Plan:
     recipe: Literal["conforming", "patches"]
     cycle: Literal["V", "W", "F", "K"]
     dtype: Any
-    smoother: Literal["cells", "patches"]
+    smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
     reason: str
 
     def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
-        """The levels.
+        """The levels, an object of :class:`agglo_core.multigrid.LevelStack`.
 
         Raises
         ------
@@ -58,18 +59,14 @@ class Plan:
         """
         if self.recipe == "patches":
             return patch_stack(basis, fine.A, labels, self.dtype)
-        mesh = basis.mesh
-
-        def patches(A: Any, _: Int, dtype: Any) -> Any:
-            return multigrid.VertexPatches(A, multigrid.vertex_patches(mesh), dtype)
-
-        return conforming_stack(
-            System.trusted(fine.A, fine.b, np.arange(0, fine.A.shape[0] + 1, fine.width), mesh),
+        offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
+        levels = grouped_stack if self.smoother == "groups" else conforming_stack
+        return levels(
+            System.trusted(fine.A, fine.b, offsets, basis.mesh),
             basis,
             _required(fine.sigma),
-            cell_means(mesh, problem.kappa),
+            cell_means(basis.mesh, problem.kappa),
             labels=labels or None,
-            smoother=patches if self.smoother == "patches" else cell_sweeps,
             bubbles=self.bubbles,
             dtype=self.dtype,
         )
