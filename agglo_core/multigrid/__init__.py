@@ -5,6 +5,7 @@ from agglo_core.multigrid.additive_schwarz import additive_schwarz
 from agglo_core.multigrid.aggregation import aggregation_stack, blockwise, pointwise
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
+from agglo_core.multigrid.classical import CoarseFirst, classical_stack
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
@@ -32,6 +33,7 @@ __all__ = [
     "BlockJacobi",
     "BlockMatrix",
     "Chebyshev",
+    "CoarseFirst",
     "GaussSeidel",
     "Level",
     "LevelSmoother",
@@ -46,6 +48,7 @@ __all__ = [
     "block_scaled",
     "blockwise",
     "build_stack",
+    "classical_stack",
     "coarse_solver",
     "cycle",
     "direct_solver",
