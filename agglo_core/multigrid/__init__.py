@@ -5,6 +5,7 @@ from agglo_core.multigrid.additive_schwarz import additive_schwarz
 from agglo_core.multigrid.aggregation import aggregation_stack, blockwise, pointwise
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
+from agglo_core.multigrid.classical import CoarseFirst, classical_stack
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
 from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
@@ -36,6 +37,7 @@ __all__ = [
     "BlockJacobi",
     "BlockMatrix",
     "Chebyshev",
+    "CoarseFirst",
     "CoarseOperator",
     "CoarseSolver",
     "Composition",
@@ -54,6 +56,7 @@ __all__ = [
     "block_scaled",
     "blockwise",
     "build_stack",
+    "classical_stack",
     "coarse_solver",
     "cycle",
     "direct_solver",

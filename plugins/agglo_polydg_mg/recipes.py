@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, System
+from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System
 from agglo_polydg_mg.assembly import cell_means
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import difficulty
@@ -20,7 +20,7 @@ from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["CYCLES", "PRECISIONS", "RECIPES", "Plan", "Wishes", "levels_by_default", "plan_for"]
 
-RECIPES: Final = ("auto", "conforming", "patches")
+RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")
 
@@ -76,7 +76,14 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     """The plan for a diffusion problem, by mesh, penalty and coefficient.
 
     See :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
+
+    Raises
+    ------
+    OptionError
+        For the recipe ``"agglomerates"``.
     """
+    if wishes.recipe == "agglomerates":
+        raise OptionError("recipe 'agglomerates' is for linear systems; a diffusion problem takes another")
     double = {"auto": None, "single": False, "double": True}[wishes.precision]
     found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
     recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe
