@@ -1,10 +1,14 @@
-"""Hypothesis profiles, the command line, and the authors' published meshes where they are at hand."""
+"""Workers, hypothesis profiles, the command line, the authors' published meshes where they are at hand."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
 from pathlib import Path
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # a worker has one core: threads of BLAS would wait for each other
+    for _library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
@@ -20,6 +24,22 @@ settings.register_profile("thorough", max_examples=2000, **_patient)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 _PUBLISHED = Path(os.environ.get("AGGLO_PAPER_DATA", Path(__file__).parents[2] / "shared/data/paper"))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Let two workers begin with tests that compile different kernels, and end with small ones.
+
+    xdist gives each an equal part of the list, and from then on half of what the other has left.
+    """
+    if not hasattr(config, "workerinput"):
+        return
+    first, middle, rest = [], [], []
+    for item in items:
+        folder = item.path.relative_to(Path(__file__).parent).parts[0]
+        chosen = {"multigrid": middle, "plugins": middle, "core": rest}.get(folder, first)
+        chosen.append(item)
+    half = max(len(items) // 2 - len(first), 0)
+    items[:] = first + rest[:half] + middle + rest[half:]
 
 
 @pytest.fixture

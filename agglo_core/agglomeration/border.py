@@ -24,6 +24,7 @@ __all__ = [
     "checked_labels",
     "checked_parts",
     "checked_sides",
+    "checked_split",
     "one_sided_blocks",
     "require_no_worse",
 ]
@@ -95,6 +96,26 @@ def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
     if labels.min() < 0 or labels.max() >= parts:
         raise PluginError(f"{member.title} returned labels {labels.min()}..{labels.max()} for {parts} parts")
     return frozen_int(np.unique(labels, return_inverse=True)[1])
+
+
+def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any) -> Int:
+    """Labels ``(n,)`` of a split of each piece into as many connected parts as its quota."""
+    labels, total = _integers(member, "grow", given, graph.n), int(quotas.sum())
+    if labels.min() < 0 or labels.max() >= total:
+        raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
+    owner = np.full(total, -1, np.int64)
+    owner[labels] = pieces
+    if (owner[labels] != pieces).any():
+        raise PluginError(f"{member.title} grew a part that lies in two pieces")
+    found = np.bincount(owner[owner >= 0], minlength=len(quotas))
+    if (found != quotas).any():
+        piece = int(np.flatnonzero(found != quotas)[0])
+        raise PluginError(
+            f"{member.title} split piece {piece} in {found[piece]}, expected {quotas[piece]} parts"
+        )
+    if len(broken_blocks(graph, labels)):
+        raise PluginError(f"{member.title} left a part disconnected")
+    return labels
 
 
 def checked_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:

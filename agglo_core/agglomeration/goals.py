@@ -108,13 +108,12 @@ class CountGoal:
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
         """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
-        measures = graph.measures[order]
         if above is not None:
-            quotas = split_quotas(above, measures, offsets)
+            quotas = split_quotas(above, _sums(graph.measures, order, offsets), np.diff(offsets))
         elif self.quotas is not None:
             quotas = frozen_float(self.quotas)
         else:
-            quotas = frozen_float(share_out(self.parts, measures, offsets))
+            quotas = frozen_float(share_out(self.parts, graph.measures[order], offsets))
         return quotas, quotas == 1
 
 
@@ -168,6 +167,13 @@ def resolve_goals(
         return tuple(sorted(counts, key=lambda goal: -goal.parts))
     sizes = _sizes(values) if name == "h_star" else _multiples(values, graph, h0)
     return tuple(sorted(sizes, key=lambda goal: goal.h_star))
+
+
+def _sums(measures: Float, order: Int, offsets: Int) -> Float:
+    from agglo_core.kernels.sums import slice_sums
+
+    sums: Float = slice_sums(measures, order, offsets)
+    return sums
 
 
 def _sizes(values: Sequence[float]) -> list[SizeGoal]:

@@ -48,23 +48,22 @@ def apportion(k: int, measures: Float, cells: Int) -> Int:
     return frozen_int(quotas)
 
 
-def split_quotas(quotas: Float, measures: Float, offsets: Int) -> Float:
+def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:
     """Quotas ``(2B,)`` of the sides of B blocks: ``clamp(round(k · measure share), 1, min(k − 1, cells))``.
 
     Parameters
     ----------
     quotas : (B,) float
         Parts that each block is to become; those of its two sides add up to it.
-    measures : (n,) float
-        Measures of the cells, side after side.
-    offsets : (2B + 1,) int
-        Where each side starts.
+    measures : (2B,) float
+        Measure of each side.
+    cells : (2B,) int
+        Number of its cells.
     """
-    cells = np.diff(offsets).reshape(-1, 2)
-    measure = np.add.reduceat(measures, offsets[:-1]).reshape(-1, 2)
-    measure = np.where(measure.sum(axis=1, keepdims=True) > 0, measure, cells)
+    sizes, measure = cells.reshape(-1, 2), measures.reshape(-1, 2)
+    measure = np.where(measure.sum(axis=1, keepdims=True) > 0, measure, sizes)
     share = measure[:, 0] / measure.sum(axis=1)
-    low = np.maximum(1.0, quotas - cells[:, 1])
-    high = np.minimum(quotas - 1.0, cells[:, 0])
+    low = np.maximum(1.0, quotas - sizes[:, 1])
+    high = np.minimum(quotas - 1.0, sizes[:, 0])
     first = np.clip(np.round(quotas * share), low, high)
     return frozen_float(np.stack((first, quotas - first), axis=1).ravel())

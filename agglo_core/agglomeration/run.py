@@ -15,13 +15,15 @@ from agglo_core.agglomeration.border import (
     checked_labels,
     checked_parts,
     checked_sides,
+    checked_split,
     one_sided_blocks,
     require_no_worse,
 )
+from agglo_core.agglomeration.growth import Growing, Growth
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
-from agglo_core.progress import Listener, labelled
+from agglo_core.progress import Listener, Tell, labelled
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 
@@ -137,6 +139,27 @@ class Run:
             also = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
             raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{also}")
         return sides
+
+    def growth(self, graph: Graph, pieces: Int) -> Growth | None:
+        """The growth that the bisector offers for these components; None if it offers none."""
+        tool = self.bisector.tool
+        if not isinstance(tool, Growing):
+            return None
+        with attributed(self.bisector.title):
+            return tool.grow(graph, pieces, [member.tool for member in self.refiners], self.fixer.tool)
+
+    def grow(self, graph: Graph, pieces: Int, growth: Growth, quotas: Int, seeds: UInt64, tell: Tell) -> Int:
+        """Labels ``(n,)`` once the bisector has split each piece into its quota of connected ones."""
+        with attributed(self.bisector.title):
+            given, depths = growth.split(quotas, seeds, tell)
+        labels = checked_split(self.bisector, graph, pieces, quotas, given)
+        for blocks, cells, mended in depths.tolist():
+            self.statistics.depth += 1
+            self.statistics.bisections += blocks
+            self.statistics.repairs += mended
+            if self.listen is not None:
+                self.listen({"depth": self.statistics.depth, "pieces": 2 * blocks, "cells": cells})
+        return labels
 
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:
         """Labels ``(n,)`` of a direct partition of one connected block, gaps closed."""

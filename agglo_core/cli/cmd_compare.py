@@ -24,7 +24,7 @@ from agglo_core.cli.arguments import (
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import Outputs, check_report, draw_runs, foretell_missing_pictures
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
-from agglo_core.cli.solved_runs import Solved, show_solved, solve_runs
+from agglo_core.cli.solved_runs import Solved, reported, show_solved, solve_runs
 from agglo_core.cli.solver_choice import DEFAULT_SOLVER, built_solver, posed_by
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.progress import phase
@@ -111,7 +111,10 @@ def compare(
             explain_compilation()
         runs = [_carry_out(mesh, plan, agglomeration, metrics, progress) for plan in plans]
         refuse_all_failed(runs)
-        solved = [] if posed is None else solve_runs(posed, tool, str(solver), runs, progress)
+        detailed = report is not None
+        solved = (
+            [] if posed is None else solve_runs(posed, tool, str(solver), runs, progress, detailed=detailed)
+        )
     if as_json:
         done = [run_data(run, plan.spec, plan.method) for plan, run in zip(plans, runs, strict=True)]
         asked_for = {"solver": solver, "problem": asked} if solver else {}
@@ -123,7 +126,7 @@ def compare(
             show_solved(solver, asked, runs, solved)
     outputs = Outputs()
     with watched(quiet) as progress:
-        draw_runs(outputs, mesh, runs, None, report, metrics, progress)
+        draw_runs(outputs, mesh, runs, None, report, metrics, progress, reported(runs, solved))
     failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
     unsolved = any(not each.converged and not plan.lacks for plan, each in zip(plans, solved, strict=False))
     return outputs.finish(listed=not (as_json or quiet)) or (3 if failed or unsolved else 0)

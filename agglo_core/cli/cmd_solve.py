@@ -14,8 +14,16 @@ from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, check_picture, foretell_missing_pictures
 from agglo_core.cli.runs import watched
+from agglo_core.cli.solve_outputs import (
+    check_more,
+    draw_history,
+    levelless_run,
+    levels_run,
+    report_solution,
+    with_hierarchy,
+)
 from agglo_core.cli.solver_choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
-from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.stdout import OwnCommand, terminal_columns
 from agglo_core.cli.tables import print_lines
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, phase
@@ -29,6 +37,7 @@ if TYPE_CHECKING:
 __all__ = ["solve"]
 
 _NOT_CONVERGED = 3
+_COLUMNS = 80
 
 
 @click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")
@@ -45,6 +54,13 @@ _NOT_CONVERGED = 3
 )
 @click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu).")
 @click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
+@click.option(
+    "--plot-convergence",
+    "history",
+    type=FILE,
+    help="Picture of residual and energy error by iteration (.png, .pdf, .svg).",
+)
+@click.option("--report", type=FILE, help="One web page with levels, costs, convergence (.html).")
 @click.option(
     "--write-system",
     "system_file",
@@ -64,6 +80,8 @@ def solve(
     cg: bool,
     output: Path | None,
     plot: Path | None,
+    history: Path | None,
+    report: Path | None,
     system_file: Path | None,
     as_json: bool,
 ) -> int:
@@ -76,6 +94,7 @@ def solve(
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = built_solver(solver, _given(options))
     _check_files(output, plot, system_file, tool, solver)
+    check_more(history, report)
     explain_compilation()
     outputs = Outputs()
     with watched() as progress:
@@ -92,27 +111,34 @@ def solve(
         # some solvers need no levels, but what is asked of them is checked
         plain = bool(getattr(tool, "plain_cg", False))
         levelless = (plain or not getattr(tool, "needs_levels", True)) and not agglomeration
-        hierarchy = _levelless(mesh) if levelless else _levels(mesh, agglomeration, progress)
+        made = levelless_run(mesh) if levelless else levels_run(mesh, agglomeration, progress)
+        hierarchy = made.hierarchy
+        assert hierarchy is not None  # as in runs that failed
         if system_file is not None:
             _hand_over(outputs, system_file, posed, hierarchy, progress)
-        solution = solved_by(Member(tool, title), posed.problem, hierarchy, progress)
+        solution = with_hierarchy(solved_by(Member(tool, title), posed.problem, hierarchy, progress), made)
         sampled = _sampler(mesh, solution, posed.how, title)
         if output is not None:
             _write(outputs, output, mesh, sampled, progress)
         counted = getattr(tool, "tolerance", 1e-6) if cg and not plain else None
-        from agglo_core.problems.solution_report import report, text
+        from agglo_core.problems import solution_report
 
         with attributed(title, spare=(AggloError,)):  # asks the discretisation
-            data = report(mesh, posed.problem, solution, posed.how, counted, progress)
+            data = solution_report.report(mesh, posed.problem, solution, posed.how, counted, progress)
     if as_json:
         if cg and plain and solution.converged:
             data["cg_iterations"] = solution.iterations
         print_json(data)
     else:
-        print_lines(text(f"{mesh.name or source}, {solver}", data))
-    if plot is not None:
-        with watched() as progress:
+        columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
+        print_lines(solution_report.text(f"{mesh.name or source}, {solver}", data, columns))
+    with watched() as progress:
+        if plot is not None:
             _draw(outputs, plot, sampled, progress)
+        if history is not None:
+            draw_history(outputs, history, f"{mesh.name or source}, {problem}", {solver: solution}, progress)
+        if report is not None:
+            report_solution(outputs, report, mesh, made, f"{problem} solved", {solver: data}, progress)
     return outputs.finish(listed=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
 
 
@@ -138,18 +164,6 @@ def _check_files(
         from agglo_core.io.system_levels import check_system_file
 
         check_system_file(system_file)
-
-
-def _levelless(mesh: Mesh) -> Hierarchy:
-    from agglo_core.hierarchy import Hierarchy
-
-    return Hierarchy(mesh, mesh.graph, [], [], nested=True)
-
-
-def _levels(mesh: Mesh, agglomeration: Mapping[str, Any], progress: Listener | None) -> Hierarchy:
-    from agglo_core.agglomeration import agglomerate
-
-    return agglomerate(mesh, **agglomeration, progress=progress)
 
 
 def _sampler(mesh: Mesh, solution: Solution, how: Discretisation | None, title: str) -> Callable[[], Samples]:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -127,8 +128,12 @@ def draw_runs(
     report: Path | None,
     metrics: list[Any] | None,
     progress: Listener | None,
+    solves: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> None:
-    """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles."""
+    """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles.
+
+    ``solves`` is what the report shows of solutions, by the name of the run.
+    """
     if plot is not None:
         from agglo_core.draw.plot import draw
 
@@ -138,7 +143,7 @@ def draw_runs(
         from agglo_core.draw.webpage import write_page
 
         with phase(progress, "writing", report.name):
-            outputs.picture(report, lambda: write_page(report, mesh, runs))
+            outputs.picture(report, lambda: write_page(report, mesh, runs, solves=solves))
 
 
 def check_report(report: Path) -> None:
@@ -157,10 +162,10 @@ def foretell_missing_pictures(mesh: Mesh, source: str, wanted: Mapping[str, Path
         _log.warning(text, " and ".join(flags), verb, mesh.name or source, mesh.dim)
 
 
-def check_picture(plot: Path) -> None:
+def check_picture(plot: Path, flag: str = "--plot") -> None:
     """Raise FileError unless a picture can be written there, as far as can be told in advance.
 
-    Raises OptionError without matplotlib.
+    Raises OptionError without matplotlib, which the option ``flag`` needs.
     """
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
@@ -172,7 +177,7 @@ def check_picture(plot: Path) -> None:
 
     check_replaceable(plot)
     if find_spec("matplotlib") is None:
-        raise OptionError("--plot needs matplotlib, which is not installed: pip install 'agglo[plot]'")
+        raise OptionError(f"{flag} needs matplotlib, which is not installed: pip install 'agglo[plot]'")
 
 
 def as_file_name(spec: str) -> str:

@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.console import number
 from agglo_core.cli.runs import short
+from agglo_core.cli.solve_outputs import with_hierarchy
 from agglo_core.cli.solver_choice import Posed, solver_title
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError
 from agglo_core.progress import Listener, Progress, labelled
-from agglo_core.registry.attribution import Member
+from agglo_core.registry.attribution import Member, attributed
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.measure.comparison import RunResult
     from agglo_core.problems import Solution
 
-__all__ = ["Solved", "show_solved", "solve_runs"]
+__all__ = ["Solved", "reported", "show_solved", "solve_runs"]
 
 _LAST_PHASE = "solving"
 _COLUMNS = ("iterations", "converged", "contraction", "hierarchy s", "set-up s", "solve s")
@@ -33,7 +34,7 @@ class Solved:
 
     ``contraction`` is the factor of the residual's 2-norm in an iteration, the geometric mean. ``seconds``
     are CPU seconds: of the hierarchy, of all before the iteration (assembly too; None if the solver does not
-    tell), of the rest.
+    tell), of the rest. ``details`` is what a report shows besides, if one is wanted.
     """
 
     iterations: int | None = None
@@ -42,6 +43,7 @@ class Solved:
     reason: str = ""
     seconds: Mapping[str, float | None] = field(default_factory=dict)
     error: str = ""
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     def data(self) -> dict[str, Any]:
         """Plain data, the form of ``--json``."""
@@ -89,15 +91,29 @@ class _Clock:
 
 
 def solve_runs(
-    posed: Posed, tool: Any, spec: str, runs: Sequence[RunResult], progress: Listener | None
+    posed: Posed,
+    tool: Any,
+    spec: str,
+    runs: Sequence[RunResult],
+    progress: Listener | None,
+    *,
+    detailed: bool = False,
 ) -> list[Solved]:
     """Solve with the hierarchy of each run, after a warm-up; what fails is a result that says why."""
     solver = Member(tool, solver_title(spec))
     _warm_up(solver, posed)
-    return [_attempt(solver, posed, run, labelled(progress, run.name)) for run in runs]
+    return [_attempt(solver, posed, run, labelled(progress, run.name), detailed) for run in runs]
 
 
-def _attempt(solver: Member, posed: Posed, run: RunResult, progress: Listener | None) -> Solved:
+def reported(runs: Sequence[RunResult], solved: Sequence[Solved]) -> dict[str, Mapping[str, Any]]:
+    """What a report shows of each run that was solved, by its name."""
+    pairs = zip(runs, solved, strict=False)
+    return {run.name: each.details or {"error": each.error} for run, each in pairs if not run.error}
+
+
+def _attempt(
+    solver: Member, posed: Posed, run: RunResult, progress: Listener | None, detailed: bool
+) -> Solved:
     from agglo_core.problems.solving import solved_by
 
     if run.hierarchy is None:
@@ -121,7 +137,18 @@ def _attempt(solver: Member, posed: Posed, run: RunResult, progress: Listener | 
             "setup": total - clock.seconds if tells else None,
             "solve": clock.seconds if tells else total,
         },
+        details=_details(solver, posed, run, solution, progress) if detailed else {},
     )
+
+
+def _details(
+    solver: Member, posed: Posed, run: RunResult, solution: Solution, progress: Listener | None
+) -> dict[str, Any]:
+    from agglo_core.problems.solution_report import report
+
+    with attributed(solver.title, spare=(AggloError,)):  # asks the discretisation
+        whole = with_hierarchy(solution, run)
+        return report(posed.mesh, posed.problem, whole, posed.how, progress=progress)
 
 
 def _contraction(solution: Solution) -> float | None:
@@ -131,17 +158,17 @@ def _contraction(solution: Solution) -> float | None:
 
 
 def _warm_up(solver: Member, posed: Posed) -> None:
-    """Solve an example on a tiny mesh: the first solution's time must not include imports and compilation."""
+    """Solve an example on tiny meshes: the first solution's time must not include imports and compilation."""
     from agglo_core import samples
     from agglo_core.problems.solving import solved_by
 
-    small = samples.squares(8)
-    try:
-        solved_by(solver, type(posed.problem).example(small), _halved(small))  # type: ignore[attr-defined]
-    except (AggloError, AttributeError) as error:
-        if isinstance(error, AggloError) and stopped_by(error) is not None:
-            raise
-        # else the solution itself will tell
+    for small in (samples.squares(8), samples.voronoi(64)):  # some recipes are for squares, some for polygons
+        try:
+            solved_by(solver, type(posed.problem).example(small), _halved(small))  # type: ignore[attr-defined]
+        except (AggloError, AttributeError) as error:
+            if isinstance(error, AggloError) and stopped_by(error) is not None:
+                raise
+            # else the solution itself will tell
 
 
 def _halved(mesh: Any) -> Hierarchy:

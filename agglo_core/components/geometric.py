@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from agglo_core.arrays import Int, UInt64
+from agglo_core.components.fixers import ConnectivityFixer
+from agglo_core.components.median_growth import MedianGrowth
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import TIE, block_extents, principal_frames, split_at_median
 
@@ -24,6 +29,10 @@ class CoordinateBisection:
         axes = (longest[:, None] + np.arange(level.dim)) % level.dim
         coordinates = np.take_along_axis(level.centroids, axes[level.block_ids], axis=1)
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
+
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> MedianGrowth | None:
+        """The same splits, many in a call, without refiners and with our own fixer."""
+        return MedianGrowth(graph, pieces) if not refiners and type(fixer) is ConnectivityFixer else None
 
 
 class InertialBisection:

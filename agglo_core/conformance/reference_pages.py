@@ -11,7 +11,7 @@ from agglo_core.conformance.laws import all_laws, laws_of
 from agglo_core.conformance.runner import check
 from agglo_core.registry import KINDS, Component, default
 
-__all__ = ["compliance_page", "laws_page", "own_components", "own_results"]
+__all__ = ["compliance_page", "laws_page", "own_components", "own_result", "own_results"]
 
 _REGULAR = ("triangles", "squares", "hexagons", "strip", "disconnected", "boxes", "tetrahedra")
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
@@ -70,10 +70,12 @@ def own_results() -> dict[tuple[str, str], list[Result]]:
     PluginError
         If one cannot be used here, for want of a package.
     """
-    return {
-        (own.kind, own.name): check(own.name, own.kind, options=_OPTIONS.get(own.name))
-        for own in own_components()
-    }
+    return {(own.kind, own.name): own_result(own.kind, own.name) for own in own_components()}
+
+
+def own_result(kind: str, name: str) -> list[Result]:
+    """Results of one component of agglo itself; PluginError if it cannot be used here."""
+    return check(name, kind, options=_OPTIONS.get(name))
 
 
 def _table(laws: Sequence[Law]) -> str:

@@ -6,15 +6,17 @@ import logging
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError, MeshError
-from agglo_core.hierarchy import Hierarchy
-from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
 
 __all__ = ["BRIDGES", "cell_data", "check_names", "is_level", "note_left_out", "tag_values"]
 

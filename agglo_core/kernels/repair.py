@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.graphs import components
 
-__all__ = ["absorb", "keepers"]
+__all__ = ["absorb", "keepers", "mend_blocks", "mend_piece"]
 
 _TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rounding far from the origin)
 
@@ -86,3 +87,99 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
             break
         m = left
     return parts
+
+
+@kernel
+def _places(cells, centroids, nodes, offsets):
+    """Where each component lies in a piece, ``(components, 3 + d)`` numbers of order 1.
+
+    The first three do not change if the mesh is turned, mirrored, moved or scaled: how far along the mean
+    of all components from the middle, and along their mean weighted by squared distance, and the squared
+    distance itself. Coordinates are for labels that have a symmetry, where those are equal.
+    """
+    count, d, n = len(offsets) - 1, centroids.shape[1], len(nodes)
+    places, mean = np.zeros((count, 3 + d)), np.zeros(d)  # the columns from the third on: means
+    for k in range(n):
+        for x in range(d):
+            mean[x] += centroids[cells[nodes[k]], x] / n
+    furthest = 0.0
+    for c in range(count):
+        square, m = 0.0, offsets[c + 1] - offsets[c]
+        for x in range(d):
+            for k in range(offsets[c], offsets[c + 1]):
+                places[c, 3 + x] += centroids[cells[nodes[k]], x]
+            places[c, 3 + x] = places[c, 3 + x] / m - mean[x]
+            square += places[c, 3 + x] ** 2
+        furthest = max(furthest, np.sqrt(square))
+    along, heavy = np.zeros(d), np.zeros(d)
+    for c in range(count):
+        for x in range(d):
+            places[c, 3 + x] /= furthest if furthest > 0.0 else 1.0
+            places[c, 2] += places[c, 3 + x] ** 2
+        for x in range(d):
+            along[x] += places[c, 3 + x] / count
+            heavy[x] += places[c, 2] * places[c, 3 + x] / count
+    for c in range(count):
+        for x in range(d):
+            places[c, 0] += places[c, 3 + x] * along[x]
+            places[c, 1] += places[c, 3 + x] * heavy[x]
+    return places
+
+
+@kernel
+def _piece(cells, indptr, indices, interface, local):
+    """CSR of the piece ``cells``, which rise, numbered in that order; ``local (n,)`` is a work array."""
+    m, count = len(cells), 0
+    for i in range(m):
+        local[cells[i]] = i
+        count += indptr[cells[i] + 1] - indptr[cells[i]]
+    rows, columns, lengths = np.zeros(m + 1, np.int64), np.empty(count, np.int32), np.empty(count)
+    filled = 0
+    for i in range(m):
+        for h in range(indptr[cells[i]], indptr[cells[i] + 1]):
+            j = local[indices[h]]
+            if j < m and cells[j] == indices[h]:
+                columns[filled], lengths[filled] = j, interface[h]
+                filled += 1
+        rows[i + 1] = filled
+    return rows, columns, lengths
+
+
+@kernel
+def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, measures, local):
+    """Labels ``(m,)`` of the connected piece ``cells (m,)``, every one of the ``parts`` connected.
+
+    Each keeps its largest component; the others are absorbed. Nodes that cannot be reached have −1.
+    ``cells`` rise; ``local (n,)`` is a work array of cell numbers, all in ``0..n-1``.
+    """
+    rows, columns, lengths = _piece(cells, indptr, indices, interface, local)
+    nodes, offsets = components(rows, columns, labels)
+    count = len(offsets) - 1
+    part_of, size, loose = np.empty(count, np.int64), np.zeros(count), np.empty(count, np.int64)
+    for c in range(count):
+        part_of[c] = labels[nodes[offsets[c]]]
+        for k in range(offsets[c], offsets[c + 1]):
+            size[c] += measures[cells[nodes[k]]]
+    places = _places(cells, centroids, nodes, offsets)
+    keeper = keepers(part_of, size, places, parts)
+    kept, found = labels.copy(), 0
+    for c in range(count):
+        if keeper[part_of[c]] != c:
+            loose[found] = c
+            found += 1
+            for k in range(offsets[c], offsets[c + 1]):
+                kept[nodes[k]] = -1
+    return absorb(rows, columns, lengths, kept, nodes, offsets, loose[:found], keeper, places)
+
+
+@kernel
+def mend_blocks(offsets, indptr, indices, interface, centroids, measures, labels, parts):
+    """Labels ``(n,)``, in 0..parts−1, with every part of every block connected; −1 what cannot be reached."""
+    mended, local = np.empty(len(labels), np.int64), np.zeros(len(labels), np.int32)
+    for b in range(len(offsets) - 1):
+        start, stop = offsets[b], offsets[b + 1]
+        cells, own = np.arange(start, stop).astype(np.int32), labels[start:stop].copy()
+        mended[start:stop] = mend_piece(
+            cells, own, parts, indptr, indices, interface, centroids, measures, local
+        )
+    return mended

@@ -7,8 +7,6 @@ from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
@@ -153,9 +151,12 @@ def _two_sides(f: Int, g: Int, clash: NDArray[np.bool_], n: int) -> tuple[Int, F
     Faces f and g share an edge; if they ``clash``, one of them must turn. Every face stands for two
     nodes, as given and turned; joining what belongs together leaves the two orientations of a shell.
     """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     turn = n * clash
     rows, columns = np.concatenate((f, f + n)), np.concatenate((g + turn, g + n - turn))
-    links = sparse.coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
+    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
     component = connected_components(links, directed=False)[1]
     shell = np.minimum(component[:n], component[n:])
     return frozen_int(shell), frozen_float(np.where(component[:n] == shell, 1.0, -1.0))

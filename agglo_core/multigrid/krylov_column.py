@@ -52,11 +52,13 @@ class Column:
     ended: Ended = ""
     size: float = 1.0  # of the residual, relative
     residuals: list[float] = field(default_factory=list)
+    gains: list[float] = field(default_factory=list)  # squares of the energy norms of the steps
     _error: float = np.inf  # in the energy norm, relative, as far as it is known
     _ritz: RitzValue = field(default_factory=RitzValue)
     _true: bool = True  # r is b − A x itself
     _afresh: bool = False  # and so far from that of the recursion that this has to start again
     _replaced: float = np.inf  # size of the residual when that was last so
+    _stuck: bool = False  # it fell no more since then: x passes the tests now or never
     _scale: float = 0.0  # energy norm of x when last asked for
     _moved: float = 0.0  # squares of the energy norms of all steps
     _still: int = 0
@@ -88,10 +90,12 @@ class Column:
         met = self.ended == "met"
         reason = MET if met else self._reason(error)
         x, residuals = frozen_float(self.x), frozen_float(self.residuals)
-        return History(x, residuals, met, reason, error, tests, self.ended, self.size)
+        gains = frozen_float(self.gains)
+        return History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
 
     def _reason(self, error: float | None) -> str:
-        known = "" if error is None else f", energy error about {error:.1e}"
+        known = ", energy error unknown" if error is None else f", energy error about {error:.1e}"
+        known = "" if self.rules.stop == "residual" else known
         sizes = f"relative residual {self.size:.1e}{known} after {self.done} iterations"
         return f"{SAID.get(self.ended, '')}{sizes}, wanted {self.rules.tolerance:.1e}"
 
@@ -143,11 +147,14 @@ class Column:
             yield from self._precondition()
         if not self.ended:
             self._turn(before, zr, step)
-        if not self.ended and self._true and self._passes():
+        if not self.ended and self._true and (self._stuck or self._passes()):
             yield from self._confirm()
+        if not self.ended and self._stuck:
+            self.ended = "stagnation"
 
     def _count(self, gain: float, curvature: float) -> None:
         """Take note of what a step took from ‖e‖_A², and of the Rayleigh quotient of its direction."""
+        self.gains.append(gain)
         self._moved += gain
         self._still = self._still + 1 if gain <= np.finfo(float).eps ** 2 * self._moved else 0
         self._ritz.least = min(self._ritz.least, curvature / self.pp)
@@ -165,8 +172,7 @@ class Column:
         if not np.isfinite(length):
             self.ended = "matrix not finite"
         elif self._afresh:
-            self.ended = "stagnation" if self.size > 0.5 * self._replaced else ""
-            self._replaced = self.size
+            self._stuck, self._replaced = self.size > 0.5 * self._replaced, self.size
 
     def _drifted(self, r: Float, exact: Float) -> bool:
         return not two_norm(exact - r) <= _DRIFT * two_norm(exact)

@@ -69,12 +69,14 @@ def conjugate_gradients(
     claim = _Claim(A, b, tolerance, measure or relative_to(b), energy or energy_of_solution(b))
     run = _Run(A, np.zeros(len(b)), b.copy())
     residuals, sizes, best, smallest = [float(np.sqrt(run.rho))], [claim.measure(run.r)], run.x, 0
+    gains: list[float] = []
     claim.met, claim.why = not b.any(), _UNDERFLOW if b.any() and not run.rho else ""
     while not (claim.met or claim.why) and (len(residuals) <= most or claim.x is not None):
         if not run.step():
             claim.why = _INDEFINITE
             break
         residuals.append(float(np.sqrt(run.rho)))
+        gains.append(run.gain)
         sizes.append(claim.check(run))
         if sizes[-1] < sizes[smallest]:
             best, smallest = run.x, len(sizes) - 1
@@ -82,7 +84,10 @@ def conjugate_gradients(
     if claim.met:
         x = run.x if claim.x is None else claim.x
         kept = frozen_float(residuals[: claim.at + 1])
-        return History(frozen_float(x), kept, True, MET, claim.error, TESTS, "met")
+        won = frozen_float(gains[: claim.at])
+        return History(
+            frozen_float(x), kept, True, MET, claim.error, TESTS, "met", gains=won, energy_norm=claim.scale
+        )
     true = b - A @ best  # which rounding may keep from what the recursion has
     size = max(sizes[smallest], claim.measure(true))
     reason = claim.failed(size, smallest, len(sizes) - 1)
@@ -132,7 +137,8 @@ class _Run:
 class _Claim:
     """Whether an iteration may be called converged: ``met`` says so, ``why`` says that it never will.
 
-    An iterate ``x``, the one with the number ``at``, is looked at from some iterations further on.
+    An iterate ``x``, the one with the number ``at`` and the energy norm ``scale``, is looked at from some
+    iterations further on.
     """
 
     A: Any
@@ -145,9 +151,9 @@ class _Claim:
     error: float = np.inf
     x: Float | None = None
     at: int = 0
+    scale: float = 0.0
     _gained: float = 0.0
     _drift: float = 0.0
-    _scale: float = 0.0
     _replaced: float = np.inf
 
     def check(self, run: _Run) -> float:
@@ -170,13 +176,13 @@ class _Claim:
         return size
 
     def _likely(self, run: _Run) -> bool:
-        if self._scale and not size_ratio(run.energy_error(), self._scale) <= self.tolerance:
+        if self.scale and not size_ratio(run.energy_error(), self.scale) <= self.tolerance:
             return False  # even by a Ritz value from before
         if not run.ritz.refresh() > 0.0:
             self.why = _INDEFINITE
             return False
-        self._scale = self.energy(run.x)
-        self.error = size_ratio(run.energy_error(), self._scale)
+        self.scale = self.energy(run.x)
+        self.error = size_ratio(run.energy_error(), self.scale)
         return self.error <= self.tolerance
 
     def _decide(self, run: _Run) -> None:
@@ -185,11 +191,11 @@ class _Claim:
             return
         rounding = self._drift / float(np.sqrt(run.ritz.least))
         error = float(np.sqrt(self._gained + run.energy_error() ** 2)) + rounding
-        self.error = size_ratio(error, self._scale)
+        self.error = size_ratio(error, self.scale)
         self.met = self.error <= self.tolerance
         if not self.met:
             self.x = None
-            if size_ratio(rounding, self._scale) > 0.5 * self.tolerance:
+            if size_ratio(rounding, self.scale) > 0.5 * self.tolerance:
                 self._replace(run, self.b - self.A @ run.x)
 
     def _replace(self, run: _Run, true: Float) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, frozen_float
 
-__all__ = ["MET", "TESTS", "Ended", "History", "iterated", "mean_contraction"]
+__all__ = ["MET", "TESTS", "Ended", "History", "iterated", "mean_contraction", "untold"]
 
 MET = "tolerance met"
 """The reason of an iteration that converged."""
@@ -33,6 +33,11 @@ Ended = Literal[
 _BY_PRECONDITIONER = ("indefinite preconditioner", "loss of conjugacy", "preconditioner not finite")
 
 
+def untold() -> Float:
+    """Numbers ``(0,)`` of what a method does not tell."""
+    return frozen_float([])
+
+
 @dataclass(frozen=True, eq=False)
 class History:
     """An iterate ``x (n,)`` and the 2-norms of residuals that led to it, the first before any iteration.
@@ -40,7 +45,9 @@ class History:
     ``energy_error`` is an estimate of the error of x in the energy norm, relative to that of x, None if there
     is none; ``tests`` are those of ``"residual"`` and ``"energy error"`` that x has passed. ``reason`` says
     to people why the iteration ended, ``ended`` to programs. ``relative_residual`` is the measure of b − A x,
-    computed from x; None if the method does not tell.
+    computed from x; None if the method does not tell. ``gains (iterations,)`` are what the iterations took
+    from the square of the error in the energy norm, empty if the method does not tell; ``energy_norm`` is
+    that of x.
     """
 
     x: Float
@@ -51,6 +58,20 @@ class History:
     tests: tuple[str, ...] = ()
     ended: Ended = ""
     relative_residual: float | None = None
+    gains: Float = field(default_factory=untold)
+    energy_norm: float = 0.0
+
+    @property
+    def energy_errors(self) -> Float:
+        """Estimates of the relative energy error before any iteration and after each; empty if unknown.
+
+        What is left at the end, and all that was gained from an iterate on (Hestenes and Stiefel, 1952): an
+        identity for conjugate gradients with any preconditioner, as a step along any direction keeps it.
+        """
+        if self.energy_error is None or len(self.gains) != self.iterations or not self.energy_norm > 0.0:
+            return untold()
+        parts = np.append(np.sqrt(np.maximum(self.gains, 0.0)) / self.energy_norm, self.energy_error)
+        return frozen_float(np.sqrt(np.cumsum(parts[::-1] ** 2)[::-1]))
 
     @property
     def iterations(self) -> int:

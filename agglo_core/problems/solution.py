@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from agglo_core.arrays import Float
-from agglo_core.problems.iteration_history import mean_contraction
+from agglo_core.problems.iteration_history import mean_contraction, untold
 
 __all__ = ["Lifting", "Solution"]
 
@@ -36,12 +36,14 @@ class Solution:
     if there is any, and of these the one with most iterations; the other statements hold of all columns.
 
     What a solver need not tell: ``tests``, which of the tests ``"residual"`` and ``"energy error"`` x has
-    passed; ``energy_error``, an estimate of the error in the energy norm relative to that of the solution;
+    passed, and ``tolerance``, how small they were to be; ``energy_error``, an estimate of the error in the
+    energy norm relative to that of the solution, and ``energy_errors``, of each iterate, as ``residuals``;
     ``lifting``, if an offset was taken out of x (``residuals`` are then those of the rest);
     ``operator_complexity`` and ``grid_complexity``, entries and unknowns of all levels over those of the
     finest; ``parts``, how many agglomerates each level of ``operators`` has, None where its unknowns belong
     to none; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
-    the clock; ``choice``, which recipe was chosen and why; ``advice``, what might do better.
+    the clock, of the phases ``"hierarchy"`` (if the solver makes it), ``"assemble"``, ``"setup"`` and
+    ``"solve"``; ``choice``, which recipe was chosen and why; ``advice``, what might do better.
     """
 
     x: Float
@@ -63,6 +65,8 @@ class Solution:
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     choice: str = ""
     advice: str = ""
+    tolerance: float | None = None
+    energy_errors: Float = field(default_factory=untold)
 
     @property
     def contraction(self) -> float | None:

@@ -20,6 +20,7 @@ from agglo_core.progress import Listener, phase
 __all__ = ["operator_complexity", "report", "text"]
 
 _COLUMNS = 80
+_TIE = "\N{NO-BREAK SPACE}"
 _USUAL_ERRORS = ("error_l2", "error_dg")
 
 
@@ -47,17 +48,20 @@ def report(
     Returns
     -------
     dict
-        ``cells`` of a level is the number of its agglomerates, None if its unknowns belong to none;
+        ``cells`` of a level is the number of its agglomerates, None if its unknowns belong to none,
+        ``nonzeros`` the number of stored entries of its matrix, None if it is not known entry by entry;
         ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x,
-        without an offset that the solver took out; ``energy_error`` and ``tests_met`` are what the solution
-        says of itself;
+        without an offset that the solver took out; ``energy_error``, ``energy_errors``, ``tests_met`` and
+        ``tolerance`` are what the solution says of itself;
         ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
         unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
         finest, ``grid_complexity`` the number of unknowns; ``contraction`` is the mean factor by which the
         residual fell, ``asymptotic_contraction`` that over the latter half of the iterations; ``memory``,
         ``cpu_seconds``, ``choice`` and ``advice`` are what the solver tells, None or empty if nothing.
     """
-    dofs = [A.shape[0] for A in _matrices(solution)]
+    matrices = _matrices(solution)
+    dofs = [A.shape[0] for A in matrices]
+    sizes = zip(_parts(mesh, solution, dofs), dofs, map(_entries, matrices), strict=True)
     rest, b = _solved(solution)
     measure = how.residual_measure(problem, mesh, b) if how else relative_to(b)
     with phase(progress, "measuring", "errors"):
@@ -67,7 +71,7 @@ def report(
         energy = float(np.vdot(load, solution.x))
     return {
         "dofs": dofs[0],
-        "levels": [{"cells": k, "dofs": n} for k, n in zip(_parts(mesh, solution, dofs), dofs, strict=True)],
+        "levels": [{"cells": k, "dofs": n, "nonzeros": entries} for k, n, entries in sizes],
         "iterations": solution.iterations,
         "converged": bool(solution.converged),
         "reason": solution.reason,
@@ -88,6 +92,8 @@ def report(
         "memory": solution.memory,
         "choice": solution.choice,
         "advice": solution.advice,
+        "tolerance": solution.tolerance,
+        "energy_errors": np.asarray(solution.energy_errors).tolist(),
     }
 
 
@@ -149,24 +155,27 @@ def _state(data: Mapping[str, Any]) -> str:
     return state if data["energy_error"] is None else f"{state}, energy error {data['energy_error']:.2e}"
 
 
-def text(title: str, data: Mapping[str, Any]) -> str:
-    """Some lines of at most 80 columns for people to read."""
+def text(title: str, data: Mapping[str, Any], columns: int = _COLUMNS) -> str:
+    """Some lines of at most so many columns for people to read."""
     lines = [f"{title}: {_levels(data['levels'])}"]
     lines += [f"solver: {data['choice']}"] if data["choice"] else []
     lines.append(_state(data))
     if data["cg_iterations"] is not None:
         lines.append(f"plain conjugate gradients: {data['cg_iterations']} iterations")
-    lines.append(_costs(data))
+    lines += [f"energy fᵀu {data['energy']:.8g}", _costs(data)]
     errors = {
         name.removeprefix("error_").upper(): each for name, each in data.items() if name.startswith("error_")
     }
     known = [f"{name} {value:.3e}" for name, value in errors.items() if value is not None]
     if known:
         lines.append(f"error: {', '.join(known)}")
-    lines.append(_seconds(data["seconds"]))
-    lines += [f"processor: {_seconds(data['cpu_seconds'])}"] if data["cpu_seconds"] else []
+    lines += [
+        f"{name}: {_seconds(data[key])}"
+        for name, key in (("clock", "seconds"), ("processor", "cpu_seconds"))
+        if data[key]
+    ]
     lines += [f"advice: {data['advice']}"] if data["advice"] else []
-    return "\n".join(_wrapped(line) for line in lines)
+    return "\n".join(_wrapped(line, columns) for line in lines)
 
 
 def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
@@ -183,20 +192,21 @@ def _chain(counts: Sequence[int]) -> str:
 
 def _costs(data: Mapping[str, Any]) -> str:
     complexity, contraction = data["operator_complexity"], data["contraction"]
-    costs = [f"energy fᵀu {data['energy']:.8g}"]
-    costs.append("operator complexity " + ("unknown" if complexity is None else f"{complexity:.2f}"))
+    costs = ["operator complexity " + ("unknown" if complexity is None else f"{complexity:.2f}")]
+    costs.append(f"grid complexity {data['grid_complexity']:.2f}")
     if contraction is not None:
-        costs.append(f"contraction {contraction:.3f}")
+        costs.append(f"contraction {contraction:.3g}")
     if data["memory"] is not None:
-        costs.append(f"memory {data['memory'] / 1e6:.1f} MB")
+        costs.append(f"memory {data['memory'] / 1e6:.1f}{_TIE}MB")
     return ", ".join(costs)
 
 
 def _seconds(seconds: Mapping[str, float]) -> str:
-    return ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items())
+    return ", ".join(f"{name}{_TIE}{value:.2f}{_TIE}s" for name, value in seconds.items())
 
 
-def _wrapped(line: str) -> str:
-    return textwrap.fill(
-        line, _COLUMNS, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+def _wrapped(line: str, columns: int) -> str:
+    folded = textwrap.fill(
+        line, columns, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
+    return folded.replace(_TIE, " ")

@@ -154,17 +154,16 @@ class ComposedMultigrid:
         except np.linalg.LinAlgError as failure:
             watch.wall["solve"] = watch.cpu["solve"] = 0.0
             history = unsolved(fine.b, str(failure))
-            nothing = fine.solution(history, [(fine.A, None)], watch.wall)
-            return replace(nothing, cpu_seconds=watch.cpu, choice=choice)
+            nothing = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
+            return replace(nothing, choice=choice)
         with watch("solve"), phase(progress, "solving") as tell:
             history = iterate(self.outer, fine, M, self.tolerance, self.max_iterations, tell)
         return replace(
-            fine.solution(history, stack.operators, watch.wall),
+            fine.solution(history, stack.operators, watch, self.tolerance),
             operator_complexity=stack.operator_complexity,
             grid_complexity=stack.grid_complexity,
             parts=stack.parts,
             memory=stack.memory,
-            cpu_seconds=watch.cpu,
             choice=choice,
         )
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Diffusion, Hierarchy, History, OptionError, Solution, Tell, pcg
+from agglo_core.authoring import Diffusion, Hierarchy, History, Int, OptionError, Solution, Tell, pcg
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes, levels_by_default, plan_for
 from agglo_polydg_mg.stationary import unsolved
+from agglo_polydg_mg.stopwatch import Stopwatch
 
 __all__ = ["DiffusionTask"]
 
@@ -69,13 +71,27 @@ class DiffusionTask:
             reason = f"{self.plan.reason}; double precision took over"
             self.plan = replace(self.plan, dtype=np.float64, reason=reason)
 
+    @property
+    def makes_levels(self) -> bool:
+        """Whether agglomerates are made here: the hierarchy has none, and the recipe needs some.
+
+        Aggregates of vertices come as well from the graph of their matrix (a recipe with a continuous space).
+        """
+        return not self.hierarchy.levels and (self.plan.recipe == "patches" or self.count is not None)
+
+    @cached_property
+    def labels(self) -> list[Int]:
+        """Labels of the levels, finest first."""
+        wanted = self.hierarchy.levels or self.makes_levels
+        return levels_by_default(self.hierarchy, self.count) if wanted else []
+
     def stack(self) -> Any:
         """The levels; LinAlgError if a matrix is not positive definite.
 
         Blocks of very flat cells may be indefinite by rounding; levels are then made, in double precision,
         of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is.
         """
-        labels = levels_by_default(self.hierarchy, self.count)
+        labels = self.labels
         for more in _RAISED:
             try:
                 return self.plan.stack(self.problem, self._raised(more), self.basis, labels)
@@ -125,7 +141,11 @@ class DiffusionTask:
         return [unsolved(self.fine.b, reason)]
 
     def solution(
-        self, histories: Sequence[History], operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
     ) -> Solution:
         """The solution that histories lead to."""
-        return self.fine.solution(histories[0], operators, seconds)
+        return self.fine.solution(histories[0], operators, watch, tolerance)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any, ClassVar
 
 import numpy as np
@@ -29,6 +28,7 @@ from agglo_polydg_mg.option_checks import require_count, require_fraction
 from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.stationary import unsolved
+from agglo_polydg_mg.stopwatch import Stopwatch
 
 __all__ = ["Direct"]
 
@@ -90,25 +90,18 @@ class Direct:
         MeshError
             For a mesh in 3-D, or of cells that overlap themselves.
         """
-        times = [time.perf_counter()]
-        with phase(progress, "assembling"):
+        watch = Stopwatch()
+        with watch("assemble"), phase(progress, "assembling"):
             fine = fine_system(problem, hierarchy, self.discretisation)
-        times.append(time.perf_counter())
         backend = chosen_backend(self.backend)
         try:
-            with phase(progress, "factorising", backend):
+            with watch("setup"), phase(progress, "factorising", backend):
                 solves = BACKENDS[backend](fine.A)
-            times.append(time.perf_counter())
-            with phase(progress, "solving"):
+            with watch("solve"), phase(progress, "solving"):
                 history = _refined(fine, solves, self.tolerance, self.max_refinements)
         except np.linalg.LinAlgError as failure:
             history = unsolved(fine.b, str(failure))
-            times.append(time.perf_counter())
-        times.append(time.perf_counter())
-        assemble, setup, solve = np.diff(times)[:3].tolist()
-        return fine.solution(
-            history, [(fine.A, None)], {"assemble": assemble, "setup": setup, "solve": solve}
-        )
+        return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.

@@ -18,7 +18,16 @@ from scipy import sparse
 
 from agglo_core.authoring import OptionError, multigrid
 
-__all__ = ["AUTO", "BACKENDS", "Solves", "cholmod", "chosen_backend", "pardiso", "superlu"]
+__all__ = [
+    "AUTO",
+    "BACKENDS",
+    "Solves",
+    "available_backends",
+    "cholmod",
+    "chosen_backend",
+    "pardiso",
+    "superlu",
+]
 
 _log = logging.getLogger("agglo")
 
@@ -118,12 +127,17 @@ def chosen_backend(name: str) -> str:
         For another name, or a solver that is not installed; says what to install.
     """
     if name == AUTO:
-        return next(each for each in BACKENDS if _installed(each))
+        return available_backends()[0]
     if name not in BACKENDS:
         raise OptionError(f"backend must be one of {', '.join((AUTO, *BACKENDS))}; given {name!r}")
     if name in _PACKAGES:
         _package(name)
     return name
+
+
+def available_backends() -> tuple[str, ...]:
+    """Names of the solvers that are installed, the fastest first."""
+    return tuple(each for each in BACKENDS if _installed(each))
 
 
 def _installed(name: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.recipes import Wishes
 from agglo_polydg_mg.scaling import factor_for, unscaled
 from agglo_polydg_mg.stationary import unsolved
+from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["LinearTask"]
@@ -138,7 +139,11 @@ class LinearTask:
         return [unsolved(each, reason) for each in self._b.T]
 
     def solution(
-        self, histories: Sequence[History], operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
     ) -> Solution:
         """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
         columns = [unscaled(each.x, f) for each, f in zip(histories, self._factors, strict=True)]
@@ -156,9 +161,12 @@ class LinearTask:
             converged=all(each.converged for each in histories),
             reason=worst.reason,
             iterations=worst.iterations,
-            seconds=seconds,
+            seconds=watch.wall,
+            cpu_seconds=watch.cpu,
             energy_error=None if None in errors else max(each for each in errors if each is not None),
             tests=tuple(name for name in TESTS if all(name in each.tests for each in histories)),
+            energy_errors=worst.energy_errors,
+            tolerance=tolerance,
         )
 
 

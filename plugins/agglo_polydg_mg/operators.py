@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -33,6 +33,7 @@ from agglo_polydg_mg.basis import Basis, project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
+from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import block_matrix, l2_projection
 
 __all__ = ["FineSystem", "LevelSpaces", "fine_system", "level_spaces"]
@@ -56,9 +57,9 @@ class FineSystem(NamedTuple):
     sigma: Float | None = None
 
     def solution(
-        self, history: History, operators: list[tuple[Any, Any]], seconds: Mapping[str, float]
+        self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
-        """The solution of A x = full that a history on A x = b leads to."""
+        """The solution of A x = full that a history on A x = b leads to; ``watch`` has timed its phases."""
         x = rest = unscaled(history.x, self.factor)
         lifting = None
         if self.offset is not None:
@@ -73,9 +74,12 @@ class FineSystem(NamedTuple):
             converged=history.converged,
             reason=history.reason,
             iterations=history.iterations,
-            seconds=seconds,
+            seconds=watch.wall,
+            cpu_seconds=watch.cpu,
             energy_error=history.energy_error,
             tests=history.tests,
+            energy_errors=history.energy_errors,
+            tolerance=tolerance,
             lifting=lifting,
         )
 

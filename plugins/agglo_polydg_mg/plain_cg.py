@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import ClassVar
 
 import numpy as np
@@ -20,6 +19,7 @@ from agglo_polydg_mg.operators import fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
 from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.stopwatch import Stopwatch
 
 __all__ = ["PlainCG"]
 
@@ -73,16 +73,13 @@ class PlainCG:
         MeshError
             For a mesh in 3-D, or of cells that overlap themselves.
         """
-        times = [time.perf_counter()]
-        with phase(progress, "assembling"):
+        watch = Stopwatch()
+        with watch("assemble"), phase(progress, "assembling"):
             fine = fine_system(problem, hierarchy, self.discretisation)
-        times.append(time.perf_counter())
         how_long = (self.tolerance, self.max_iterations)
-        with phase(progress, "solving") as tell:
+        with watch("solve"), phase(progress, "solving") as tell:
             history = conjugate_gradients(fine.A, fine.b, *how_long, fine.measure, fine.measure.energy, tell)
-        times.append(time.perf_counter())
-        assemble, solve = np.diff(times).tolist()
-        return fine.solution(history, [(fine.A, None)], {"assemble": assemble, "setup": 0.0, "solve": solve})
+        return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The identity ``(n, n)``: plain conjugate gradients have no preconditioner.

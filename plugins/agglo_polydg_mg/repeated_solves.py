@@ -98,17 +98,17 @@ class RepeatedSolves:
             histories = self._histories(task, watch, progress)
         except np.linalg.LinAlgError as error:
             self._kept = None
-            nothing = task.solution(task.unsolved(str(error)), [(task.A, None)], watch.wall)
-            return replace(nothing, cpu_seconds=watch.cpu, choice=task.choice)
+            unsolved = task.unsolved(str(error))
+            nothing = task.solution(unsolved, [(task.A, None)], watch, self._tolerance)
+            return replace(nothing, choice=task.choice)
         stack = self._kept
         kept = "" if self.setups > setups else "; levels of an earlier system"
         solution = replace(
-            task.solution(histories, stack.operators, watch.wall),
+            task.solution(histories, stack.operators, watch, self._tolerance),
             operator_complexity=stack.operator_complexity,
             grid_complexity=stack.grid_complexity,
             parts=task.parts(stack),
             memory=stack.memory,
-            cpu_seconds=watch.cpu,
             choice=task.choice + kept,
         )
         self._judge(solution.iterations, solution.converged)
@@ -133,6 +133,9 @@ class RepeatedSolves:
 
     def _renew(self, task: Task, watch: Stopwatch, progress: Listener | None, title: str) -> None:
         self._kept = None  # the levels of before are not needed while those to come are made
+        if isinstance(task, DiffusionTask) and task.makes_levels:
+            with watch("hierarchy"), phase(progress, "agglomerating"):
+                _ = task.labels  # made when first asked for
         with watch("setup"), phase(progress, title):
             self._kept = task.stack()
         self.setups, self._usual = self.setups + 1, None
@@ -170,4 +173,6 @@ def _joined(first: History, second: History) -> History:
     """One history of two, the second of which went on from where the first ended, if it had to."""
     if second is first:
         return first
-    return replace(second, residuals=frozen_float(np.concatenate((first.residuals, second.residuals[1:]))))
+    residuals = np.concatenate((first.residuals, second.residuals[1:]))
+    gains = np.concatenate((first.gains, second.gains))
+    return replace(second, residuals=frozen_float(residuals), gains=frozen_float(gains))

@@ -75,22 +75,35 @@ def test_the_guide_says_which_promise_fits_which_kind() -> None:
     assert all(f"| `{name}` | {kind.summary} |" in text for name, kind in KINDS.items())
 
 
-def _slow_but_one() -> list[Any]:
-    """The mutants; all but the first of each law are slow tests, and so is one that takes a minute."""
-    seen = {"time_grows_with_the_mesh"}
-    marked = []
-    for each in MUTANTS:
-        marked.append(pytest.param(each, marks=pytest.mark.slow if each.law in seen else ()))
-        seen.add(each.law)
-    return marked
+_FIRST = {mutant.law: mutant for mutant in reversed(MUTANTS)}
+"""One mutant of each law."""
 
 
-@pytest.mark.parametrize("mutant", _slow_but_one(), ids=str)
+def _slow_if_long(mutant: Mutant) -> Any:
+    slow = mutant.law == "time_grows_with_the_mesh"
+    return pytest.param(mutant, marks=pytest.mark.slow if slow else ())
+
+
+@pytest.mark.parametrize("mutant", [_slow_if_long(mutant) for mutant in _FIRST.values()], ids=str)
 def test_every_law_kills_its_mutant(mutant: Mutant) -> None:
-    subject = subject_of(mutant.given, mutant.kind, promises=mutant.promises)
-    law, message = first_failure(replace(subject, thorough=mutant.thorough))
+    (law,) = (law for law in laws_for(subject_of_mutant(mutant)) if law.name == mutant.law)
+    result = judge(law, subject_of_mutant(mutant))
+    assert not result.passed
+    assert mutant.says in result.message
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", MUTANTS, ids=str)
+def test_no_earlier_law_kills_a_mutant(mutant: Mutant) -> None:
+    law, message = first_failure(subject_of_mutant(mutant))
     assert law == mutant.law, message
     assert mutant.says in message
+
+
+def subject_of_mutant(mutant: Mutant) -> Subject:
+    """What is judged: the mutant with its promises."""
+    subject = subject_of(mutant.given, mutant.kind, promises=mutant.promises)
+    return replace(subject, thorough=mutant.thorough)
 
 
 @pytest.mark.parametrize("component", NEWCOMERS, ids=lambda each: each.__name__)
@@ -116,5 +129,11 @@ def test_a_check_never_stops_at_the_first_failure() -> None:
 
 
 def test_what_a_mutant_does_to_the_small_meshes_stays_with_it() -> None:
-    check(AddsData)
-    assert all(result.passed for result in check("bisector:inertial"))
+    _judged_here(subject_of(AddsData))
+    assert all(_judged_here(subject_of("bisector:inertial")))
+
+
+def _judged_here(subject: Subject) -> list[bool]:
+    """Whether each law holds, but for the one that starts a process: its meshes are its own."""
+    laws = [law for law in laws_for(subject) if law.name != "same_in_another_process"]
+    return [judge(law, subject).passed for law in laws]

@@ -328,5 +328,5 @@ def test_a_solver_without_levels_is_reported_as_one_level() -> None:
     problem = Linear(A, np.ones(16), np.arange(17))
     data = report(mesh, problem, Direct().solve(problem, agglomerate(mesh, n_parts=4)))
     assert (data["dofs"], data["operator_complexity"]) == (16, 1.0)
-    assert data["levels"] == [{"cells": 16, "dofs": 16}]
+    assert data["levels"] == [{"cells": 16, "dofs": 16, "nonzeros": A.nnz}]
     assert data["relative_residual"] < 1e-12

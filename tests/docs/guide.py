@@ -5,6 +5,7 @@
 - A block whose first line is a comment that is a path, ``# my_package/halves.py``, becomes that file.
 - ``python`` is executed, all blocks of the guide in one namespace; ``sh`` is run by ``bash -e``.
 - ``output`` must be what the block before it printed; ``…`` stands for anything, spaces do not matter.
+- A block marked ``needs:MODULE`` runs where that module is installed.
 - Other languages, and blocks marked ``no-run`` (as in ```` ```sh no-run ````), are for the reader alone.
 """
 
@@ -20,6 +21,7 @@ import textwrap
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +47,11 @@ class Block:
     @property
     def language(self) -> str:
         """First word after the fence; empty if there is none or the block is not to be run."""
-        return "" if not self.words or "no-run" in self.words else self.words[0]
+        return "" if not self.words or "no-run" in self.words or self._lacking() else self.words[0]
+
+    def _lacking(self) -> bool:
+        needed = (word.removeprefix("needs:") for word in self.words if word.startswith("needs:"))
+        return any(find_spec(module) is None for module in needed)
 
     @property
     def path(self) -> str | None:

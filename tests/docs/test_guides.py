@@ -91,6 +91,8 @@ def test_nothing_in_the_guide_to_plugins_is_left_unrun() -> None:
         ("```python\n# one/two.py\nthree = 3\n```\n```python\nfrom one.two import three\n```", ""),
         ("- item\n  ```sh\n  true\n  ```", ""),
         ("```sh no-run\nfalse\n```\n```text\nfalse\n```\n```\nfalse\n```", ""),
+        ("```python needs:no_such_module\n1 / 0\n```", ""),
+        ("```python needs:numpy\n1 / 0\n```", "ZeroDivisionError"),
         ("```sh\nfalse | cat\n```", "it.md:2: exit code 1 of"),
         ("\n```python\nx = 1\ny = 1 / 0\n```", 'it.md", line 4, in'),
         ("```sh\necho 1\n```\n\n```output\n2\n```", "it.md:6: the guide says"),

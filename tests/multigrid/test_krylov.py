@@ -180,6 +180,24 @@ def test_breakdowns_are_named(name: str) -> None:
     assert np.isfinite(found.x).all()
 
 
+@pytest.mark.parametrize("seed", [33, 38])
+def test_an_iterate_at_the_limit_of_rounding_is_judged_before_it_is_given_up(seed: int) -> None:
+    """The tolerance lies 1.5 times above what rounding lets b − A x fall to."""
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.standard_normal((60, 60)))[0]
+    values = np.geomspace(1.0, 10.0 ** rng.uniform(4, 12), 60)
+    stiff, M = (Q * values) @ Q.T, (Q / values * (1.0 + 0.3 * rng.random(60))) @ Q.T
+    stiff, M, right = (stiff + stiff.T) / 2, (M + M.T) / 2, rng.standard_normal(60)
+    least = pcg(stiff, right, M, tolerance=1e-30)
+    assert least.ended == "stagnation"
+    assert not least.converged
+    tolerance = 1.5 * float(np.linalg.norm(right - stiff @ least.x) / np.linalg.norm(right))
+    found = pcg(stiff, right, M, tolerance=tolerance)
+    error = found.x - np.linalg.solve(stiff, right)
+    assert found.converged
+    assert error @ stiff @ error < (tolerance**2) * (found.x @ stiff @ found.x)
+
+
 def test_a_preconditioner_that_breaks_late_leaves_the_iterate_before() -> None:
     calls = []
 
@@ -233,3 +251,25 @@ def test_plain_conjugate_gradients_name_their_end_too() -> None:
     assert conjugate_gradients(A, b, most=3).ended == "most iterations"
     assert conjugate_gradients(-A, b).ended == "indefinite matrix"
     assert conjugate_gradients(A, 1e-200 * b).ended == "underflow"
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5])
+def test_energy_errors_of_all_iterates_are_told(noise: float) -> None:
+    found = pcg(A, b, inverse(noise), tolerance=1e-8)
+    errors = found.energy_errors
+    assert len(errors) == len(found.residuals) == found.iterations + 1 > 4
+    assert errors[-1] == pytest.approx(found.energy_error)
+    iterates = [pcg(A, b, inverse(noise), tolerance=1e-8, most=k).x for k in range(found.iterations)]
+    true = np.array([energy_error(x) for x in iterates])
+    np.testing.assert_allclose(errors[:-4], true[:-3], rtol=0.01)
+    np.testing.assert_allclose(errors[-4:-1], true[-3:], rtol=0.3)  # where the bound at the end is felt
+
+
+def test_energy_errors_of_plain_conjugate_gradients() -> None:
+    found = conjugate_gradients(A, b, 1e-8)
+    assert found.converged
+    errors = found.energy_errors
+    assert errors[0] == pytest.approx(1.0, rel=1e-6)
+    assert errors[-1] == pytest.approx(found.energy_error)
+    assert (np.diff(errors) < 0).all()
+    assert len(conjugate_gradients(A, b, 1e-8, most=3).energy_errors) == 0  # nobody knows what is left

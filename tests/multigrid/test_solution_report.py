@@ -52,5 +52,5 @@ def test_what_it_tells_is_in_data_and_text() -> None:
     said = " ".join(lines.split())
     assert f"solver: {TOLD.choice} " in said
     assert said.endswith(f"advice: {TOLD.advice}")
-    assert "operator complexity 1.50, contraction 0.079, memory 12.3 MB" in said
-    assert "solve 0.50 s processor: solve 0.40 s" in said
+    assert "operator complexity 1.50, grid complexity 1.25, contraction 0.0794, memory 12.3 MB" in said
+    assert "clock: solve 0.50 s processor: solve 0.40 s" in said

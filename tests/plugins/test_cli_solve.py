@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,9 +45,14 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
         "memory",
         "choice",
         "advice",
+        "tolerance",
+        "energy_errors",
     ]
     assert (data["dofs"], data["iterations"], data["converged"]) == (768, 10, True)
-    assert data["levels"] == [{"cells": n, "dofs": 6 * n} for n in (128, 64, 16)]
+    assert [(each["cells"], each["dofs"]) for each in data["levels"]] == [(n, 6 * n) for n in (128, 64, 16)]
+    assert sum(each["nonzeros"] for each in data["levels"]) == pytest.approx(
+        data["operator_complexity"] * data["levels"][0]["nonzeros"]
+    )
     assert data["cg_iterations"] == pytest.approx(355, rel=0.02)
     assert len(data["residuals"]) == 11
     assert data["relative_residual"] == data["residuals"][-1] / data["residuals"][0] <= 1e-6
@@ -56,7 +62,9 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
     assert data["grid_complexity"] == (128 + 64 + 16) / 128
     assert data["contraction"] == pytest.approx(data["relative_residual"] ** 0.1)
     assert 0.0 < data["asymptotic_contraction"] < 1.0
-    assert set(data["seconds"]) == {"assemble", "setup", "solve"}
+    for seconds in (data["seconds"], data["cpu_seconds"]):
+        assert list(seconds) == ["hierarchy", "assemble", "setup", "solve"]
+    assert data["tolerance"] == 1e-6
 
 
 def test_levels_without_agglomerates_are_told_by_their_unknowns(agglo: Agglo) -> None:
@@ -88,6 +96,29 @@ def test_text_files_and_pictures(agglo: Agglo) -> None:
         assert part in done.out
     assert Path("u.png").read_bytes().startswith(b"\x89PNG")
     assert read("u.vtu").n_cells > 60
+
+
+def test_convergence_is_drawn(agglo: Agglo) -> None:
+    pytest.importorskip("matplotlib")
+    done = agglo("solve", "squares:n=8", "--plot-convergence", "c.svg", "--no-cg", "--degree", "2")
+    data = agglo("solve", "squares:n=8", "--json", "--no-cg", "--degree", "2").data
+    assert (done.code, done.out.splitlines()[-1]) == (0, "wrote c.svg")
+    comments = re.findall("<!-- (.*) -->", Path("c.svg").read_text())  # the texts that are drawn as paths
+    assert f"polydg_mg: residual, contraction {data['contraction']:.3g}" in comments
+    assert "polydg_mg: energy error, estimated" in comments
+    assert {"tolerance 1e-06", "iteration", "squares 8x8, constant"} <= set(comments)
+
+
+def test_a_report_of_what_was_solved(agglo: Agglo) -> None:
+    for more in ((), ("--parts", "16"), ("--solver", "direct")):
+        done = agglo("solve", "squares:n=8", "--report", "r.html", "--no-cg", *more)
+        assert (done.code, done.out.splitlines()[-1]) == (0, "wrote r.html")
+        page = Path("r.html").read_text()
+        assert re.search(r"Converged after \d+ iterations: tolerance met by residual and energy error", page)
+        assert page.count('<h2 id="solve-title">') == 1
+        assert ("<canvas" in page) == ("--parts" in more)
+        assert ('<th scope="row">hierarchy</th>' in page) == ("direct" not in more)
+    assert agglo("solve", "squares:n=8", "--report", "r.txt").code == 2
 
 
 def test_components_targets_and_levels_that_do_not_nest(agglo: Agglo) -> None:
@@ -127,7 +158,9 @@ def test_smoother_and_coarse_solver_are_chosen_by_name(agglo: Agglo) -> None:
 def test_plain_conjugate_gradients_are_a_solver_of_their_own(agglo: Agglo) -> None:
     data = agglo("solve", "paper:squares", "--solver", "polydg_cg:degree=2", "--json").data
     assert data["iterations"] == data["cg_iterations"] == pytest.approx(365, rel=0.01)
-    assert data["levels"] == [{"cells": 256, "dofs": 6 * 256}]
+    (level,) = data["levels"]
+    assert (level["cells"], level["dofs"]) == (256, 6 * 256)
+    assert len(data["energy_errors"]) == data["iterations"] + 1
     done = agglo("solve", "squares:n=8", "--solver", "polydg_cg:max_iterations=5")
     assert done.code == 3
     assert "of 5, wanted 1.0e-06; the solution is that of iteration" in " ".join(done.out.split())
@@ -242,6 +275,9 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "--parts", "-4"], "each number must be positive"),
         (["squares:n=4", "--bisector", "nosuch"], "no bisector is named 'nosuch'"),
         (["squares:n=4", "--plot", "no/u.png"], "there is no folder no"),
+        (["squares:n=4", "--plot-convergence", "no/c.png"], "there is no folder no"),
+        (["squares:n=4", "--plot-convergence", "c.gif"], "pictures end in .png"),
+        (["squares:n=4", "--report", "r.pdf"], "reports end in .html"),
         (["squares:n=4", "-o", "u.vtu", "--plot", "no/u.png"], "there is no folder no"),
         (["squares:n=4", "--degree", "2", "--solver", "polydg_mg_paper:degree=3"], "degree is given twice"),
         (["squares:n=4", "--solver", "nosuch"], "nosuch"),

@@ -287,3 +287,26 @@ def test_what_is_called_converged_is_right(seed: int) -> None:
 @pytest.mark.slow
 def test_what_is_called_converged_is_right_on_two_hundred_problems() -> None:
     assert sum(checked(seed) for seed in range(3000, 3200)) >= 190
+
+
+def test_seconds_of_levels_that_it_makes_are_a_phase_of_their_own() -> None:
+    mesh, phases = samples.squares(24), ["assemble", "hierarchy", "setup", "solve"]
+    own = PolyDGMultigrid(recipe="patches").solve(SOURCE, bare(mesh))
+    given = PolyDGMultigrid().solve(SOURCE, agglomerate(mesh, n_parts=72))
+    for seconds in (own.seconds, own.cpu_seconds):
+        assert list(seconds) == phases
+        assert min(seconds.values()) > 0.0
+    for seconds in (given.seconds, given.cpu_seconds):
+        assert list(seconds) == [each for each in phases if each != "hierarchy"]
+
+
+def test_energy_errors_and_tolerance_of_all_iterates_are_told() -> None:
+    mesh = samples.voronoi(300, seed=FRESH)
+    found = PolyDGMultigrid(tolerance=1e-7).solve(SOURCE, bare(mesh))
+    assert found.tolerance == 1e-7
+    assert len(found.energy_errors) == len(found.residuals)
+    assert found.energy_errors[0] == pytest.approx(1.0, rel=1e-3)
+    assert found.energy_errors[-1] == found.energy_error <= 1e-7
+    given = Linear(found.A, np.stack((found.b, np.roll(found.b, 7)), axis=1), np.arange(0, 901, 3))
+    both = PolyDGMultigrid().solve(given, bare(mesh))
+    assert len(both.energy_errors) == len(both.residuals) == both.iterations + 1

@@ -38,8 +38,9 @@ COMMANDS = {
     "solve": "solve squares:n=8 --solver cells_cg --problem heat.toml --json",
     "other solver": "solve squares:n=8 --solver polydg_cg --problem heat.toml",
     "smoother": "solve squares:n=8 --solver polydg_mg_paper:smoother=two_sweeps --json",
-    **{f"check {kind}": f"check {kind}:{name} --json" for kind, name in DECLARED.items()},
 }
+CHECKED = ("format", "solver")
+"""Kinds that the command line checks here; the others are slow tests, pytest checks them all below."""
 
 
 @pytest.fixture(scope="module")
@@ -139,12 +140,17 @@ def test_its_smoother_serves_our_multigrid(answers: Mapping[str, Answer]) -> Non
     assert result["iterations"] < 30
 
 
-@pytest.mark.parametrize("kind", DECLARED)
-def test_the_command_line_checks_it(answers: Mapping[str, Answer], kind: str) -> None:
-    results = json.loads(answers[f"check {kind}"].out)
+def _slow_but_few() -> list[object]:
+    return [pytest.param(kind, marks=() if kind in CHECKED else pytest.mark.slow) for kind in DECLARED]
+
+
+@pytest.mark.parametrize("kind", _slow_but_few())
+def test_the_command_line_checks_it(borders: Path, tmp_path: Path, kind: str) -> None:
+    (answer,) = converse(borders, [["check", f"{kind}:{DECLARED[kind]}", "--json"]], tmp_path)
+    results = json.loads(answer.out)
     assert [result["message"] for result in results if not result["passed"]] == []
     assert len(results) >= 7
-    assert answers[f"check {kind}"].code == 0
+    assert answer.code == 0
 
 
 def test_its_own_tests_pass_away_from_the_source_tree(borders: Path, tmp_path: Path) -> None:

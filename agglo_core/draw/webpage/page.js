@@ -129,9 +129,6 @@ function partUnder(event) {
 }
 
 function start() {
-  $("title").textContent = REPORT.name;
-  $("about").textContent = [`${shown(REPORT.cells)} cells, h0 = ${shown(REPORT.h0)}`, REPORT.note].filter(Boolean).join("; ");
-  $("made").textContent = `Made by agglo ${REPORT.version}.`;
   REPORT.runs.forEach((run, index) => {
     if (run.levels.length) $("run").append(element("option", { value: index }, run.name));
   });

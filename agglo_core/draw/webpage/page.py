@@ -8,20 +8,35 @@ import html
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
 
 from agglo_core.draw.webpage.payload import payload
 from agglo_core.draw.webpage.sections import own_sections, sections_of_plugins
+from agglo_core.draw.webpage.solve_section import solve_section
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import check_replaceable, staging
 from agglo_core.measure.comparison import RunResult
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Registry, default
+from agglo_core.registry.discovery import version_of
 
 __all__ = ["check_page", "write_page"]
 
+_NOTHING: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType({})
+_NO_RUNS: Final = MappingProxyType(
+    {
+        "/*policy*/": "'none'",
+        "<!--noscript-->": "",
+        "<!--own-->": "",
+        "<!--scripts-->": "",
+        "<!--theirs-->": "",
+    }
+)
+"""The page without the parts that show runs."""
 _SCRIPTS = ("data.js", "map.js", "charts.js", "page.js")
 _INERT = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
 """Names come from files and may hold ``</script>``: inside JSON these are the same characters, inert."""
@@ -33,8 +48,9 @@ def write_page(
     runs: Sequence[RunResult],
     note: str = "",
     registry: Registry | None = None,
+    solves: Mapping[str, Mapping[str, Any]] = _NOTHING,
 ) -> None:
-    """Write the report of several runs on one mesh, whole or not at all.
+    """Write the report of several runs on one mesh, and of what was solved there, whole or not at all.
 
     The sections of plugins come last. One that fails is a note there and a warning in the log.
 
@@ -43,26 +59,29 @@ def write_page(
     path : path
         Ends in ``.html`` or ``.htm``.
     mesh : Mesh
-        2-D.
+        2-D if there are runs.
     runs : sequence of RunResult
-        At least one that did not fail.
+        At least one that did not fail; none if only solutions are to be reported.
     note : str
         A sentence under the title.
     registry : Registry, optional
         Where sections are looked up; by default the installed plugins.
+    solves : mapping of str to mapping, optional
+        Data of :func:`agglo_core.problems.solution_report.report` by the name of solver or run, or
+        ``{"error": why}``: the section Solve.
 
     Raises
     ------
     MeshError
-        For a 3-D mesh.
+        For runs on a 3-D mesh.
     OptionError
-        If there is no run to show.
+        If there is neither a run nor a solution to show.
     FileError
         If the file cannot be written.
     """
     file = Path(path)
     check_page(file)
-    content = _page(mesh, runs, note, default() if registry is None else registry)
+    content = _page(mesh, runs, note, default() if registry is None else registry, solves)
     try:
         with staging(file) as folder:
             (folder / file.name).write_text(content, encoding="utf-8")
@@ -79,20 +98,40 @@ def check_page(path: Path) -> None:
     check_replaceable(path)
 
 
-def _page(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registry) -> str:
-    here = files(__package__)
-    data = json.dumps(payload(mesh, runs, note), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    script = "\n".join(['"use strict";', *((here / name).read_text(encoding="utf-8") for name in _SCRIPTS)])
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+def _page(
+    mesh: Mesh,
+    runs: Sequence[RunResult],
+    note: str,
+    registry: Registry,
+    solves: Mapping[str, Mapping[str, Any]],
+) -> str:
+    about = f"{mesh.n_cells:,} cells, h0 = {mesh.h:.4g}"
     parts = {
         "<!--title-->": html.escape(mesh.name or "mesh"),
-        "/*style*/": (here / "page.css").read_text(encoding="utf-8"),
-        "/*digest*/": f"sha256-{digest}",  # the one script that runs: none of a section, none of a name
-        "/*script*/": script,
-        "/*data*/": data.translate(_INERT),
+        "<!--about-->": html.escape("; ".join(filter(None, (about, note)))),
+        "<!--version-->": html.escape(version_of("agglo")),
+        "/*style*/": _text("page.css"),
+        "<!--solve-->": solve_section(solves),
+        **(_of_runs(mesh, runs, note, registry) if runs or not solves else _NO_RUNS),
+    }
+    # in one pass: what is filled in may itself look like a mark
+    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark.group()], _text("page.html"))
+
+
+def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registry) -> dict[str, str]:
+    """The parts of the page that show runs, and the script that draws them."""
+    data = json.dumps(payload(mesh, runs, note), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    script = "\n".join(['"use strict";', *map(_text, _SCRIPTS)])
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    return {
+        "/*policy*/": f"'sha256-{digest}'",  # the one script that runs: none of a section, none of a name
+        "<!--noscript-->": _text("noscript.html"),
         "<!--own-->": own_sections(),
+        "<!--scripts-->": f'<script type="application/json" id="data">{data.translate(_INERT)}</script>\n'
+        f"<script>{script}</script>\n",
         "<!--theirs-->": sections_of_plugins(mesh, runs, registry),
     }
-    template = (here / "page.html").read_text(encoding="utf-8")
-    # in one pass: what is filled in may itself look like a mark
-    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark.group()], template)
+
+
+def _text(name: str) -> str:
+    return (files(__package__) / name).read_text(encoding="utf-8")

@@ -1,0 +1,171 @@
+"""A picture of convergence: residuals and energy errors against the iteration."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.draw.plot import save_figure
+from agglo_core.errors import OptionError
+from agglo_core.problems import Solution
+
+__all__ = ["LINES", "Curves", "draw_convergence"]
+
+LINES = ("#1f5fa8", "#c4501b", "#1b7a4b", "#8a3a9c", "#8c6d00", "#0b8499", "#b0246b", "#555555")
+"""Colours of curves, dark enough for thin lines on white."""
+_MARKED = 40
+"""Iterations up to which each is marked."""
+_INK = "#222222"
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """What there is to draw of a solution.
+
+    Attributes
+    ----------
+    residuals : (iterations + 1,) float
+        2-norms relative to the first; NaN where a logarithmic scale has no place for it.
+    errors : (iterations + 1,) float
+        Estimates of the relative energy error; only the last one is known of some solvers, and of some none.
+    contraction, tolerance : float, optional
+    """
+
+    residuals: Float
+    errors: Float
+    contraction: float | None
+    tolerance: float | None
+
+    @classmethod
+    def of(cls, solution: Solution) -> Curves:
+        """The curves of a solution."""
+        return cls.made(
+            solution.residuals,
+            solution.energy_errors,
+            solution.energy_error,
+            solution.contraction,
+            solution.tolerance,
+        )
+
+    @classmethod
+    def made(
+        cls,
+        residuals: Any,
+        errors: Any,
+        last: float | None,
+        contraction: float | None,
+        tolerance: float | None,
+    ) -> Curves:
+        """The curves of the numbers that a report has of a solution; ``last`` is the last energy error."""
+        sizes, known = (np.asarray(each, dtype=np.float64).ravel() for each in (residuals, errors))
+        first = sizes[0] if len(sizes) and 0.0 < sizes[0] < np.inf else np.nan
+        if len(known) != len(sizes):
+            known = np.full(len(sizes), np.nan)
+            known[-1:] = np.nan if last is None else last
+        return cls(_positive(sizes / first), _positive(known), contraction, tolerance)
+
+
+def _positive(values: Float) -> Float:
+    return frozen_float(np.where((values > 0.0) & np.isfinite(values), values, np.nan))
+
+
+def draw_convergence(
+    solutions: Mapping[str, Solution], path: str | os.PathLike[str], title: str = ""
+) -> None:
+    """Draw residuals and energy errors against the iteration, on a logarithmic scale, and write the picture.
+
+    The solid line is ‖b − A x‖₂ relative to the first, the dashed one the estimate of the relative error in
+    the energy norm where the solver tells it (of direct and stationary solvers at the end alone), the dotted
+    one the tolerance. The legend has the mean contraction of the residual.
+
+    Parameters
+    ----------
+    solutions : mapping of name to Solution
+        At least one; the names are those of the legend.
+    path : path
+        The suffix chooses the format: .png, .pdf, .svg, …
+    title : str
+        Above the picture.
+
+    Raises
+    ------
+    OptionError
+        Without matplotlib, or with no solution to draw.
+    FileError
+        If the file cannot be written, or its suffix is unknown.
+    """
+    if not solutions:
+        raise OptionError("nothing to draw: no solution is given")
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator
+    except ImportError as error:
+        raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
+
+    figure = Figure(figsize=(7.0, 4.4), dpi=160, layout="constrained")
+    FigureCanvasAgg(figure)
+    axis: Any = figure.add_subplot()
+    axis.set_yscale("log")
+    curves = {name: Curves.of(solution) for name, solution in solutions.items()}
+    for place, (name, each) in enumerate(curves.items()):
+        _draw(axis, name, each, LINES[place % len(LINES)])
+    for tolerance in sorted({each.tolerance for each in curves.values() if each.tolerance}):
+        axis.axhline(tolerance, color=_INK, linewidth=1.0, linestyle=":")
+        axis.annotate(
+            f"tolerance {tolerance:g}",
+            (0.0, tolerance),
+            xycoords=("axes fraction", "data"),
+            xytext=(4, 3),
+            textcoords="offset points",
+            fontsize=8,
+            color=_INK,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
+        )
+    axis.set_xlim(left=0)  # points on the frame are drawn whole all the same
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    axis.set_xlabel("iteration")
+    axis.set_ylabel("relative size")
+    axis.grid(color="#dddddd", linewidth=0.6)
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right"]].set_visible(False)
+    figure.legend(fontsize=8, frameon=False, loc="outside lower center", ncols=2)
+    if title:
+        axis.set_title(title, fontsize=10, color=_INK)
+    save_figure(figure, Path(path))
+
+
+def _draw(axis: Any, name: str, curves: Curves, colour: str) -> None:
+    steps = np.arange(len(curves.residuals))
+    size = 3.5 if len(steps) <= _MARKED + 1 else 0.0
+    fall = "" if curves.contraction is None else f", contraction {curves.contraction:.3g}"
+    axis.plot(
+        steps,
+        curves.residuals,
+        "o-",
+        color=colour,
+        markersize=size,
+        linewidth=1.6,
+        clip_on=False,
+        label=f"{name}: residual{fall}",
+    )
+    known = np.isfinite(curves.errors)
+    if known.any():
+        alone = known.sum() == 1
+        axis.plot(
+            steps,
+            curves.errors,
+            "s" if alone else "s--",
+            color=colour,
+            markersize=5.0 if alone else size,
+            markerfacecolor="white",
+            linewidth=1.3,
+            clip_on=False,
+            label=f"{name}: energy error{' at the end' if alone else ''}, estimated",
+        )

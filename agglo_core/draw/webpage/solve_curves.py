@@ -1,0 +1,128 @@
+"""Curves of convergence as SVG: places are percents of the width, so that texts keep their size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from html import escape
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from agglo_core.arrays import Float
+from agglo_core.draw.convergence import LINES, Curves
+
+__all__ = ["history_picture"]
+
+_HEIGHT, _TOP, _BOTTOM = 300, 10, 40
+_LEFT, _RIGHT = 12.0, 98.0  # percent
+_MOST = 300  # points of a curve that are drawn
+_MARKED = 40
+_CAPTION: Final = (
+    "Against the iteration: ‖b − A x‖₂ relative to the first (solid), the estimated relative error in the "
+    "energy norm where it is known (dashed), the tolerance (dotted)."
+)
+
+
+def history_picture(solves: Mapping[str, Mapping[str, Any]]) -> str:
+    """A figure of residuals and energy errors against the iteration, with its legend.
+
+    Parameters
+    ----------
+    solves : mapping of str to mapping
+        Data of :func:`agglo_core.problems.solution_report.report`, at least one.
+    """
+    curves = {name: _curves(data) for name, data in solves.items()}
+    frame = _Frame(list(curves.values()))
+    inside = list(frame.axes())
+    for place, each in enumerate(curves.values()):
+        colour = LINES[place % len(LINES)]
+        inside += [*frame.curve(each.errors, colour, dashed=True), *frame.curve(each.residuals, colour)]
+    label = "; ".join(f"{name}: {_said(data)}" for name, data in solves.items())
+    legend = "".join(
+        f'<span><i style="color:{LINES[place % len(LINES)]}">●</i> {escape(name + _contraction(each))}</span>'
+        for place, (name, each) in enumerate(curves.items())
+    )
+    picture = f'<svg role="img" height="{_HEIGHT}" aria-label="{escape(label)}">{"".join(inside)}</svg>'
+    return f"<figure>{picture}<figcaption>{legend}<br>{_CAPTION}</figcaption></figure>"
+
+
+def _curves(data: Mapping[str, Any]) -> Curves:
+    keys = ("residuals", "energy_errors", "energy_error", "contraction", "tolerance")
+    return Curves.made(*(data[key] for key in keys))
+
+
+def _said(data: Mapping[str, Any]) -> str:
+    return f"{data['iterations']} iterations to a relative residual of {data['relative_residual']:.1e}"
+
+
+def _contraction(curves: Curves) -> str:
+    return "" if curves.contraction is None else f", contraction {curves.contraction:.3g}"
+
+
+class _Frame:
+    """The axes: iterations from left to right, powers of ten from top to bottom."""
+
+    def __init__(self, curves: list[Curves]) -> None:
+        sizes = np.concatenate([[1.0], *(np.append(each.residuals, each.errors) for each in curves)])
+        self.tolerances = sorted({each.tolerance for each in curves if each.tolerance})
+        powers = np.log10(np.append(sizes[np.isfinite(sizes)], self.tolerances))
+        self.low, self.high = int(np.floor(powers.min())), max(int(np.ceil(powers.max())), 0)
+        self.low = min(self.low, self.high - 1)
+        self.last = max(1, *(len(each.residuals) - 1 for each in curves))
+
+    def x(self, step: float) -> float:
+        """Percent of the width."""
+        return _LEFT + (_RIGHT - _LEFT) * step / self.last
+
+    def y(self, size: float) -> float:
+        """Pixels from the top."""
+        share = (self.high - float(np.log10(size))) / (self.high - self.low)
+        return _TOP + share * (_HEIGHT - _TOP - _BOTTOM)
+
+    def axes(self) -> Iterator[str]:
+        """Grid, ticks, the tolerance."""
+        for power in range(self.low, self.high + 1):
+            y = self.y(10.0**power)
+            yield _line(_LEFT, y, _RIGHT, y, "#e4e1da")
+            if (self.high - power) % (1 + (self.high - self.low) // 10) == 0:
+                text = "1" if not power else f"1e{power}"
+                yield f'<text x="{_LEFT - 1:.2f}%" y="{y + 4:.1f}" text-anchor="end">{text}</text>'
+        bottom = _HEIGHT - _BOTTOM
+        step = next(each for each in _steps() if self.last <= 8 * each)
+        for tick in range(0, self.last + 1, step):
+            x = self.x(tick)
+            yield f'<text x="{x:.2f}%" y="{bottom + 16}" text-anchor="middle">{tick}</text>'
+            yield _line(x, bottom, x, bottom + 4, "#666")
+        middle = (_LEFT + _RIGHT) / 2
+        yield f'<text x="{middle}%" y="{bottom + 33}" text-anchor="middle">iteration</text>'
+        yield _line(_LEFT, bottom, _RIGHT, bottom, "#666") + _line(_LEFT, _TOP, _LEFT, bottom, "#666")
+        for tolerance in self.tolerances:
+            y = self.y(tolerance)
+            yield _line(_LEFT, y, _RIGHT, y, "#222", 'stroke-dasharray="1 3"')
+            yield f'<text x="{_LEFT + 1:.2f}%" y="{y - 4:.1f}">tolerance {tolerance:g}</text>'
+
+    def curve(self, sizes: Float, colour: str, dashed: bool = False) -> Iterator[str]:
+        """Lines between the points that are known, and marks where there are few."""
+        known = np.flatnonzero(np.isfinite(sizes))
+        if len(known) > _MOST:
+            known = known[np.unique(np.linspace(0, len(known) - 1, _MOST).astype(int))]
+        places = [(self.x(float(step)), self.y(float(sizes[step]))) for step in known]
+        more = f'stroke-width="{1.5 if dashed else 2}"' + (' stroke-dasharray="5 4"' if dashed else "")
+        for start, end in pairwise(places):
+            yield _line(*start, *end, colour, more)
+        fill = "#fff" if dashed else colour
+        for x, y in places if self.last <= _MARKED else ():
+            yield f'<circle cx="{x:.2f}%" cy="{y:.1f}" r="3" fill="{fill}" stroke="{colour}"/>'
+
+
+def _steps() -> Iterator[int]:
+    """1, 2, 5, 10, 20, 50, …"""
+    power = 1
+    while True:
+        yield from (power, 2 * power, 5 * power)
+        power *= 10
+
+
+def _line(x1: float, y1: float, x2: float, y2: float, colour: str, more: str = "") -> str:
+    return f'<line x1="{x1:.2f}%" y1="{y1:.1f}" x2="{x2:.2f}%" y2="{y2:.1f}" stroke="{colour}" {more}/>'

@@ -1,0 +1,173 @@
+"""The section on solving: what it took, level by level and phase by phase, and how it converged.
+
+Plain HTML and SVG that need no script. All texts are escaped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+from agglo_core.draw.webpage.solve_curves import history_picture
+
+__all__ = ["solve_section"]
+
+_PHASES: Final = {"hierarchy": "hierarchy", "assemble": "assembly", "setup": "set-up", "solve": "solve"}
+_CLOCKS: Final = {"cpu_seconds": "processor", "seconds": "clock"}
+_MISSING: Final = "–"
+
+
+def solve_section(solves: Mapping[str, Mapping[str, Any]]) -> str:
+    """A section on solutions, by the name of solver or run; nothing without any.
+
+    Parameters
+    ----------
+    solves : mapping of str to mapping
+        Data of :func:`agglo_core.problems.solution_report.report`; or ``{"error": why}``.
+    """
+    if not solves:
+        return ""
+    known = {name: data for name, data in solves.items() if "error" not in data}
+    failed = [_failure(name, data["error"]) for name, data in solves.items() if "error" in data]
+    many = len(solves) > 1
+    parts = [_summary(known)] if many and known else []
+    parts += [*failed, history_picture(known) if known else ""]
+    parts += [_details(name, data) if many else _story(data) for name, data in known.items()]
+    body = "\n".join(filter(None, parts))
+    title = '<h2 id="solve-title">Solve</h2>'
+    return f'<section class="solve" aria-labelledby="solve-title">\n{title}\n{body}\n</section>\n'
+
+
+def _failure(name: str, why: str) -> str:
+    return f'<p class="failed">{escape(f"{name}: {why}")}</p>'
+
+
+def _summary(solves: Mapping[str, Mapping[str, Any]]) -> str:
+    """One line per run."""
+    columns = ["run", "unknowns", "iterations", "converged", "contraction", "operator complexity", "MB"]
+    columns += [f"{title} s" for title in _PHASES.values()]
+    rows = []
+    for name, data in solves.items():
+        spent = data["cpu_seconds"] or data["seconds"]
+        rows.append(
+            [
+                name,
+                _whole(data["dofs"]),
+                _whole(data["iterations"]),
+                "yes" if data["converged"] else "no",
+                _short(data["contraction"]),
+                _fixed(data["operator_complexity"]),
+                _megabytes(data["memory"]),
+                *(_fixed(spent.get(key)) for key in _PHASES),
+            ]
+        )
+    return _table(columns, rows)
+
+
+def _details(name: str, data: Mapping[str, Any]) -> str:
+    return f"<details><summary>{escape(name)}</summary>\n{_story(data)}\n</details>"
+
+
+def _story(data: Mapping[str, Any]) -> str:
+    """How it ended, why so, and what it took."""
+    parts = [f"<p>{escape(_state(data))}</p>"]
+    parts += [
+        f"<p><b>{title}</b> {escape(data[key])}</p>"
+        for key, title in (("choice", "Recipe:"), ("advice", "Advice:"))
+        if data[key]
+    ]
+    parts += [_facts(data), "<h3>Levels</h3>", _levels(data["levels"]), "<h3>Seconds</h3>", _seconds(data)]
+    return "\n".join(parts)
+
+
+def _state(data: Mapping[str, Any]) -> str:
+    if not data["converged"]:
+        return f"Not converged: {data['reason']}; the solution is that of iteration {data['iterations']}."
+    by = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
+    return f"Converged after {data['iterations']} iterations: {data['reason']}{by}."
+
+
+def _facts(data: Mapping[str, Any]) -> str:
+    errors = {
+        f"error {name.removeprefix('error_').upper()}": each
+        for name, each in data.items()
+        if name.startswith("error_")
+    }
+    facts = {
+        "relative residual": _power(data["relative_residual"]),
+        "energy error, estimated": _power(data["energy_error"]),
+        "tolerance": _power(data["tolerance"]),
+        "contraction per iteration": _short(data["contraction"]),
+        "contraction, latter half": _short(data["asymptotic_contraction"]),
+        "operator complexity": _fixed(data["operator_complexity"]),
+        "grid complexity": _fixed(data["grid_complexity"]),
+        "memory of the levels": "" if data["memory"] is None else f"{_megabytes(data['memory'])} MB",
+        "plain conjugate gradients": ""
+        if data["cg_iterations"] is None
+        else f"{data['cg_iterations']:,} iterations",
+        "energy fᵀu": f"{data['energy']:.8g}",
+        **{name: "" if value is None else _power(value) for name, value in errors.items()},
+    }
+    pairs = (
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+        for name, value in facts.items()
+        if value not in ("", _MISSING)
+    )
+    return f'<dl class="facts">{"".join(pairs)}</dl>'
+
+
+def _levels(levels: Sequence[Mapping[str, Any]]) -> str:
+    rows = [
+        [
+            "mesh" if not place else str(place),
+            _whole(each["dofs"]),
+            _whole(each["nonzeros"]),
+            _whole(each["cells"]),
+        ]
+        for place, each in enumerate(levels)
+    ]
+    return _table(["level", "unknowns", "nonzeros", "parts"], rows)
+
+
+def _seconds(data: Mapping[str, Any]) -> str:
+    """A row for each phase, a column for each clock."""
+    clocks = {title: data[key] for key, title in _CLOCKS.items() if data[key]}
+    if not clocks:
+        return '<p class="hint">The solver does not tell.</p>'
+    told = dict.fromkeys(phase for clock in clocks.values() for phase in clock)
+    phases = [*(each for each in _PHASES if each in told), *(each for each in told if each not in _PHASES)]
+    rows = [
+        [_PHASES.get(each, each), *(_fixed(clock.get(each)) for clock in clocks.values())] for each in phases
+    ]
+    rows.append(["together", *(_fixed(sum(clock.values())) for clock in clocks.values())])
+    return _table(["phase", *clocks], rows)
+
+
+def _table(columns: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    head = "".join(f'<th scope="col">{escape(each)}</th>' for each in columns)
+    body = "".join(
+        f'<tr><th scope="row">{escape(first)}</th>{"".join(f"<td>{escape(each)}</td>" for each in rest)}</tr>'
+        for first, *rest in rows
+    )
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _whole(value: int | None) -> str:
+    return _MISSING if value is None else f"{value:,}"
+
+
+def _short(value: float | None) -> str:
+    return _MISSING if value is None else f"{value:.3g}"
+
+
+def _fixed(value: float | None) -> str:
+    return _MISSING if value is None else f"{value:.2f}"
+
+
+def _power(value: float | None) -> str:
+    return _MISSING if value is None else f"{value:.2e}"
+
+
+def _megabytes(value: int | None) -> str:
+    return _MISSING if value is None else f"{value / 1e6:.1f}"

@@ -1,0 +1,162 @@
+"""Where a direct solver takes less time than polydg_mg, for one right-hand side and for many.
+
+    python tests/benchmarks/break_even.py [--meshes NAME ...] [--cells N ...] [--degrees P ...]
+                                          [--backends NAME ...] [--many K] [--most N] [--repeats N] [--seed N]
+
+The thresholds of ``agglo_polydg_mg/advice.py`` are those of the last table. −∇·∇u = 8 on the unit square, the
+same sharp penalty for everybody, one thread, CPU seconds of this process, the best of the repeats after a
+warm-up. Assembly counts for nobody; the levels that polydg_mg makes, factorisation and refinement do.
+``ratio`` is polydg_mg over the direct solver: above 1 the direct solver wins. ``further`` is how many times
+dearer one more right-hand side is for polydg_mg (its iteration) than for the direct solver (its share of a
+solve with several columns), ``ratio k`` the ratio for ``--many`` right-hand sides by these seconds. Direct
+solvers are left out above ``--most`` unknowns.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
+    os.environ[f"{_variable}_NUM_THREADS"] = "1"  # before numpy is imported
+
+# ruff: noqa: E402
+import argparse
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agglo_core import Hierarchy, Mesh, samples
+from agglo_core.problems import Diffusion, Solution
+from agglo_polydg_mg.direct import Direct
+from agglo_polydg_mg.direct_backends import BACKENDS, available_backends
+from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+
+COLUMNS = 8  # right-hand sides that are solved for together
+
+MESHES: Mapping[str, Callable[[int, int], Mesh]] = {
+    "triangles": lambda n, _: samples.triangles(max(2, round(np.sqrt(n / 2)))),
+    "squares": lambda n, _: samples.squares(max(2, round(np.sqrt(n)))),
+    "voronoi": lambda n, seed: samples.voronoi(n, seed=seed),
+    "random": lambda n, seed: samples.random_triangles(max(8, n // 2), seed=seed),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """CPU seconds of one case: until the first solution, and for each further right-hand side."""
+
+    mesh: str
+    degree: int
+    unknowns: int
+    smoother: str
+    first: Mapping[str, float]
+    further: Mapping[str, float]
+
+    def ratio(self, backend: str, count: int = 1) -> float:
+        """polydg_mg over a direct solver for so many right-hand sides."""
+        ours, theirs = (
+            self.first[each] + (count - 1) * self.further[each] for each in ("polydg_mg", backend)
+        )
+        return ours / theirs
+
+
+def seconds_of(solution: Solution) -> float:
+    """CPU seconds of all phases but the assembly."""
+    assert solution.converged, solution.reason
+    return sum(each for name, each in solution.cpu_seconds.items() if name != "assemble")
+
+
+def measured(name: str, cells: int, degree: int, backends: Sequence[str], how: argparse.Namespace) -> Row:
+    """One case, best of the repeats."""
+    first: dict[str, float] = {}
+    further: dict[str, float] = {}
+    for repeat in range(how.repeats):
+        mesh = MESHES[name](cells, how.seed + repeat)
+        problem, plain = Diffusion(source=8.0), Hierarchy(mesh, mesh.graph, [], [], nested=True)
+        ours = PolyDGMultigrid(degree).solve(problem, plain)
+        _keep(first, "polydg_mg", seconds_of(ours))
+        _keep(further, "polydg_mg", ours.cpu_seconds["solve"])
+        for backend in backends if len(ours.x) <= how.most else ():
+            direct = Direct(degree, penalty="sharp", scaled_basis=True, backend=backend)
+            theirs = direct.solve(problem, plain)
+            _keep(first, backend, seconds_of(theirs))
+            solves = BACKENDS[backend](theirs.A)
+            columns = np.random.default_rng(0).standard_normal((len(theirs.x), COLUMNS))
+            start = time.process_time()
+            solves(columns)
+            _keep(further, backend, (time.process_time() - start) / COLUMNS)
+    smoother = "patches" if ", patches," in ours.choice else "cells"
+    return Row(name, degree, len(ours.x), smoother, first, further)
+
+
+def _keep(seconds: dict[str, float], name: str, value: float) -> None:
+    seconds[name] = min(value, seconds.get(name, np.inf))
+
+
+def rows(how: argparse.Namespace, backends: Sequence[str]) -> Iterator[Row]:
+    """All cases, small ones first; printed as they come."""
+    head = "".join(f"{each:>10}{'ratio':>7}{'further':>9}{f'ratio {how.many}':>9}" for each in backends)
+    print(f"{'':10} p  unknowns  smoother  polydg_mg{head}", flush=True)
+    for name in how.meshes:
+        for degree in how.degrees:
+            measured(name, 100, degree, backends, argparse.Namespace(**{**vars(how), "repeats": 1}))
+            for cells in how.cells:
+                row = measured(name, cells, degree, backends, how)
+                line = f"{name:10} {degree}{row.unknowns:10,}  {row.smoother:8}{row.first['polydg_mg']:11.3f}"
+                for each in backends:
+                    if each not in row.first:
+                        line += f"{'–':>10}{'–':>7}{'–':>9}{'–':>9}"
+                        continue
+                    dearer = row.further["polydg_mg"] / row.further[each]
+                    line += f"{row.first[each]:10.3f}{row.ratio(each):7.2f}{dearer:9.1f}"
+                    line += f"{row.ratio(each, how.many):9.2f}"
+                print(line, flush=True)
+                yield row
+
+
+def break_even(cases: Sequence[Row], backend: str, count: int) -> str:
+    """Unknowns where the ratio is 1, by a straight line through the logarithms of all cases."""
+    known = [row for row in cases if backend in row.first]
+    if len({row.unknowns for row in known}) < 2:
+        return "–"
+    sizes, ratios = (
+        np.log([row.unknowns for row in known]),
+        np.log([row.ratio(backend, count) for row in known]),
+    )
+    slope, at_one = np.polyfit(sizes, ratios, 1)
+    if slope >= 0.0:
+        return "never" if ratios.min() > 0.0 else "–"
+    here = float(np.exp(-at_one / slope))
+    least, most = np.exp([sizes.min(), sizes.max()])
+    return f"< {least:,.0f}" if here < least else f"> {most:,.0f}" if here > most else f"{here:,.0f}"
+
+
+def main() -> None:
+    """Read the arguments, print the cases and the break-even of each direct solver."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--meshes", nargs="+", choices=MESHES, default=list(MESHES))
+    parser.add_argument("--cells", type=int, nargs="+", default=[250, 1_000, 4_000, 16_000])
+    parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--backends", nargs="+", choices=BACKENDS, default=available_backends())
+    parser.add_argument("--many", type=int, default=10)
+    parser.add_argument("--most", type=int, default=200_000)
+    parser.add_argument("--repeats", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0)
+    how = parser.parse_args()
+    cases = list(rows(how, how.backends))
+    print(f"\nunknowns at which both take the same time, for 1 | {how.many} right-hand sides")
+    for backend in how.backends:
+        for smoother in ("cells", "patches"):
+            mine = [row for row in cases if row.smoother == smoother]
+            for degree in sorted({row.degree for row in mine}):
+                own = [row for row in mine if row.degree == degree]
+                few, many = (break_even(own, backend, count) for count in (1, how.many))
+                print(f"{backend:10} {smoother:8} p = {degree}: {few:>12} | {many:>12}")
+
+
+if __name__ == "__main__":
+    main()
