@@ -96,6 +96,11 @@ class LevelStack:
         return [(level.A, level.P) for level in self.levels]
 
     @property
+    def parts(self) -> tuple[int | None, ...]:
+        """Agglomerates of each level; None of a level that has no labels."""
+        return tuple(None if each.labels is None else int(each.labels.max()) + 1 for each in self.levels)
+
+    @property
     def operator_complexity(self) -> float:
         """Matrix entries of all levels over those of the finest."""
         entries = [level.A.nnz for level in self.levels]

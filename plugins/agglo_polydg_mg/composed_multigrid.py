@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
@@ -50,9 +50,17 @@ class ComposedMultigrid:
     ----------
     degree : int
         Of the polynomials, 1..6.
-    transfer, coarse_operator, smoother, coarse_solver : str, object or callable
-        The parts, see :class:`agglo_core.multigrid.Composition`.
+    transfer : str, object with ``prolongation``, or callable
+        ``smoothed``, ``injection``, ``aggregation`` or another component of kind ``transfer``; these parts
+        are those of :class:`agglo_core.multigrid.Composition`.
+    coarse_operator : str, object with ``coarse_matrix``, or callable
+        ``galerkin``, ``rediscretised`` or another component of kind ``coarse_operator``.
+    smoother : str, object with ``setup``, or callable
+        Component of kind ``smoother``: ``gauss_seidel``, ``chebyshev``, ``vertex_patches``, ``schwarz``, ….
+    coarse_solver : str, object with ``solver_for``, or callable
+        ``elimination``, ``dense``, ``lu`` or another component of kind ``coarse_solver``.
     cycle : "V", "W", "F" or "K"
+        F is not symmetric and K not linear; see :func:`agglo_core.multigrid.cycle`.
     outer : "cg", "flexible_cg" or "stationary"
         Conjugate gradients, for a cycle that is linear and symmetric; such as bear with one that is not; or
         the cycle alone, repeated.
@@ -137,12 +145,12 @@ class ComposedMultigrid:
         labels = chosen_levels(hierarchy, self.levels)
         with watch("assemble"), phase(progress, "assembling"):
             spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
-        fine = spaces.fine
-        choice = f"{self.composition.title}, {self.cycle}-cycle, {self.outer}"
+        fine, parts = spaces.fine, self.parts_for(problem)
+        choice = f"{parts.title}, {self.cycle}-cycle, {self.outer}"
         try:
             with watch("setup"), phase(progress, "setting up the levels") as tell:
-                stack = self._stack(spaces, labels, tell)
-                M = self._cycle(stack)
+                stack = self._stack(parts, spaces, labels, tell)
+                M = self._cycle(parts, stack)
         except np.linalg.LinAlgError as failure:
             watch.wall["solve"] = watch.cpu["solve"] = 0.0
             history = unsolved(fine.b, str(failure))
@@ -154,10 +162,14 @@ class ComposedMultigrid:
             fine.solution(history, stack.operators, watch, self.tolerance),
             operator_complexity=stack.operator_complexity,
             grid_complexity=stack.grid_complexity,
-            parts=tuple(int(level.labels.max()) + 1 for level in stack.levels),
+            parts=stack.parts,
             memory=stack.memory,
             choice=choice,
         )
+
+    def parts_for(self, problem: Problem) -> multigrid.Composition:
+        """The parts for a problem."""
+        return self.composition
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """One cycle ``(n, n)``; symmetric where ``outer`` is ``cg``.
@@ -169,13 +181,20 @@ class ComposedMultigrid:
         """
         labels = chosen_levels(hierarchy, self.levels)
         spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
+        parts = self.parts_for(problem)
         try:
-            return self._cycle(self._stack(spaces, labels))
+            return self._cycle(parts, self._stack(parts, spaces, labels))
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
 
-    def _stack(self, spaces: LevelSpaces, labels: Sequence[Int], tell: Tell = to_nobody) -> Any:
-        return self.composition.stack(
+    def _stack(
+        self,
+        parts: multigrid.Composition,
+        spaces: LevelSpaces,
+        labels: Sequence[Int],
+        tell: Tell = to_nobody,
+    ) -> multigrid.LevelStack:
+        return parts.stack(
             spaces.system,
             labels,
             injected=spaces.injected,
@@ -185,8 +204,8 @@ class ComposedMultigrid:
             tell=tell,
         )
 
-    def _cycle(self, stack: Any) -> LinearOperator:
+    def _cycle(self, parts: multigrid.Composition, stack: multigrid.LevelStack) -> LinearOperator:
         M = multigrid.cycle(stack, self.cycle)
         if self.outer == "cg":
-            require_linear(M, self.composition.title)
+            require_linear(M, parts.title)
         return M

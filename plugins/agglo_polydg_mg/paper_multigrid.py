@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import Any, ClassVar, Literal, NoReturn
+from typing import Any, Literal, NoReturn
 
 from agglo_core.authoring import (
     Hierarchy,
@@ -27,7 +26,7 @@ from agglo_polydg_mg.smoothers import smoother_of
 __all__ = ["PaperMultigrid"]
 
 
-class PaperMultigrid:
+class PaperMultigrid(ComposedMultigrid):
     """The paper's choice of parts for :class:`~agglo_polydg_mg.composed_multigrid.ComposedMultigrid`.
 
     V-cycles from zero until the residual has fallen below ``tolerance`` times the right-hand side.
@@ -73,9 +72,6 @@ class PaperMultigrid:
     gradients.
     """
 
-    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
-    tells_progress: ClassVar[bool] = True
-
     def __init__(
         self,
         degree: int = 1,
@@ -94,11 +90,12 @@ class PaperMultigrid:
     ) -> None:
         require_name("operators", operators, ("rediscretised", "inherited"))
         require_truth("schwarz_coarse", schwarz_coarse)
-        preset = partial(
-            ComposedMultigrid,
-            degree=degree,
+        chosen = smoother_of(smoother, registry)
+        super().__init__(
+            degree,
             transfer="injection",
-            smoother=smoother_of(smoother, registry),
+            coarse_operator="galerkin" if operators == "inherited" else "rediscretised",
+            smoother=chosen,  # type: ignore[arg-type]  # with its name
             coarse_solver=coarse_solver,
             cycle="V",
             outer="stationary",
@@ -111,12 +108,10 @@ class PaperMultigrid:
             corrections=schwarz_coarse,
             registry=registry,
         )
-        self._inherits = preset(coarse_operator="galerkin")
-        anew = operators == "rediscretised"
-        self._chosen = preset(coarse_operator="rediscretised") if anew else self._inherits
-        self.discretisation, self.galerkin = self._chosen.discretisation, self._chosen.galerkin
-        self.levels, self.max_iterations = levels, max_iterations
-        self.smoother = self._chosen.composition.smoother.tool
+        self.smoother = chosen.tool
+        self._inherited = multigrid.Composition(
+            "injection", "galerkin", chosen, coarse_solver, registry=registry
+        )
 
     def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
         """Solve by V-cycles; ``converged`` and ``reason`` say how it ended; ``progress`` is told the phases.
@@ -128,13 +123,16 @@ class PaperMultigrid:
         MeshError
             For a mesh in 3-D, or of cells or agglomerates that overlap themselves.
         """
-        method = self._inherits if isinstance(problem, Linear) else self._chosen
-        solution = method.solve(problem, hierarchy, progress)
+        solution = super().solve(problem, hierarchy, progress)
         if solution.converged or solution.iterations >= self.max_iterations:
             return solution
         rest = "the solver direct or polydg_cg"
-        way_out = f"try {rest}" if method.galerkin else f"try operators=inherited, or {rest}"
+        way_out = f"try {rest}" if self.parts_for(problem).galerkin else f"try operators=inherited, or {rest}"
         return replace(solution, reason=f"{solution.reason}; {way_out}")
+
+    def parts_for(self, problem: Problem) -> multigrid.Composition:
+        """The parts for a problem: matrices of a linear system are always inherited."""
+        return self._inherited if isinstance(problem, Linear) else self.composition
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> NoReturn:
         """Refuse: with conjugate gradients for a smoother the cycle is not linear.
