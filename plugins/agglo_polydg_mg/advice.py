@@ -46,15 +46,11 @@ _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
 """For one right-hand side. Linear systems may be of any kind, so that none is sent to multigrid."""
 _SEVERAL: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
-        ("pardiso", "cells"): _Range(3e4, 1e7, float("inf")),  # 1.9 to 3.8 times, as far as measured
-        ("pardiso", "patches"): _Range(0.0, 1.5e7, float("inf")),  # 2 to 10 times
-        ("superlu", "cells"): _Range(0.0, 2e6, 6e6),
-        ("superlu", "patches"): _Range(0.0, 1e7, float("inf")),
         ("pardiso", "linear"): _Range(2e4, 4e5, float("inf")),
         ("superlu", "linear"): _Range(0.0, 4e5, float("inf")),
     }
 )
-"""For ten; with more the direct solvers only gain."""
+"""For ten of a linear system, as far as measured; with more the direct solvers only gain."""
 
 
 def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: Penalty = PAPER) -> str:

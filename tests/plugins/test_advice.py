@@ -54,7 +54,7 @@ def test_small_systems_are_for_direct_solvers_and_large_ones_for_multigrid(
     installed: tuple[str, ...], kind: advice.Kind
 ) -> None:
     assert "SuperLU usually takes less time up to about" in advice_of_multigrid(Sized(1e4), kind)
-    assert advice_of_multigrid(Sized(1e9), kind) == advice_of_multigrid(Sized(1e9), kind, MANY) == ""
+    assert advice_of_multigrid(Sized(1e9), kind) == advice_of_multigrid(Sized(1e9), "linear", MANY) == ""
     assert advice_of_direct(Sized(1e4), kind, "superlu") == ""
     back = advice_of_direct(Sized(1e9), kind, "superlu")
     assert ("take the solver polydg_mg" in back) == (kind != "linear")
@@ -73,7 +73,8 @@ def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
     assert f"take the solver direct:penalty=sharp{other}" in said
     assert ("PARDISO is not installed" in said) == ("pardiso" not in installed)
     assert "take the solver direct;" in f"{advice_of_multigrid(Sized(5e5), 'patches', 1, 10.0)};" or other
-    many = advice_of_multigrid(Sized(1e6), "patches", MANY)
+    many = advice_of_multigrid(Sized(1.5e5), "linear", MANY)
+    assert advice_of_multigrid(Sized(1.5e5), "linear") == ""
     assert ("PARDISO" if "pardiso" in installed else "SuperLU") in many.split()[0]
     assert "with 10 right-hand sides" in many
     assert "its aspreconditioner is the inverse, for all of them at once" in many
