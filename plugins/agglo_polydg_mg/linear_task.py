@@ -25,6 +25,7 @@ from agglo_core.authoring import (
     pcg_columns,
     two_norm,
 )
+from agglo_polydg_mg.advice import advice_of_multigrid
 from agglo_polydg_mg.recipes import Wishes
 from agglo_polydg_mg.scaling import factor_for, unscaled
 from agglo_polydg_mg.stationary import unsolved
@@ -62,6 +63,7 @@ class LinearTask:
                 f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
             )
         used = np.flatnonzero(np.diff(offsets) != 0)
+        self._equal = len(used) == cells and len(set(np.diff(offsets).tolist())) == 1
         self.system = System(
             problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
         )
@@ -90,6 +92,13 @@ class LinearTask:
         if self._classical:
             how = "a classical step, then " + how if self._labels else "classical coarsening"
         return f"{how}, {self.cycle}-cycle, {np.dtype(self.dtype).name}" + self._doubled
+
+    @property
+    def advice(self) -> str:
+        """Whether a direct solver would take less time; ``direct`` takes cells of equal size only."""
+        if not self._equal:
+            return ""
+        return advice_of_multigrid(self.system.A, "linear", self._b.shape[1])
 
     @property
     def single(self) -> bool:
