@@ -57,8 +57,8 @@ class Column:
     _ritz: RitzValue = field(default_factory=RitzValue)
     _true: bool = True  # r is b − A x itself
     _afresh: bool = False  # and so far from that of the recursion that this has to start again
-    _replaced: float = np.inf  # size of the residual when that was last so
-    _stuck: bool = False  # it fell no more since then: x passes the tests now or never
+    _replaced: tuple[float, float] = (np.inf, np.inf)  # size and bound of the error when that was last so
+    _stuck: bool = False  # neither fell since then: x passes the tests now or never
     _scale: float = 0.0  # energy norm of x when last asked for
     _moved: float = 0.0  # squares of the energy norms of all steps
     _still: int = 0
@@ -79,7 +79,7 @@ class Column:
             yield from self._step()
         if not self._true:
             yield from self._settle()
-        if self.ended not in _KNOWN:
+        if self.ended not in _KNOWN and not self._stuck:
             self._error = np.inf
 
     def history(self) -> History:
@@ -147,6 +147,8 @@ class Column:
             yield from self._precondition()
         if not self.ended:
             self._turn(before, zr, step)
+        if not self.ended and self._afresh:
+            self._note_progress()
         if not self.ended and self._true and (self._stuck or self._passes()):
             yield from self._confirm()
         if not self.ended and self._stuck:
@@ -171,8 +173,12 @@ class Column:
         self.residuals.append(length)
         if not np.isfinite(length):
             self.ended = "matrix not finite"
-        elif self._afresh:
-            self._stuck, self._replaced = self.size > 0.5 * self._replaced, self.size
+
+    def _note_progress(self) -> None:
+        """Where rounding made b − A x another than that of the recursion: has x come nearer since last time?"""
+        now = (self.size, self._bound())
+        self._stuck = all(new > 0.5 * old for new, old in zip(now, self._replaced, strict=True))
+        self._replaced = now
 
     def _drifted(self, r: Float, exact: Float) -> bool:
         return not two_norm(exact - r) <= _DRIFT * two_norm(exact)
