@@ -175,7 +175,7 @@ class Column:
             self.ended = "matrix not finite"
 
     def _note_progress(self) -> None:
-        """Where rounding made b − A x another than that of the recursion: has x come nearer since last time?"""
+        """b − A x has become another than that of the recursion: has x come nearer since last time?"""
         now = (self.size, self._bound())
         self._stuck = all(new > 0.5 * old for new, old in zip(now, self._replaced, strict=True))
         self._replaced = now
