@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from agglo_core import components
+from agglo_core.agglomeration.border import bisect_by_block
+from agglo_core.arrays import UInt64
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.own_components import own_components
 from agglo_core.conformance.subject import Subject
 from agglo_core.errors import AggloError
+from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Component, Record, Registry, hookimpl
 
-__all__ = ["runs_with"]
+__all__ = ["runs_both_ways", "runs_with"]
 
 _TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0, 4.0)})
 
@@ -31,6 +34,33 @@ def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
                 (kind, wanted), *_ = target.items()
                 asked = f"on {mesh.name}, {roles['method']}, {kind}={wanted}"
                 yield asked, agglomerate(mesh, **roles, **target, registry=registry)
+
+
+def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:
+    """What was asked of a bisector that grows, and the hierarchies by its own growth and depth by depth."""
+    from agglo_core.agglomeration.pipeline import agglomerate
+
+    own = own_components()
+    for mesh in _meshes(subject):
+        for refiners in ([], [own.build("refiner", "interface")]):
+            one, other = (
+                agglomerate(mesh, bisector=each, refiners=refiners, n_parts=(9, 4), registry=own)
+                for each in (subject.build(), _DepthByDepth(subject.build()))
+            )
+            yield f"on {mesh.name}, {len(refiners)} refiners", one, other
+
+
+@dataclass(frozen=True)
+class _DepthByDepth:
+    """A bisector without what it offers besides its splits."""
+
+    tool: Any
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Any:
+        """Sides ``(n,)`` as the bisector gives them."""
+        if callable(getattr(self.tool, "bisect_level", None)):
+            return self.tool.bisect_level(level, seeds)
+        return bisect_by_block(self.tool, level, seeds)
 
 
 def _meshes(subject: Subject) -> list[Mesh]:

@@ -1,13 +1,15 @@
-"""The law of whole runs, asked last: what else is wrong is easier to see."""
+"""The laws of whole runs, asked last: what else is wrong is easier to see."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.cases import stripes
 from agglo_core.conformance.law import law
 from agglo_core.conformance.own_components import own_components
-from agglo_core.conformance.running import runs_with
+from agglo_core.conformance.running import runs_both_ways, runs_with
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
@@ -28,5 +30,24 @@ def works_in_a_run(subject: Subject) -> None:
             for labels in hierarchy.levels:
                 loose = broken_blocks(hierarchy.graph, labels)
                 require(not len(loose), f"a run {asked} gave parts in pieces")
+    except AggloError as error:
+        raise Broken(f"a run with it failed: {error}") from error
+
+
+def _grows(subject: Subject) -> bool:
+    return subject.has("grow") and (subject.has("bisect") or subject.has("bisect_level"))
+
+
+@law("bisector", when=_grows)
+def grows_alike(subject: Subject) -> None:
+    """A bisector that grows makes the parts that its own splits make depth by depth."""
+    try:
+        for asked, one, other in runs_both_ways(subject):
+            for labels, wanted in zip(one.levels, other.levels, strict=True):
+                require(
+                    np.array_equal(labels, wanted),
+                    f"{asked}: grow made other parts than are made depth by depth, with the same components: "
+                    "decide ties alike, and return None for components it does not know",
+                )
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error

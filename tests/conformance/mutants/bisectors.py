@@ -8,6 +8,7 @@ import numpy as np
 from conformance.mutants.mutant import Mutant
 
 from agglo_core import Component, OptionError
+from agglo_core.components.geometric import CoordinateBisection
 
 
 def halves(graph):
@@ -28,6 +29,13 @@ class Halves:
 class LevelHalves:
     def bisect_level(self, level, seeds):
         return halves(level)
+
+
+class GrowsOtherwise(LevelHalves):
+    """Its growth cuts the longest side, its splits x."""
+
+    def grow(self, graph, pieces, refiners, fixer):
+        return CoordinateBisection().grow(graph, pieces, refiners, fixer)
 
 
 class Probable(Halves):
@@ -301,6 +309,7 @@ MUTANTS = [
     Mutant("a_level_is_its_blocks", RemembersFirstBlock, "nothing from the block before"),
     Mutant("space_served_or_refused", PlaneOnly, "only for 2-D"),
     Mutant("works_in_a_run", FailsInSmallPieces, "a piece this small"),
+    Mutant("grows_alike", GrowsOtherwise, "decide ties alike"),
     Mutant("kway_said", Halves, "no method partition", {"kway": True}),
     Mutant("kway_declared", Component("bisector", "quiet", f"{__name__}:OnlyPartition"), "promise it"),
     Mutant("deterministic", RandomCut, "does not promise deterministic", {"deterministic": True}),
