@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["UNROLLED", "block_sweeps", "invert_blocks", "sweep_parts"]
+__all__ = ["UNROLLED", "block_sweeps", "both_products", "clear_tiny", "invert_blocks", "sweep_parts"]
 
 UNROLLED = 6
 """Blocks up to this size have kernels of their own, 1.5 to 4 times as fast; larger ones share one."""
@@ -150,3 +150,29 @@ def invert_blocks(offsets, blocks):
             for j in range(i):
                 a[i, j] = a[j, i]
     return -1
+
+
+@kernel(reorder_sums=True)
+def both_products(indptr, indices, data, v):
+    """A v and Aᵀ v, A being in blocks."""
+    n = data.shape[1]
+    straight, transposed = np.zeros(len(v)), np.zeros(len(v))
+    for i in range(len(indptr) - 1):
+        own = i * n
+        for k in range(indptr[i], indptr[i + 1]):
+            at = indices[k] * n
+            for q in range(n):
+                t, u = 0.0, v[own + q]
+                for c in range(n):
+                    t += data[k, q, c] * v[at + c]
+                    transposed[at + c] += data[k, q, c] * u
+                straight[own + q] += t
+    return straight, transposed
+
+
+@kernel
+def clear_tiny(values, least):
+    """Set to 0 what is smaller than ``least`` in magnitude."""
+    for k in range(len(values)):
+        if abs(values[k]) < least:
+            values[k] = 0

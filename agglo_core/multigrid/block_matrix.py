@@ -10,9 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen, frozen_int
+from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.block_sweeps import UNROLLED, block_sweeps, invert_blocks, sweep_parts
+from agglo_core.kernels.block_sweeps import (
+    UNROLLED,
+    block_sweeps,
+    both_products,
+    clear_tiny,
+    invert_blocks,
+    sweep_parts,
+)
 from agglo_core.multigrid.stack import Real
 
 __all__ = ["BlockMatrix", "block_inverses", "block_matrix", "in_blocks", "in_precision"]
@@ -103,9 +110,7 @@ class BlockMatrix:
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         """What the kernels take of matrix and inverses."""
         A = self.matrix
-        small = max(A.indptr[-1], A.shape[0]) < np.iinfo(np.int32).max
-        pattern = [frozen(each, np.int32 if small else np.int64) for each in (A.indptr, A.indices)]
-        rows = (*pattern, frozen(A.data, self.dtype))
+        rows = (*_pattern(A), frozen(A.data, self.dtype))
         inverses = frozen(self.inverses.data, self.dtype)
         if self._width:
             return *rows, inverses
@@ -237,16 +242,29 @@ def in_precision(A: Any, dtype: Any) -> Any:
     """A sparse matrix in a precision; entries below 1e-22 of the largest become 0 if that is single."""
     if A.dtype == dtype:
         return A
-    data = A.data.astype(dtype)
-    data[np.abs(data) < _NOTHING * np.abs(data).max(initial=0.0)] = 0.0
+    data = np.array(A.data, dtype, order="C")
+    clear_tiny(data.reshape(-1), data.dtype.type(_NOTHING * _largest(data)))
     pattern = (A.indices, A.indptr)
     return type(A)((data, *pattern), shape=A.shape)
 
 
+def _largest(data: NDArray[Any]) -> float:
+    """The largest magnitude; nothing as large as the data is made for it."""
+    return max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))
+
+
 def _require_symmetric(A: Any) -> None:
     v = np.cos(np.arange(A.shape[0]) ** 2 + 1.0)
-    gap = np.abs(A @ v - A.T @ v).max(initial=0.0)
-    if not gap <= _ASYMMETRY * np.abs(A.data).max(initial=0.0):
+    blocks = frozen_float(A.data if A.format == "bsr" else A.data[:, None, None])
+    there, back = both_products(*_pattern(A), blocks, frozen_float(v))
+    gap = np.abs(there - back).max(initial=0.0)
+    if not gap <= _ASYMMETRY * _largest(A.data):
         raise OptionError(
             f"the matrix must be symmetric and finite: A v and Aᵀ v differ by {gap:.1e} for some v"
         )
+
+
+def _pattern(A: Any) -> tuple[NDArray[Any], ...]:
+    """Offsets and columns as kernels take them."""
+    small = max(A.indptr[-1], A.shape[0]) < np.iinfo(np.int32).max
+    return tuple(frozen(each, np.int32 if small else np.int64) for each in (A.indptr, A.indices))

@@ -66,9 +66,8 @@ class ConformingSpace:
     ) -> sparse.csr_array:
         """C = Pᵀ A P ``(n, n)``, columns sorted, without small entries.
 
-        Those are |c_ij| ≤ ``small_bubbles`` (c_ii c_jj)^½ between two bubbles, ``small`` times it elsewhere;
-        between vertices and between bubbles the diagonal takes them, so that C stays definite and constants
-        keep their energy.
+        Those are |c_ij| ≤ ``small`` (c_ii c_jj)^½; between two bubbles ``small_bubbles`` stands for
+        ``small``, and the diagonal takes their magnitude, so that C stays definite.
         """
         from agglo_polydg_mg.galerkin_kernels import galerkin, galerkin_pattern, thinned
 

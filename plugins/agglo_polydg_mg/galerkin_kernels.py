@@ -100,10 +100,9 @@ def galerkin(indptr, columns, blocks, offsets, indices, fitted, rows, found):
 def thinned(rows, columns, values, vertices, small, small_bubbles):
     """A symmetric matrix with sorted columns, without entries that are small beside their diagonal ones.
 
-    Unknowns from ``vertices`` on are bubbles. An entry is small if it is at most ``small_bubbles`` times the
-    root of both diagonal ones, between two bubbles, or ``small`` times that. Constants, the same on all
-    vertices and 0 on bubbles, keep their energy: an entry between vertices goes to the diagonal. One between
-    bubbles does so in magnitude, which adds a semidefinite matrix.
+    Unknowns from ``vertices`` on are bubbles. An entry is small if it is at most ``small`` times the root of
+    both diagonal ones, or ``small_bubbles`` times that between two bubbles. Such a one adds its magnitude
+    times the root of their ratio to the diagonal entries: what is done to the matrix is semidefinite.
     """
     n = len(rows) - 1
     root, added, starts = np.zeros(n), np.zeros(n), np.zeros(n + 1, np.int32)
@@ -119,10 +118,8 @@ def thinned(rows, columns, values, vertices, small, small_bubbles):
             kept[k] = abs(values[k]) > (small_bubbles if bubbles else small) * root[i] * root[j]
             if kept[k]:
                 starts[j + 1] += 1
-            elif bubbles:
-                added[i] += abs(values[k])
-            elif i < vertices and j < vertices:
-                added[i] += values[k]
+            elif bubbles and root[j] > 0.0:
+                added[i] += abs(values[k]) * root[i] / root[j]
     for j in range(n):
         starts[j + 1] += starts[j]
     places, sorted_columns, found = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])

@@ -8,7 +8,7 @@ from multigrid.random_systems import block_diagonal, random_system
 from scipy import sparse
 
 from agglo_core.errors import OptionError
-from agglo_core.kernels.block_sweeps import invert_blocks
+from agglo_core.kernels.block_sweeps import both_products, clear_tiny, invert_blocks
 from agglo_core.multigrid import BlockMatrix, block_inverses, block_matrix
 
 EQUAL = [np.full(20, width) for width in (1, 3, 6, 10)]
@@ -124,3 +124,18 @@ def test_what_does_not_fit_is_refused() -> None:
         block_matrix(A + sparse.csr_array(([0.1], ([0], [5])), shape=A.shape), np.arange(7))
     with pytest.raises(OptionError, match="float32 or float64; given float16"):
         block_matrix(A, np.arange(7), np.float16)
+
+
+@pytest.mark.parametrize("width", [1, 3, 7])
+def test_products_both_ways_and_tiny_entries(width: int) -> None:
+    rng = np.random.default_rng(width)
+    full = rng.standard_normal((5 * width, 5 * width)) * np.kron(
+        rng.random((5, 5)) < 0.6, np.ones((width,) * 2)
+    )
+    A, v = sparse.bsr_array(full, blocksize=(width, width)), rng.standard_normal(5 * width)
+    there, back = both_products(A.indptr, A.indices, A.data, v)
+    assert there == pytest.approx(full @ v)
+    assert back == pytest.approx(full.T @ v)
+    values = np.array([1.0, -1e-23, 1e-21, 0.0, -2.0])
+    clear_tiny(values, 1e-22)
+    assert values.tolist() == [1.0, 0.0, 1e-21, 0.0, -2.0]
