@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Diffusion, Hierarchy, History, OptionError, Solution, Tell, pcg
+from agglo_core.authoring import Diffusion, Float, Hierarchy, History, OptionError, Solution, Tell, pcg
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.polydg import PolyDG
@@ -25,7 +25,7 @@ _MOST: Final = 1e-10
 
 
 class DiffusionTask:
-    """A diffusion problem discretised on the mesh of a hierarchy.
+    """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
 
     Raises
     ------
@@ -34,19 +34,30 @@ class DiffusionTask:
     """
 
     def __init__(
-        self, problem: Diffusion, hierarchy: Hierarchy, how: PolyDG, wishes: Wishes, count: int | None
+        self,
+        problem: Diffusion,
+        hierarchy: Hierarchy,
+        how: PolyDG,
+        wishes: Wishes,
+        count: int | None,
+        basis: Basis | None = None,
     ) -> None:
         self.problem, self.hierarchy, self.count = problem, hierarchy, count
-        self.fine = fine_system(problem, hierarchy, how)
         if hierarchy.fine is None:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
-        self.basis = Basis(hierarchy.fine, how.degree, how.scaled_basis)
+        self.basis = basis or how.basis(hierarchy.fine)
+        self.fine = fine_system(problem, hierarchy, how, self.basis)
         self.plan: Plan = plan_for(problem, self.fine, self.basis, wishes)
 
     @property
     def A(self) -> Any:
         """The matrix ``(n, n)``."""
         return self.fine.A
+
+    @property
+    def columns(self) -> list[Float]:
+        """The right-hand side."""
+        return [self.fine.b]
 
     @property
     def choice(self) -> str:
