@@ -11,7 +11,17 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.authoring import Diffusion, Hierarchy, History, Int, OptionError, Solution, Tell, pcg
+from agglo_core.authoring import (
+    Diffusion,
+    Float,
+    Hierarchy,
+    History,
+    Int,
+    OptionError,
+    Solution,
+    Tell,
+    pcg,
+)
 from agglo_polydg_mg.advice import advice_of_multigrid
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import FineSystem, fine_system
@@ -28,7 +38,7 @@ _MOST: Final = 1e-10
 
 
 class DiffusionTask:
-    """A diffusion problem discretised on the mesh of a hierarchy.
+    """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
 
     Raises
     ------
@@ -37,20 +47,31 @@ class DiffusionTask:
     """
 
     def __init__(
-        self, problem: Diffusion, hierarchy: Hierarchy, how: PolyDG, wishes: Wishes, count: int | None
+        self,
+        problem: Diffusion,
+        hierarchy: Hierarchy,
+        how: PolyDG,
+        wishes: Wishes,
+        count: int | None,
+        basis: Basis | None = None,
     ) -> None:
         self.problem, self.hierarchy, self.count = problem, hierarchy, count
         self._penalty = how.penalty
-        self.fine = fine_system(problem, hierarchy, how)
         if hierarchy.fine is None:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
-        self.basis = Basis(hierarchy.fine, how.degree, how.scaled_basis)
+        self.basis = basis or how.basis(hierarchy.fine)
+        self.fine = fine_system(problem, hierarchy, how, self.basis)
         self.plan: Plan = plan_for(problem, self.fine, self.basis, wishes)
 
     @property
     def A(self) -> Any:
         """The matrix ``(n, n)``."""
         return self.fine.A
+
+    @property
+    def columns(self) -> list[Float]:
+        """The right-hand side."""
+        return [self.fine.b]
 
     @property
     def choice(self) -> str:

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
     TESTS,
+    Float,
     Hierarchy,
     History,
     Int,
@@ -83,6 +84,11 @@ class LinearTask:
     def A(self) -> Any:
         """The matrix ``(n, n)``."""
         return self.system.A
+
+    @property
+    def columns(self) -> list[Float]:
+        """The right-hand sides."""
+        return list(self._b.T)
 
     @property
     def choice(self) -> str:

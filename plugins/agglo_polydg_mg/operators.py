@@ -106,10 +106,13 @@ class LevelSpaces:
     rediscretised: list[Callable[[], Any]] | None = None
 
 
-def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSystem:
+def fine_system(
+    problem: Problem, hierarchy: Hierarchy, how: PolyDG, basis: Basis | None = None
+) -> FineSystem:
     """The system on the mesh.
 
-    A diffusion problem is discretised on the mesh of the hierarchy; a linear system is taken as it is.
+    A diffusion problem is discretised on the mesh of the hierarchy, with the ``basis`` of an earlier one if
+    it is given; a linear system is taken as it is.
 
     Raises
     ------
@@ -119,21 +122,22 @@ def fine_system(problem: Problem, hierarchy: Hierarchy, how: PolyDG) -> FineSyst
         :func:`~agglo_core.problems.real_system.symmetric_system`.
     """
     if isinstance(problem, Diffusion):
-        return _discretised(problem, _own_mesh(hierarchy), how)
+        mesh = _own_mesh(hierarchy)
+        return _discretised(problem, mesh, how, basis or how.basis(mesh))
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
 
 
-def _discretised(problem: Diffusion, mesh: Mesh, how: PolyDG) -> FineSystem:
-    system, load, offset, sigma = how.lifted(problem, mesh)
+def _discretised(problem: Diffusion, mesh: Mesh, how: PolyDG, basis: Basis) -> FineSystem:
+    system, load, offset, sigma = how.lifted(problem, mesh, basis)
     factor = factor_for(float(np.abs(load).max()) or data_size(mesh, problem))
     if factor != 1.0:
         problem = times(problem, factor)
-        system, load, offset, sigma = how.lifted(problem, mesh)
+        system, load, offset, sigma = how.lifted(problem, mesh, basis)
     if not (np.isfinite(system.b).all() and np.isfinite(system.A.data).all()):
         raise OptionError("matrix or right-hand side hold values that are not finite")
-    measure, width = how.residual_measure(problem, mesh, load), int(system.block_offsets[1])
+    measure, width = how.residual_measure(problem, mesh, load, basis), int(system.block_offsets[1])
     offset_or_none = offset if offset.any() else None
     return FineSystem(system.A, load, width, measure, system.b, offset_or_none, factor, sigma)
 

@@ -81,10 +81,13 @@ class PolyDG:
         asked = _diffusion(problem)
         return discretise(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
 
-    def lifted(self, problem: Problem, mesh: Mesh) -> Lifted:
-        """The same, with the load that is left without the offset of the Dirichlet data."""
-        asked = _diffusion(problem)
-        return lifted(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
+    def lifted(self, problem: Problem, mesh: Mesh, basis: Basis | None = None) -> Lifted:
+        """The same, with the load that is left without the offset of the Dirichlet data.
+
+        A :meth:`basis` of the mesh spares what is geometry alone, where there has been a problem before.
+        """
+        asked, basis = _diffusion(problem), basis or self.basis(mesh)
+        return lifted(mesh, self.degree, asked, penalty=self.penalty, basis=basis)
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""
@@ -117,11 +120,12 @@ class PolyDG:
         asked = _diffusion(problem)
         return load(self.basis(mesh), asked) if asked.dirichlet else b
 
-    def residual_measure(self, problem: Problem, mesh: Mesh, b: Float) -> ResidualMeasure:
+    def residual_measure(
+        self, problem: Problem, mesh: Mesh, b: Float, basis: Basis | None = None
+    ) -> ResidualMeasure:
         """Measure of the residuals of the problem with right-hand side ``b (n,)``; κ is its mean in cells."""
-        asked = _diffusion(problem)
+        asked, basis = _diffusion(problem), basis or self.basis(mesh)
         kappa = cell_means(mesh, asked.kappa)
-        basis = self.basis(mesh)
         norm = EnergyNorm(basis, asked, self.penalty) if asked.dirichlet else None
         if kappa.min() == kappa.max():
             return ResidualMeasure(b, norm=norm)

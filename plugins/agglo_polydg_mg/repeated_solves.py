@@ -10,6 +10,7 @@ import numpy as np
 
 from agglo_core.authoring import (
     Diffusion,
+    Float,
     Hierarchy,
     History,
     Linear,
@@ -20,8 +21,11 @@ from agglo_core.authoring import (
     frozen_float,
     multigrid,
     phase,
+    two_norm,
 )
+from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.diffusion_task import DiffusionTask
+from agglo_polydg_mg.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.linear_task import LinearTask
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Wishes
@@ -32,15 +36,25 @@ __all__ = ["RepeatedSolves", "Task", "task_for"]
 Task = DiffusionTask | LinearTask
 
 _MORE: Final = 1.5
-"""Levels are renewed once a solve takes more than so many times the iterations that fresh ones took."""
+"""Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0."""
 _FAR_MORE: Final = 3.0
 """A solve that takes more than so many times those goes on with fresh levels."""
 
 
-def task_for(problem: Problem, hierarchy: Hierarchy, how: PolyDG, wishes: Wishes, count: int | None) -> Task:
-    """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised."""
+def task_for(
+    problem: Problem,
+    hierarchy: Hierarchy,
+    how: PolyDG,
+    wishes: Wishes,
+    count: int | None,
+    basis: Basis | None = None,
+) -> Task:
+    """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised.
+
+    The ``basis`` is that of an earlier diffusion problem on the hierarchy, if there was one.
+    """
     if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, wishes, count)
+        return DiffusionTask(problem, hierarchy, how, wishes, count, basis)
     if isinstance(problem, Linear):
         return LinearTask(problem, hierarchy, wishes, count)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
@@ -50,10 +64,12 @@ class RepeatedSolves:
     """Solves problems on one hierarchy, with levels that are made once and kept while they serve.
 
     Each system is assembled anew; the levels of an earlier one precondition it, which costs iterations as the
-    matrix changes, but never accuracy: convergence is judged by the matrix at hand. Levels are renewed for
-    the next solve after one that took over 1.5 times the iterations that the levels took when they were
-    fresh, and within a solve that takes over 3 times as many; that solve goes on from where it is. Levels of
-    another number of unknowns are never used. ``operators`` of a Solution are those of the levels in use, of
+    matrix changes, but never accuracy: convergence is judged by the matrix at hand. Each solve starts from
+    the combination of the last four solutions that has the smallest error
+    (:func:`~agglo_polydg_mg.earlier_solutions.best_combination`). Levels are renewed for the next solve after
+    one that took over 1.5 times the iterations that fresh levels take from 0, and within a solve that takes
+    over 3 times as many; that solve goes on from where it is. Levels of another number of unknowns are never
+    used. ``operators`` of a Solution are those of the levels in use, of
     an earlier system perhaps, as its ``choice`` then says. Made by
     :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.repeated`; not for several threads at once.
 
@@ -85,13 +101,17 @@ class RepeatedSolves:
         self._made_of = (hierarchy, how, wishes, count)
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
-        self._usual: int | None = None
+        self._usual: float | None = None  # iterations from 0 with fresh levels
+        self._earlier: list[list[Float]] = []
+        self._basis: Basis | None = None
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
         """Solve, as :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.solve` does; errors as there."""
         watch, setups = Stopwatch(), self.setups
         with watch("assemble"), phase(progress, "assembling"):
-            task = task_for(problem, *self._made_of)
+            task = task_for(problem, *self._made_of, self._basis)
+        if isinstance(task, DiffusionTask):
+            self._basis = task.basis
         if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
             self._kept = None
         try:
@@ -112,16 +132,17 @@ class RepeatedSolves:
             choice=task.choice + ("" if fresh else "; levels of an earlier system"),
             advice=task.advice if fresh else "",
         )
-        self._judge(solution.iterations, solution.converged)
+        self._judge(histories)
         return solution
 
     def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
         """Iterate with the levels there are, then as far as needed with fresh ones, then in double."""
-        histories: list[History] | None = None
+        histories = self._started(task, watch)
         if self._kept is not None:
-            usual = self._usual or self._most
-            most = min(self._most, math.ceil(_FAR_MORE * usual))
-            histories = self._iterate(task, most, None, watch, progress)
+            most = self._most
+            if self._usual is not None:
+                most = min(most, math.ceil(_FAR_MORE * self._usual))
+            histories = self._iterate(task, most, histories, watch, progress)
             if _finished(histories, self._most):
                 return histories
         self._renew(task, watch, progress, "setting up the levels")
@@ -131,6 +152,19 @@ class RepeatedSolves:
             self._renew(task, watch, progress, "setting up the levels in double precision")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
+
+    def _started(self, task: Task, watch: Stopwatch) -> list[History] | None:
+        """Histories of no iterations that end where to begin; None to begin from 0."""
+        columns = task.columns
+        if not self._earlier or [each.shape for each in self._earlier[-1]] != [b.shape for b in columns]:
+            self._earlier = []
+            return None
+        with watch("solve"):
+            found = []
+            for j, b in enumerate(columns):
+                x = best_combination(task.A, b, [each[j] for each in self._earlier])
+                found.append(History(x, frozen_float([two_norm(b - task.A @ x)]), False, ""))
+        return found
 
     def _renew(self, task: Task, watch: Stopwatch, progress: Listener | None, title: str) -> None:
         self._kept = None  # the levels of before are not needed while those to come are made
@@ -156,18 +190,29 @@ class RepeatedSolves:
             found = task.iterate(M, self._tolerance, left, before, tell)
         return found if before is None else [_joined(*each) for each in zip(before, found, strict=True)]
 
-    def _judge(self, iterations: int, converged: bool) -> None:
-        """Decide whether to keep the levels for the next system."""
+    def _judge(self, histories: list[History]) -> None:
+        """Keep the solutions for the next system, and the levels if they serve."""
+        if not all(each.converged for each in histories):
+            self._kept, self._earlier = None, []
+            return
+        self._earlier = [*self._earlier[1 - KEPT :], [each.x for each in histories]]
+        slowest = max(histories, key=lambda each: each.iterations)
+        digits = _digits(slowest)
         if self._usual is None:
-            self._usual = iterations
-        elif iterations > _MORE * self._usual + 1:
-            self._kept = None
-        if not converged:
+            wanted = max(digits, -math.log10(self._tolerance))
+            self._usual = slowest.iterations * wanted / digits if digits > 0.0 else None
+        elif slowest.iterations > _MORE * self._usual + 1:
             self._kept = None
 
 
 def _finished(histories: list[History], most: int) -> bool:
     return all(each.converged or each.iterations >= most for each in histories)
+
+
+def _digits(history: History) -> float:
+    """Digits by which the residual fell."""
+    first, last = float(history.residuals[0]), float(history.residuals[-1])
+    return math.log10(first / last) if 0.0 < last < first else 0.0
 
 
 def _joined(first: History, second: History) -> History:

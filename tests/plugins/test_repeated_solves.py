@@ -1,0 +1,96 @@
+"""Steps in time: where they start from, and that what they claim is what fresh solves claim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from agglo_core import Hierarchy, Mesh, samples
+from agglo_core.problems import Diffusion
+from agglo_polydg_mg.earlier_solutions import best_combination
+from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+
+Array = NDArray[np.float64]
+
+
+def positive_definite(n: int, rng: np.random.Generator) -> Array:
+    turn = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    return np.asarray(turn * np.geomspace(1, 1e4, n) @ turn.T)
+
+
+def test_the_best_combination_is_that_of_least_squares_in_the_energy_norm() -> None:
+    rng = np.random.default_rng(1)
+    A, b, V = positive_definite(30, rng), rng.standard_normal(30), rng.standard_normal((3, 30))
+    expected = V.T @ np.linalg.solve(V @ A @ V.T, V @ b)
+    np.testing.assert_allclose(best_combination(sparse.csr_array(A), b, list(V)), expected, rtol=1e-9)
+
+
+def test_it_extrapolates_what_changes_smoothly() -> None:
+    """Polynomials in time of degree 3 exactly, from vectors alike in five digits."""
+    rng = np.random.default_rng(2)
+    A, parts = positive_definite(40, rng), rng.standard_normal((4, 40))
+    at = [np.polynomial.polynomial.polyval(0.05 * k, parts) for k in range(5)]
+    found = best_combination(sparse.csr_array(A), A @ at[4], at[:4])
+    assert np.abs(found - at[4]).max() <= 1e-9 * np.abs(at[4]).max()
+
+
+def test_vectors_that_are_parallel_or_0_do_no_harm() -> None:
+    rng = np.random.default_rng(3)
+    A, x = positive_definite(20, rng), rng.standard_normal(20)
+    for earlier in ([x, x, 2 * x], [np.zeros(20), x], [x, x * (1 + 1e-15)]):
+        np.testing.assert_allclose(
+            best_combination(sparse.csr_array(A), A @ (3 * x), earlier), 3 * x, rtol=1e-9
+        )
+    assert not best_combination(sparse.csr_array(A), x, [np.zeros(20)]).any()
+
+
+def bare(mesh: Mesh) -> Hierarchy:
+    return Hierarchy(mesh, mesh.graph, [], [], nested=True)
+
+
+def turning(mesh: Mesh, t: float) -> Diffusion:
+    x, y = mesh.cell_centroids.T
+    kappa = np.exp(np.sin(2 * np.pi * x + t) * np.sin(2 * np.pi * y))
+    return Diffusion(kappa=kappa, source=8.0 + 4.0 * np.sin(np.pi * y + t))
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_twenty_steps_claim_what_holds_and_take_few_iterations(degree: int) -> None:
+    """The error in the energy norm, by a direct solver, is what each step says, as that of a fresh solve."""
+    mesh = samples.voronoi(500, seed=41 + degree)
+    solver, hierarchy = PolyDGMultigrid(degree=degree, tolerance=1e-6), bare(mesh)
+    steps, counts = solver.repeated(hierarchy), np.zeros(2)
+    for k in range(20):
+        problem = turning(mesh, 0.05 * k)
+        kept, fresh = steps.solve(problem), solver.solve(problem, hierarchy)
+        exact = spsolve(kept.A.tocsc(), kept.b)
+        wrong = kept.x - exact
+        assert kept.converged
+        assert np.sqrt(wrong @ (kept.A @ wrong)) <= 1.5e-6 * np.sqrt(exact @ kept.b)
+        assert np.linalg.norm(kept.b - kept.A @ kept.x) <= 1e-6 * np.linalg.norm(kept.b)
+        assert len(kept.residuals) == kept.iterations + 1
+        counts += kept.iterations, fresh.iterations
+    assert steps.setups <= 2
+    assert counts[0] <= 0.75 * counts[1]
+
+
+def test_a_step_far_from_all_before_is_solved_as_well() -> None:
+    mesh, rng = samples.voronoi(400, seed=44), np.random.default_rng(4)
+    steps = PolyDGMultigrid(tolerance=1e-8).repeated(bare(mesh))
+    for kappa in (np.ones(400), 1.01 * np.ones(400), 10.0 ** rng.uniform(-3, 3, 400), np.ones(400)):
+        it = steps.solve(Diffusion(kappa=kappa, source=8.0))
+        exact = spsolve(it.A.tocsc(), it.b)
+        wrong = it.x - exact
+        assert it.converged
+        assert np.sqrt(wrong @ (it.A @ wrong)) <= 1.5e-8 * np.sqrt(exact @ it.b)
+
+
+def test_a_step_that_repeats_the_last_one_takes_next_to_nothing() -> None:
+    mesh = samples.squares(20)
+    steps = PolyDGMultigrid(tolerance=1e-6).repeated(bare(mesh))
+    first, again = (steps.solve(Diffusion(source=8.0)) for _ in range(2))
+    assert again.iterations <= 2 < first.iterations
+    assert again.converged
