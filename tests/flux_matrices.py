@@ -51,6 +51,28 @@ def truss(n: int, seed: int) -> tuple[sparse.csr_array, np.ndarray]:
     return sparse.csr_array(A), np.stack([each.ravel() for each in motions], axis=1)
 
 
+def five_points(n: int, x: float, y: float) -> sparse.csr_array:
+    """Differences on n × n points, with a coefficient for each direction."""
+    line = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    one = sparse.eye_array(n)
+    return sparse.csr_array(x * sparse.kron(one, line) + y * sparse.kron(line, one))
+
+
+def linear_elements(mesh: Mesh) -> tuple[sparse.csr_array, np.ndarray]:
+    """Continuous linear elements for −Δ on triangles, zero at the boundary; the points that are unknowns."""
+    corners = mesh.boundary_loops.vertices.reshape(-1, 3)
+    at = mesh.points[corners]
+    edge = np.roll(at, 1, axis=1) - np.roll(at, 2, axis=1)
+    area = 0.5 * np.abs(edge[:, 0, 0] * edge[:, 1, 1] - edge[:, 0, 1] * edge[:, 1, 0])
+    local = np.einsum("tid,tjd->tij", edge, edge) / (4.0 * area)[:, None, None]
+    place = (np.repeat(corners, 3, axis=1).ravel(), np.tile(corners, (1, 3)).ravel())
+    n = len(mesh.points)
+    A = sparse.csr_array(sparse.coo_array((local.ravel(), place), shape=(n, n)))
+    outer = mesh.face_cells[:, 1] < 0
+    inner = np.setdiff1d(np.arange(n), mesh.face_vertices.reshape(-1, 2)[outer])
+    return sparse.csr_array(A[inner][:, inner]), inner
+
+
 def iterations(A: sparse.csr_array, M: LinearOperator, b: np.ndarray | None = None, tol: float = 1e-8) -> int:
     """Of conjugate gradients; they must converge, in the true residual within a factor of 100."""
     b = np.ones(A.shape[0]) if b is None else b

@@ -138,7 +138,7 @@ def solve(
         if history is not None:
             draw_history(outputs, history, f"{mesh.name or source}, {problem}", {solver: solution}, progress)
         if report is not None:
-            report_solution(outputs, report, mesh, made, f"{problem} solved", {solver: data}, progress)
+            report_solution(outputs, report, mesh, made, f"problem {problem}", {solver: data}, progress)
     return outputs.finish(listed=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
 
 

@@ -146,9 +146,14 @@ def _details(
 ) -> dict[str, Any]:
     from agglo_core.problems.solution_report import report
 
-    with attributed(solver.title, spare=(AggloError,)):  # asks the discretisation
-        whole = with_hierarchy(solution, run)
-        return report(posed.mesh, posed.problem, whole, posed.how, progress=progress)
+    whole = with_hierarchy(solution, run)
+    try:
+        with attributed(solver.title, spare=(AggloError,)):  # asks the discretisation
+            return report(posed.mesh, posed.problem, whole, posed.how, progress=progress)
+    except AggloError as error:
+        if stopped_by(error) is not None:
+            raise
+        return {"error": str(error)}
 
 
 def _contraction(solution: Solution) -> float | None:

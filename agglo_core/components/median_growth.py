@@ -45,7 +45,7 @@ class MedianGrowth:
         for axis, values in enumerate(self._columns):
             sorted_cells = np.argsort(values, kind="stable")
             self._lists[axis + 1] = sorted_cells[np.argsort(pieces[sorted_cells], kind="stable")]
-        self._tag = np.full(graph.n, -1, np.int64)
+        self._tag = np.full(graph.n, -1, np.int32)
         stops = np.cumsum(np.bincount(pieces))
         self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
 

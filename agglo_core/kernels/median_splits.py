@@ -34,23 +34,46 @@ def _longest_axis(columns, lists, lo, hi, tie):
 
 
 @kernel
+def _sort(order, values, spare):
+    """Sort ``order (m,)`` by ``values``, equal ones as they stand, by merging longer and longer runs."""
+    m, width = len(order), 1
+    while width < m:
+        for start in range(0, m, 2 * width):
+            middle, stop = min(start + width, m), min(start + 2 * width, m)
+            i, j = start, middle
+            for k in range(start, stop):
+                if j == stop or (i < middle and values[order[i]] <= values[order[j]]):
+                    spare[k] = order[i]
+                    i += 1
+                else:
+                    spare[k] = order[j]
+                    j += 1
+        for k in range(m):
+            order[k] = spare[k]
+        width *= 2
+
+
+@kernel
 def _untied(columns, axis, group, gap):
     """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
 
     Values no further apart than ``gap`` have the same rank; what is left keeps its order.
     """
     d, m = len(columns), len(group)
-    key, values = np.zeros(m, np.int64), np.empty(m)
+    key, values = np.zeros(m), np.empty(m)
+    order, spare = np.empty(m, np.int64), np.empty(m, np.int64)
     for step in range(1, d):
-        column = columns[(axis + step) % d]
         for i in range(m):
-            values[i] = column[group[i]]
-        order, rank = np.argsort(values, kind="mergesort"), 0
+            order[i], values[i] = i, columns[(axis + step) % d, group[i]]
+        _sort(order, values, spare)
+        rank = 0
         for i in range(m):
-            if i > 0 and values[order[i]] - values[order[i - 1]] > gap:
-                rank += 1
+            rank += i > 0 and values[order[i]] - values[order[i - 1]] > gap
             key[order[i]] = key[order[i]] * m + rank
-    return np.argsort(key, kind="mergesort")
+    for i in range(m):
+        order[i] = i
+    _sort(order, key, spare)
+    return order
 
 
 @kernel
@@ -156,7 +179,7 @@ def split_at_medians(graph, columns, lists, tag, todo, leaves, counts, tally, ti
         The centroids, one axis after the other.
     lists : (1 + d, n) int32, changed
         Cells of each piece, and the same sorted along each axis; nodes of equal value rise.
-    tag : (n,) int64, changed
+    tag : (n,) int32, changed
         Side of each cell; −1 at first.
     todo : (K, 4) int, changed
         Pieces to be split: first place, last place plus 1, quota, depth. The quotas add up to at most K.
@@ -202,7 +225,8 @@ def split_at_medians(graph, columns, lists, tag, todo, leaves, counts, tally, ti
         )
         tally[depth, 0] += 1
         tally[depth, 1] += hi - lo
-        todo[waiting] = middle, hi, quota - first, depth + 1
-        todo[waiting + 1] = lo, middle, first, depth + 1
+        todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
+        todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
+        todo[waiting, 3], todo[waiting + 1, 3] = depth + 1, depth + 1
         waiting += 2
     counts[0], counts[1] = waiting, found

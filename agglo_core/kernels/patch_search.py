@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["parts_at_vertices", "without_contained"]
+__all__ = ["parts_at_vertices", "united", "without_contained"]
 
 
 @kernel
@@ -150,3 +150,38 @@ def without_contained(offsets, parts, n_parts):
             new_offsets[kept] = room
             s = following[s]
     return new_offsets, new_parts
+
+
+@kernel
+def united(pairs, n_parts, most):
+    """Sets of at most ``most`` parts as CSR, made by uniting pairs in turn; by their smallest parts."""
+    above = np.arange(n_parts)  # towards the smallest part of a set
+    size = np.ones(n_parts, np.int64)
+    for h in range(len(pairs)):
+        a, b = pairs[h, 0], pairs[h, 1]
+        while above[a] != a:
+            above[a] = above[above[a]]
+            a = above[a]
+        while above[b] != b:
+            above[b] = above[above[b]]
+            b = above[b]
+        if a != b and size[a] + size[b] <= most:
+            a, b = min(a, b), max(a, b)
+            above[b] = a
+            size[a] += size[b]
+    number = np.empty(n_parts, np.int64)
+    offsets = np.zeros(n_parts + 1, np.int64)
+    count = 0
+    for p in range(n_parts):
+        if above[p] == p:
+            number[p] = count
+            count += 1
+            offsets[count] = offsets[count - 1] + size[p]
+        else:
+            number[p] = number[above[p]]
+    cursor = offsets[:count].copy()
+    parts = np.empty(n_parts, np.int32)
+    for p in range(n_parts):
+        parts[cursor[number[p]]] = p
+        cursor[number[p]] += 1
+    return offsets[: count + 1].copy(), parts

@@ -22,19 +22,11 @@ def _by_pairs(values, chosen, start, count):
             total += values[chosen[k]]
         return total
     if count <= 128:
-        a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        whole = start + count - count % 8
-        for k in range(start, whole, 8):
-            a += values[chosen[k]]
-            b += values[chosen[k + 1]]
-            c += values[chosen[k + 2]]
-            d += values[chosen[k + 3]]
-            e += values[chosen[k + 4]]
-            f += values[chosen[k + 5]]
-            g += values[chosen[k + 6]]
-            h += values[chosen[k + 7]]
-        total = ((a + b) + (c + d)) + ((e + f) + (g + h))
-        for k in range(whole, start + count):
+        sums, whole = np.zeros(8), count - count % 8
+        for k in range(whole):
+            sums[k % 8] += values[chosen[start + k]]
+        total = ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))
+        for k in range(start + whole, start + count):
             total += values[chosen[k]]
         return total
     half = count // 2 - count // 2 % 8

@@ -5,10 +5,12 @@ from agglo_core.multigrid.additive_schwarz import additive_schwarz
 from agglo_core.multigrid.aggregation import aggregation_stack, blockwise, pointwise
 from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_scaling import block_scaled
+from agglo_core.multigrid.classical import CoarseFirst, classical_stack
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
 from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
 from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
+from agglo_core.multigrid.joined_patches import joined_patches
 from agglo_core.multigrid.krylov import pcg, pcg_columns
 from agglo_core.multigrid.level_smoothers import (
     SMOOTHERS,
@@ -35,6 +37,7 @@ __all__ = [
     "BlockJacobi",
     "BlockMatrix",
     "Chebyshev",
+    "CoarseFirst",
     "CoarseOperator",
     "CoarseSolver",
     "Composition",
@@ -53,11 +56,13 @@ __all__ = [
     "block_scaled",
     "blockwise",
     "build_stack",
+    "classical_stack",
     "coarse_solver",
     "cycle",
     "direct_solver",
     "galerkin",
     "injection",
+    "joined_patches",
     "largest_eigenvalue",
     "parents",
     "part",

@@ -19,7 +19,7 @@ from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 from agglo_core.problems import MultigridLevel
 
-__all__ = ["MakeSmoother", "aggregates", "aggregation_stack", "blockwise", "pointwise"]
+__all__ = ["MakeSmoother", "aggregates", "aggregation_stack", "blockwise", "checked_labels", "pointwise"]
 
 MakeSmoother = Callable[[Any, Int, Any], LevelSmoother]
 """Makes the smoother of a level from its matrix, block offsets and precision."""
@@ -110,7 +110,7 @@ def aggregation_stack(
     [1000, 334, 112]
     """
     matrix, offsets, B = checked_system(A, block_offsets, near_null)
-    given = _checked_labels(labels, len(offsets) - 1)
+    given = checked_labels(labels, len(offsets) - 1)
     if not theta >= 0.0:
         raise OptionError(f"theta must be 0 or more; given {theta!r}")
     levels: list[Level] = []
@@ -168,7 +168,8 @@ def _current(labels: Int, holder: Int, parts: int) -> Int:
     return found
 
 
-def _checked_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
+def checked_labels(labels: Sequence[ArrayLike] | None, parts: int) -> list[Int]:
+    """The labels of each level, or OptionError if they are not one per part."""
     given = [frozen_int(each) for each in labels or ()]
     for at, each in enumerate(given):
         if each.shape != (parts,):

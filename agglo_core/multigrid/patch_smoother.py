@@ -15,7 +15,13 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.patch_sweeps import patch_borders, patch_inverses, patch_sum, patch_sweep
+from agglo_core.kernels.patch_sweeps import (
+    border_residual,
+    patch_borders,
+    patch_inverses,
+    patch_sum,
+    patch_sweep,
+)
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
@@ -98,11 +104,15 @@ class VertexPatches:
         self._starts, self._known = frozen_int(starts), frozen_int(known)
         self._border = frozen_index(blocks), frozen_index(columns)
         self._data = frozen(np.swapaxes(self.A.data, 1, 2), dtype)
+        self._apart = len(own.parts) == self.A.shape[0] // own.width  # patches do not overlap
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
         x = self._swept(b, np.zeros_like(b), self._known, back=False)
-        return x, b - self.A @ x
+        if not self._apart:
+            return x, b - self.A @ x
+        border = (self._starts, self._known, *self._border, self._data)
+        return x, border_residual(self._inverses.parts, *border, frozen(x, self._data.dtype))
 
     def after(self, b: Real, x: Real) -> Real:
         """Return x after a sweep backwards."""

@@ -198,7 +198,7 @@ def _costs(data: Mapping[str, Any]) -> str:
         costs.append(f"contraction {contraction:.3g}")
     if data["memory"] is not None:
         costs.append(f"memory {data['memory'] / 1e6:.1f}{_TIE}MB")
-    return ", ".join(costs)
+    return ", ".join(each.replace(" ", _TIE) for each in costs)
 
 
 def _seconds(seconds: Mapping[str, float]) -> str:

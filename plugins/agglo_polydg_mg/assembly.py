@@ -103,10 +103,19 @@ class Lifted(NamedTuple):
 
 
 def lifted(
-    mesh: Mesh, degree: int, problem: Diffusion, *, penalty: Penalty = PAPER, scaled_basis: bool = False
+    mesh: Mesh,
+    degree: int,
+    problem: Diffusion,
+    *,
+    penalty: Penalty = PAPER,
+    scaled_basis: bool = False,
+    basis: Basis | None = None,
 ) -> Lifted:
-    """As :func:`discretise`, together with the load that is left without the :func:`data_offset`."""
-    basis = Basis(mesh, degree, scaled_basis)
+    """As :func:`discretise`, together with the load that is left without the :func:`data_offset`.
+
+    A ``basis`` of an earlier problem, of that mesh and degree, keeps what is geometry alone.
+    """
+    basis = basis or Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
     on_faces, inside = face_coefficients(mesh, kappa, degree + 2), stiffness(basis, kappa)
@@ -114,9 +123,13 @@ def lifted(
     A = _matrix(basis, inside, on_faces, sigma)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
+    offsets = frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local)
+    if not g.any():
+        b = frozen_float(loads.ravel())
+        return Lifted(System.trusted(A, b, offsets, mesh), b, frozen_float(np.zeros(basis.n)), sigma)
     functional = dirichlet_load(basis, boundary, on_faces[:, 0], sigma)
     b = frozen_float((loads + functional(g)).ravel())
-    system = System.trusted(A, b, frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local), mesh)
+    system = System.trusted(A, b, offsets, mesh)
     c = data_offset(basis, problem, boundary, on_faces[:, 0])
     if not c.any():
         return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
@@ -129,9 +142,9 @@ def load(basis: Basis, problem: Diffusion) -> Float:
 
     Its product with the coefficients of u is the work of the loads, ∫ f u + ∫ flux u.
     """
-    source = weighted_moments(basis.mesh, problem.source, basis.boxes, basis.degree, "source")
-    source = source * basis.scale[:, None]
-    source += neumann_load(basis, problem, boundary_faces(basis.mesh, problem))
+    source = basis.weighted_moments(problem.source, basis.degree, "source") * basis.scale[:, None]
+    if problem.neumann:
+        source += neumann_load(basis, problem, boundary_faces(basis.mesh, problem))
     return frozen_float(source.ravel())
 
 
@@ -157,11 +170,11 @@ def jump_penalty(
 
 
 def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> sparse.bsr_array:
-    from agglo_polydg_mg.face_kernels import block_pattern, face_blocks
+    from agglo_polydg_mg.face_kernels import face_blocks
 
     mesh = basis.mesh
     rule = basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
-    indptr, indices, diagonal, slots = block_pattern(*mesh.cell_faces, mesh.face_cells)
+    indptr, indices, diagonal, slots = basis.pattern
     blocks = face_blocks(
         mesh.local_points,
         mesh.face_pairs,
@@ -181,7 +194,7 @@ def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> spars
 
 def stiffness(basis: Basis, kappa: Field) -> Float:
     """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
-    integrals = weighted_moments(basis.mesh, kappa, basis.boxes, 2 * basis.degree - 2, "kappa")
+    integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
     along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
     return products(along, basis.degree, [(1, 0), (0, 1)])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,12 @@ from scipy import sparse
 
 from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, OptionError, frozen_float, frozen_int
 from agglo_polydg_mg.option_checks import require_count
-from agglo_polydg_mg.quadrature import gauss, moments, weighted_moments
+from agglo_polydg_mg.quadrature import gauss, moments, per_cell, weighted_moments
 
 __all__ = ["Basis", "block_diagonal", "legendre", "orders", "products", "project_between", "slopes"]
 
 
+@cache
 def orders(degree: int) -> Int:
     """Degrees ``(m, 2)`` in x and y of the polynomials of a cell, by total degree."""
     return frozen_int([(total - j, j) for total in range(degree + 1) for j in range(total + 1)])
@@ -88,19 +89,41 @@ class Basis:
     @cached_property
     def boxes(self) -> Float:
         """Centre, relative to the mesh's origin, and half sides of the bounding boxes ``(n_cells, 4)``."""
-        offsets, vertices = self.mesh.cell_vertices
-        corners = self.mesh.local_points[vertices]
-        sides = [
-            (ends.reduceat(column, offsets[:-1])) for ends in (np.minimum, np.maximum) for column in corners.T
-        ]
-        low, high = np.stack(sides[:2], axis=1), np.stack(sides[2:], axis=1)
-        return frozen_float(np.hstack((0.5 * (low + high), 0.5 * (high - low))))
+        from agglo_polydg_mg.legendre_kernels import bounding_boxes
+
+        mesh = self.mesh
+        return frozen_float(bounding_boxes(mesh.local_points, *mesh.cell_faces, mesh.face_pairs))
 
     @cached_property
     def scale(self) -> Float:
         """Factor of the polynomials of each cell ``(n_cells,)``: 1 unless ``scaled``."""
         quarter = self.boxes[:, 2] * self.boxes[:, 3]
         return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
+
+    @cached_property
+    def pattern(self) -> tuple[Int, Int, Int, Int]:
+        """Blocks of a matrix that joins neighbours, as rows; see ``block_pattern`` in ``face_kernels``."""
+        from agglo_polydg_mg.face_kernels import block_pattern
+
+        indptr, indices, diagonal, slots = block_pattern(*self.mesh.cell_faces, self.mesh.face_cells)
+        return frozen_int(indptr), frozen_int(indices), frozen_int(diagonal), frozen_int(slots)
+
+    @cached_property
+    def _integrals(self) -> Float:
+        """Integrals of the polynomials that source and stiffness need, as :func:`moments` gives them."""
+        return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2)))
+
+    def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
+        """:func:`~agglo_polydg_mg.quadrature.weighted_moments` in the boxes; those of numbers are kept.
+
+        The degree is at most that of the basis or of a product of two gradients.
+        """
+        if callable(field):
+            return weighted_moments(self.mesh, field, self.boxes, degree, name)
+        values, count = per_cell(field, self.mesh.n_cells, name), (degree + 1) * (degree + 2) // 2
+        if not values.any():
+            return np.zeros((len(values), count))
+        return np.asarray(self._integrals[:, :count] * values[:, None])
 
     def values(self, cells: Int, points: Float) -> Float:
         """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, 2)`` relative to the origin."""
@@ -138,7 +161,7 @@ class Basis:
 
     def project(self, function: Field | Callable[[Float], Float]) -> Float:
         """Coefficients ``(n,)`` of the L2 projection of a number, an array per cell or a callable."""
-        load = weighted_moments(self.mesh, function, self.boxes, self.degree, "the function")
+        load = self.weighted_moments(function, self.degree, "the function")
         load *= self.scale[:, None]
         return np.asarray(np.linalg.solve(self.mass_blocks, load[:, :, None]).ravel(), dtype=np.float64)
 
@@ -160,19 +183,33 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, i
     are the integrals ``(n, k)`` of polynomials up to the degree of the product; each of the list is taken
     with one pair of orders of differentiation in x and y.
     """
-    i, j = orders(degree).T
-    first, second = np.triu_indices(len(i))
-    tables = []
+    from agglo_polydg_mg.legendre_kernels import sparse_products
+
+    size = (degree + 1) * (degree + 2) // 2
+    blocks = np.zeros((len(integrals[0]), size, size))
     for weights, (dx, dy) in zip(integrals, derivatives, strict=True):
-        a, b = orders((int(np.sqrt(8 * weights.shape[1] + 1)) - 3) // 2).T
-        along_x, along_y = _triple(degree, dx), _triple(degree, dy)
-        tables.append(along_x[i[first], i[second], a[:, None]] * along_y[j[first], j[second], b[:, None]])
-    upper = np.hstack(integrals) @ np.vstack(tables)
-    place = np.empty((len(i), len(i)), np.int64)
-    place[first, second] = place[second, first] = np.arange(len(first))
-    return np.asarray(upper[:, place])
+        most = (int(np.sqrt(8 * weights.shape[1] + 1)) - 3) // 2
+        sparse_products(frozen_float(weights), *_expansion(degree, most, dx, dy), blocks)
+    return blocks
 
 
+@cache
+def _expansion(degree: int, most: int, dx: int, dy: int) -> tuple[Int, Int, Float]:
+    """Products of derivatives of two polynomials as sums of polynomials of degree ``most`` or less.
+
+    Pairs of the two ``(t, 2)``, polynomials ``(t,)`` and factors ``(t,)`` of the terms that are not 0.
+    """
+    i, j = orders(degree).T
+    a, b = orders(most).T
+    first, second = np.tril_indices(len(i))
+    along_x, along_y = _triple(degree, dx), _triple(degree, dy)
+    table = along_x[i[first], i[second], a[:, None]] * along_y[j[first], j[second], b[:, None]]
+    pairs, columns = np.nonzero(np.abs(table.T) > 1e-13 * np.abs(table).max())
+    places = np.stack((first[pairs], second[pairs]), axis=1)
+    return frozen_int(places), frozen_int(columns), frozen_float(table[columns, pairs])
+
+
+@cache
 def _triple(degree: int, derivative: int) -> Float:
     """Integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
     nodes, weights = gauss(2 * degree + 1)

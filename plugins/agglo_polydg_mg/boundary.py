@@ -100,6 +100,8 @@ def boundary_values(
 
 def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Dirichlet data ``(f, q)`` at the Gauss points of ``boundary.dirichlet (f,)``."""
+    if not problem.dirichlet:
+        return np.zeros((len(boundary.dirichlet), basis.degree + 2))
     points = face_points(basis.mesh, boundary.dirichlet, basis.degree + 2)
     return boundary_values(basis.mesh, boundary, problem.dirichlet, boundary.dirichlet, points, "dirichlet")
 

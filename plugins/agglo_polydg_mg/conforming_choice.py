@@ -7,12 +7,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Float, Mesh
+from agglo_core.authoring import Float, Int, Mesh, frozen_float, frozen_int
 
-__all__ = ["Difficulty", "difficulty"]
+__all__ = ["Difficulty", "difficulty", "strong_pairs"]
 
 _STRONG = 3.0
 _BAD = 0.03
+_JOINED = 2.0
+"""Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
 _CONTRAST = 1e8
 
 
@@ -22,8 +24,8 @@ class Difficulty:
 
     Attributes
     ----------
-    smoother : "cells" or "patches"
-        Block Gauss–Seidel on single cells, or on the cells around each vertex.
+    smoother : "cells" or "groups"
+        Block Gauss–Seidel on single cells, or on those that strong faces join, up to eight.
     bubbles : bool
         Whether the continuous space is to have bubbles.
     kind : "V" or "W"
@@ -36,7 +38,7 @@ class Difficulty:
         What of the mesh decided, in words, for a report.
     """
 
-    smoother: Literal["cells", "patches"]
+    smoother: Literal["cells", "groups"]
     bubbles: bool
     kind: Literal["V", "W"]
     dtype: Any
@@ -45,15 +47,14 @@ class Difficulty:
 
 
 def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficulty:
-    """Choose by the penalty: where it varies much around cells, single cells are too little to smooth with.
+    """Choose by the penalty: where it varies much around cells, those with strong faces belong together.
 
     A face is strong if its penalty is more than 3 times the smallest of one of its cells; a mesh with more
     than 3 % strong inner faces is bad (slivers, boundary layers).
 
-    * Bad meshes: vertex patches, from degree 2 on in double precision: on random triangles cycles in single
-      precision broke conjugate gradients off at once.
-    * Polygons of more than 4 faces, from degree 2 on: vertex patches, which spare the bubbles.
-    * Otherwise single cells. W on bad meshes and polygons, where the aggregates are the weakest part.
+    * Bad meshes: groups of cells; from degree 3 on the W-cycle.
+    * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 2 on
+      the W-cycle: what is left to the vertices is hard there.
     * Double precision where κ spans more than eight decades.
 
     Parameters
@@ -78,21 +79,38 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     strong = _strong_part(mesh, sigma)
     bad, faces = strong > _BAD, int(np.diff(mesh.cell_faces[0]).max())
     polygons = faces > 4
-    patches = bad or (polygons and degree > 1)
-    kind: Literal["V", "W"] = "W" if bad or polygons else "V"
+    kind: Literal["V", "W"] = "W" if degree > (1 if polygons else 2) and (polygons or bad) else "V"
     contrast = float(kappa.max() / kappa.min())
-    double = (bad and degree > 1) or contrast > _CONTRAST
-    smoother: Literal["cells", "patches"] = "patches" if patches else "cells"
-    dtype = np.float64 if double else np.float32
+    smoother: Literal["cells", "groups"] = "groups" if bad else "cells"
+    dtype = np.float64 if contrast > _CONTRAST else np.float32
     reason = f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell"
-    return Difficulty(smoother, bad or not patches, kind, dtype, strong, reason)
+    return Difficulty(smoother, bad or not polygons, kind, dtype, strong, reason)
+
+
+def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
+    """Cells ``(m, 2)`` on both sides of faces with more than twice a smallest penalty, strongest first.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    sigma : (n_faces,) float
+        Penalty in 1 / length; 0 on natural faces.
+    """
+    strength = _strength(mesh, sigma)
+    strong = np.flatnonzero(strength > _JOINED)
+    strong = strong[np.argsort(-strength[strong], kind="stable")]
+    return frozen_int(mesh.face_cells[mesh.face_cells[:, 1] >= 0][strong])
 
 
 def _strong_part(mesh: Mesh, sigma: Float) -> float:
+    strength = _strength(mesh, sigma)
+    return float(np.mean(strength > _STRONG)) if len(strength) else 0.0
+
+
+def _strength(mesh: Mesh, sigma: Float) -> Float:
+    """Penalty of each inner face over the smallest of a face of its cells."""
     inner = mesh.face_cells[:, 1] >= 0
-    if not inner.any():
-        return 0.0
     offsets, faces = mesh.cell_faces
     positive = np.where(sigma > 0.0, sigma, np.inf)[faces]
     least = np.minimum.reduceat(positive, offsets[:-1])
-    return float(np.mean(sigma[inner] > _STRONG * least[mesh.face_cells[inner]].min(axis=1)))
+    return frozen_float(sigma[inner] / least[mesh.face_cells[inner]].min(axis=1))

@@ -61,20 +61,24 @@ class ConformingSpace:
         columns = sparse.bsr_array((blocks[:, :, None], self.unknowns, self.offsets), shape=shape)
         return columns.tocsr()  # scipy multiplies by it twice as fast
 
-    def galerkin(self, A: sparse.bsr_array, drop: float = 0.0) -> sparse.csr_array:
-        """C = Pᵀ A P ``(n, n)``, columns sorted; without |c_ij| ≤ drop (c_ii c_jj)^½."""
-        from agglo_polydg_mg.galerkin_kernels import galerkin, galerkin_pattern, without_small
+    def galerkin(
+        self, A: sparse.bsr_array, small: float = 0.0, small_bubbles: float = 0.0
+    ) -> sparse.csr_array:
+        """C = Pᵀ A P ``(n, n)``, columns sorted, without small entries.
+
+        Those are |c_ij| ≤ ``small_bubbles`` (c_ii c_jj)^½ between two bubbles, ``small`` times it elsewhere;
+        between vertices and between bubbles the diagonal takes them, so that C stays definite and constants
+        keep their energy.
+        """
+        from agglo_polydg_mg.galerkin_kernels import galerkin, galerkin_pattern, thinned
 
         rows, columns = frozen_index(A.indptr), frozen_index(A.indices)
         cells = self.offsets, self.unknowns
-        pattern = galerkin_pattern(rows, columns, *cells, self.n)
-        pattern = frozen_int(pattern[0]), frozen_index(pattern[1])
+        found = galerkin_pattern(rows, columns, *cells, self.n)
+        pattern = frozen_int(found[0]), frozen_index(found[1])
         values = galerkin(rows, columns, frozen_float(A.data), *cells, self.fitted, *pattern)
-        found: tuple[Any, ...] = (*pattern, values)
-        if drop > 0.0:
-            found = without_small(*pattern, frozen_float(values), drop)
-        starts, indices, values = found
-        return sparse.csr_array((values, indices, starts.astype(np.int32)), shape=(self.n, self.n))
+        starts, indices, data = thinned(*pattern, frozen_float(values), self.n_vertices, small, small_bubbles)
+        return sparse.csr_array((data, indices, starts), shape=(self.n, self.n))
 
 
 def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True) -> ConformingSpace:

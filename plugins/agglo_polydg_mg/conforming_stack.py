@@ -19,7 +19,9 @@ from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
 __all__ = ["conforming_stack", "labels_of_vertices"]
 
 _SMALL = 1e-5
-"""Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
+"""Entries of the continuous matrix below this times the root of both diagonal ones are left out."""
+_SMALL_BUBBLES = 0.03
+"""The same between two bubbles: on squares and triangles that halves the matrix at no iteration."""
 
 
 def conforming_stack(
@@ -62,7 +64,7 @@ def conforming_stack(
     """
     space = conforming_space(basis, sigma, kappa, bubbles=bubbles)
     inner = space.n > space.n_vertices
-    C = space.galerkin(system.A, _SMALL if inner else 0.0)
+    C = space.galerkin(system.A, _SMALL, _SMALL_BUBBLES)
     relaxed = (smoother or cell_sweeps)(system.A, system.block_offsets, dtype)
     levels = [multigrid.Level(system.A, system.block_offsets, space.prolongation(dtype), relaxed)]
     if inner:

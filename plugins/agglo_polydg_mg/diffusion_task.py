@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Diffusion, Hierarchy, History, Int, OptionError, Solution, Tell, pcg
+from agglo_polydg_mg.advice import advice_of_multigrid
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.polydg import PolyDG
@@ -39,6 +40,7 @@ class DiffusionTask:
         self, problem: Diffusion, hierarchy: Hierarchy, how: PolyDG, wishes: Wishes, count: int | None
     ) -> None:
         self.problem, self.hierarchy, self.count = problem, hierarchy, count
+        self._penalty = how.penalty
         self.fine = fine_system(problem, hierarchy, how)
         if hierarchy.fine is None:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
@@ -54,6 +56,11 @@ class DiffusionTask:
     def choice(self) -> str:
         """Which levels, and why."""
         return self.plan.reason
+
+    @property
+    def advice(self) -> str:
+        """Whether a direct solver would take less time."""
+        return advice_of_multigrid(self.fine.A, self.plan.smoother, 1, self._penalty)
 
     @property
     def cycle(self) -> str:

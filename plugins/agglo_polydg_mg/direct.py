@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.sparse.linalg import LinearOperator
 from agglo_core.authoring import (
     MET,
     TESTS,
+    Diffusion,
     Float,
     Hierarchy,
     History,
@@ -22,11 +24,14 @@ from agglo_core.authoring import (
     size_ratio,
     two_norm,
 )
+from agglo_polydg_mg.advice import Kind, advice_of_direct
+from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.direct_backends import AUTO, BACKENDS, Solves, chosen_backend
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
 from agglo_polydg_mg.penalty import PAPER, Penalty
 from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.recipes import Wishes, plan_for
 from agglo_polydg_mg.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
 
@@ -101,7 +106,17 @@ class Direct:
                 history = _refined(fine, solves, self.tolerance, self.max_refinements)
         except np.linalg.LinAlgError as failure:
             history = unsolved(fine.b, str(failure))
-        return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
+        solution = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
+        return replace(
+            solution, advice=advice_of_direct(fine.A, self._kind(problem, hierarchy, fine), backend)
+        )
+
+    def _kind(self, problem: Problem, hierarchy: Hierarchy, fine: FineSystem) -> Kind:
+        """What polydg_mg would smooth."""
+        if not isinstance(problem, Diffusion) or hierarchy.fine is None:
+            return "linear"
+        how = self.discretisation
+        return plan_for(problem, fine, Basis(hierarchy.fine, how.degree, how.scaled_basis), Wishes()).smoother
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.

@@ -21,6 +21,7 @@ from agglo_core.authoring import OptionError, multigrid
 __all__ = [
     "AUTO",
     "BACKENDS",
+    "PACKAGES",
     "Solves",
     "available_backends",
     "cholmod",
@@ -112,7 +113,7 @@ BACKENDS: Final[Mapping[str, Callable[[Any], Solves]]] = MappingProxyType(
 )
 """The direct solvers by name, the fastest first."""
 
-_PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+PACKAGES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {"pardiso": ("pypardiso.pardiso_wrapper", "pypardiso"), "cholmod": ("sksparse.cholmod", "scikit-sparse")}
 )
 """The module that each needs, and what pip calls it."""
@@ -130,7 +131,7 @@ def chosen_backend(name: str) -> str:
         return available_backends()[0]
     if name not in BACKENDS:
         raise OptionError(f"backend must be one of {', '.join((AUTO, *BACKENDS))}; given {name!r}")
-    if name in _PACKAGES:
+    if name in PACKAGES:
         _package(name)
     return name
 
@@ -142,14 +143,14 @@ def available_backends() -> tuple[str, ...]:
 
 def _installed(name: str) -> bool:
     try:
-        return name not in _PACKAGES or bool(_package(name))
+        return name not in PACKAGES or bool(_package(name))
     except OptionError as missing:
         _log.debug("%s", missing)
         return False
 
 
 def _package(name: str) -> Any:
-    module, distribution = _PACKAGES[name]
+    module, distribution = PACKAGES[name]
     try:
         return import_module(module)
     except ImportError as error:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
-from agglo_polydg_mg.legendre_kernels import legendre_at, roots_up_to, slopes_of
+from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, recurrences
 
 __all__ = ["block_pattern", "face_blocks", "triangle_heights"]
 
@@ -154,103 +154,127 @@ def block_pattern(offsets, faces, face_cells):
 
 
 @kernel
-def _outer_sum(left, right, n, m, out):
-    """Σ_q left[q] right[q]ᵀ over n rows of length m."""
-    for i in range(m):
-        first = left[0, i]
-        for j in range(m):
-            out[i, j] = first * right[0, j]
-        for q in range(1, n):
-            factor = left[q, i]
+def _along(start, step, s, table, values, slopes):
+    """Legendre polynomials ``(degree + 1, LANES)`` and their slopes at start + s step, a point to a lane."""
+    for lane in range(LANES):
+        values[0, lane], slopes[0, lane] = CONSTANT, 0.0
+        values[1, lane] = table[0, 0] * (start[lane] + s * step[lane]) * CONSTANT
+        slopes[1, lane] = table[3, 0] * CONSTANT
+    for k in range(1, table.shape[1]):
+        a, b, c, d = table[0, k], table[1, k], table[2, k], table[3, k]
+        for lane in range(LANES):
+            x = start[lane] + s * step[lane]
+            values[k + 1, lane] = a * x * values[k, lane] - b * values[k - 1, lane]
+        for lane in range(LANES):
+            slopes[k + 1, lane] = c * slopes[k - 1, lane] + d * values[k, lane]
+
+
+@kernel
+def _sum_points(jumps, rest, sums):
+    """The lower halves of Σ_q j rᵀ + r jᵀ in each lane, j = jumps[q] and r = rest[q]."""
+    for i in range(jumps.shape[1]):
+        for j in range(i + 1):
+            for lane in range(LANES):
+                sums[i, j, lane] = jumps[0, i, lane] * rest[0, j, lane] + rest[0, i, lane] * jumps[0, j, lane]
+            for q in range(1, len(jumps)):
+                for lane in range(LANES):
+                    first = jumps[q, i, lane] * rest[q, j, lane]
+                    sums[i, j, lane] += first + rest[q, i, lane] * jumps[q, j, lane]
+
+
+@kernel
+def _scatter(sums, lane, m, f, sides, slots, blocks):
+    """Add what a lane holds of face f to its blocks."""
+    for side in range(sides):
+        own, start = slots[f, side, side], side * m
+        for i in range(m):
+            for j in range(i):
+                value = sums[start + i, start + j, lane]
+                blocks[own, i, j] += value
+                blocks[own, j, i] += value
+            blocks[own, i, i] += sums[start + i, start + i, lane]
+    if sides == 2:
+        lower, upper = slots[f, 1, 0], slots[f, 0, 1]
+        for i in range(m):
             for j in range(m):
-                out[i, j] += factor * right[q, j]
-
-
-@kernel
-def _add_symmetric(block, half, start, m):
-    """Add the sum of a diagonal block of ``half`` and its transpose."""
-    for i in range(m):
-        for j in range(i):
-            value = half[start + i, start + j] + half[start + j, start + i]
-            block[i, j] += value
-            block[j, i] += value
-        block[i, i] += 2.0 * half[start + i, start + i]
-
-
-@kernel
-def _add_across(upper, lower, half, m):
-    """Add what ``half`` plus its transpose hold outside of the diagonal blocks."""
-    for i in range(m):
-        for j in range(m):
-            value = half[i, m + j] + half[m + j, i]
-            upper[i, j] += value
-            lower[j, i] += value
+                value = sums[m + i, j, lane]
+                blocks[lower, i, j] += value
+                blocks[upper, j, i] += value
 
 
 @kernel
 def face_blocks(
-    points,
-    face_vertices,
-    face_cells,
-    slots,
-    inside,
-    diagonal,
-    boxes,
-    scale,
-    sigma,
-    kappa,
-    nodes,
-    weights,
+    points, face_vertices, face_cells, slots, inside, diagonal, boxes, scale, sigma, kappa, nodes, weights,
     n_blocks,
-):
+):  # fmt: skip
     """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], and those ``inside`` the cells.
 
     ``inside (n, m, m)`` go to the places ``diagonal (n,)``; ``slots (F, 2, 2)`` says which block holds
     (owner or neighbour, owner or neighbour); ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
     ``sigma (F,)`` the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted
-    harmonically. With jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ: only one of
-    the two is summed.
+    harmonically. With jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ. Faces are
+    taken ``LANES`` at a time.
     """
-    m = inside.shape[1]
+    m, rules = inside.shape[1], len(nodes)
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
-    blocks = np.zeros((n_blocks, m, m))
-    roots, (lx, ly, dx, dy) = roots_up_to(degree), np.empty((4, degree + 1))
-    jumps, rest, half = np.empty((len(nodes), 2 * m)), np.empty((len(nodes), 2 * m)), np.empty((2 * m, 2 * m))
-    for f in range(len(face_cells)):
-        if sigma[f] == 0.0:
-            continue
-        sides = 1 if face_cells[f, 1] < 0 else 2
-        a, b = face_vertices[f, 0], face_vertices[f, 1]
-        ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-        length = np.sqrt(ex * ex + ey * ey)
-        for side in range(sides):
-            c = face_cells[f, side]
-            hx, hy, signed = boxes[c, 2], boxes[c, 3], scale[c] * (1.0 - 2.0 * side)
-            nx, ny = ey / (length * hx), -ex / (length * hy)
-            for q in range(len(nodes)):
-                s = 0.5 * (1.0 + nodes[q])
-                x, y = points[a, 0] + s * ex, points[a, 1] + s * ey
-                own = kappa[f, 0, min(q, kappa.shape[2] - 1)]
-                other = kappa[f, 1, min(q, kappa.shape[2] - 1)]
-                mean = own * (other / (own + other)) if sides == 2 else own
-                stiff = 0.5 * sides * sigma[f] * mean  # σ/2: twice the mean is the harmonic one of two sides
-                share = scale[c] * mean
-                legendre_at((x - boxes[c, 0]) / hx, degree, roots, lx)
-                legendre_at((y - boxes[c, 1]) / hy, degree, roots, ly)
-                slopes_of(lx, degree, roots, dx)
-                slopes_of(ly, degree, roots, dy)
-                measure = 0.5 * weights[q] * length
-                for j in range(degree + 1):
-                    for i in range(degree + 1 - j):
-                        jump = signed * lx[i] * ly[j]
-                        k = side * m + ((i + j) * (i + j + 1)) // 2 + j
-                        rest[q, k] = stiff * jump - share * (nx * dx[i] * ly[j] + ny * lx[i] * dy[j])
-                        jumps[q, k] = measure * jump
-        _outer_sum(jumps, rest, len(nodes), sides * m, half)
-        for side in range(sides):
-            _add_symmetric(blocks[slots[f, side, side]], half, side * m, m)
-        if sides == 2:
-            _add_across(blocks[slots[f, 0, 1]], blocks[slots[f, 1, 0]], half, m)
+    blocks, table = np.zeros((n_blocks, m, m)), recurrences(degree)
     for c in range(len(diagonal)):
-        blocks[diagonal[c]] += inside[c]
+        blocks[diagonal[c]] = inside[c]
+    jumps, rest = np.empty((rules, 2 * m, LANES)), np.empty((rules, 2 * m, LANES))
+    sums = np.empty((2 * m, 2 * m, LANES))
+    lx, dx, ly, dy = (
+        np.empty((degree + 1, LANES)), np.empty((degree + 1, LANES)),
+        np.empty((degree + 1, LANES)), np.empty((degree + 1, LANES)),
+    )  # fmt: skip
+    chosen, frame, shares = np.empty(LANES, np.int64), np.empty((8, LANES)), np.zeros((2, LANES))
+    x, y, along_x, along_y, nx, ny = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
+    signed, length, mean, stiff = frame[6], frame[7], shares[0], shares[1]
+    following = 0
+    while following < len(face_cells):
+        count = 0
+        while count < LANES and following < len(face_cells):
+            if sigma[following] != 0.0:
+                chosen[count] = following
+                count += 1
+            following += 1
+        for side in range(2):
+            frame[:] = 0.0
+            for lane in range(count):
+                f = chosen[lane]
+                c, a, b = face_cells[f, side], face_vertices[f, 0], face_vertices[f, 1]
+                ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+                length[lane] = np.sqrt(ex * ex + ey * ey)
+                if c < 0:
+                    continue
+                wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
+                x[lane], y[lane] = (points[a, 0] - boxes[c, 0]) * wide, (points[a, 1] - boxes[c, 1]) * high
+                along_x[lane], along_y[lane] = ex * wide, ey * high
+                nx[lane] = scale[c] * ey * wide / length[lane]
+                ny[lane] = -scale[c] * ex * high / length[lane]
+                signed[lane] = scale[c] * (1.0 - 2.0 * side)
+            for q in range(rules):
+                s, at = 0.5 * (1.0 + nodes[q]), min(q, kappa.shape[2] - 1)
+                for lane in range(count):
+                    own, other = kappa[chosen[lane], 0, at], kappa[chosen[lane], 1, at]
+                    inner = face_cells[chosen[lane], 1] >= 0
+                    mean[lane] = own * (other / (own + other)) if inner else own
+                    stiff[lane] = (1.0 if inner else 0.5) * sigma[chosen[lane]] * mean[lane]
+                _along(x, along_x, s, table, lx, dx)
+                _along(y, along_y, s, table, ly, dy)
+                k, half = side * m, 0.5 * weights[q]
+                for total in range(degree + 1):
+                    for j in range(total + 1):
+                        i = total - j
+                        for lane in range(LANES):
+                            value = signed[lane] * lx[i, lane] * ly[j, lane]
+                            slope = (
+                                nx[lane] * dx[i, lane] * ly[j, lane] + ny[lane] * lx[i, lane] * dy[j, lane]
+                            )
+                            rest[q, k, lane] = stiff[lane] * value - mean[lane] * slope
+                            jumps[q, k, lane] = half * length[lane] * value
+                        k += 1
+        _sum_points(jumps, rest, sums)
+        for lane in range(count):
+            f = chosen[lane]
+            _scatter(sums, lane, m, f, 1 if face_cells[f, 1] < 0 else 2, slots, blocks)
     return blocks

@@ -9,12 +9,12 @@ import numpy as np
 
 from agglo_core.authoring import kernel
 
-__all__ = ["galerkin", "galerkin_pattern", "without_small"]
+__all__ = ["galerkin", "galerkin_pattern", "thinned"]
 
 
 @kernel
 def galerkin_pattern(indptr, columns, offsets, indices, size):
-    """Rows and sorted columns of C: unknowns of cells that share a block of A."""
+    """Rows and columns of C, not sorted: unknowns of cells that share a block of A."""
     n = len(offsets) - 1
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
@@ -27,31 +27,26 @@ def galerkin_pattern(indptr, columns, offsets, indices, size):
             holders[fill[indices[k]]] = c
             fill[indices[k]] += 1
     rows, seen, marked = np.zeros(size + 1, np.int64), np.full(n, -1), np.full(size, -1)
-    found = np.empty(0, np.int32)
-    for again in range(2):
-        seen[:], marked[:] = -1, -1
-        for v in range(size):
-            position = rows[v]
-            for a in range(starts[v], starts[v + 1]):
-                for k in range(indptr[holders[a]], indptr[holders[a] + 1]):
-                    j = columns[k]
-                    if seen[j] == v:
-                        continue
-                    seen[j] = v
-                    for q in range(offsets[j], offsets[j + 1]):
-                        w = indices[q]
-                        if marked[w] != v:
-                            marked[w] = v
-                            if again:
-                                found[position] = w
-                            position += 1
-            if again:
-                found[rows[v] : position].sort()
-            else:
-                rows[v + 1] = position
-        if not again:
-            found = np.empty(rows[size], np.int32)
-    return rows, found
+    found, position = np.empty(32 * size, np.int32), 0
+    for v in range(size):
+        for a in range(starts[v], starts[v + 1]):
+            for k in range(indptr[holders[a]], indptr[holders[a] + 1]):
+                j = columns[k]
+                if seen[j] == v:
+                    continue
+                seen[j] = v
+                if position + offsets[j + 1] - offsets[j] > len(found):
+                    longer = np.empty(len(found) + len(found) // 2 + offsets[j + 1] - offsets[j], np.int32)
+                    longer[:position] = found[:position]
+                    found = longer
+                for q in range(offsets[j], offsets[j + 1]):
+                    w = indices[q]
+                    if marked[w] != v:
+                        marked[w] = v
+                        found[position] = w
+                        position += 1
+        rows[v + 1] = position
+    return rows, found[:position]
 
 
 @kernel(reorder_sums=True)
@@ -102,20 +97,39 @@ def galerkin(indptr, columns, blocks, offsets, indices, fitted, rows, found):
 
 
 @kernel
-def without_small(rows, columns, values, relative):
-    """The matrix without entries of at most ``relative`` times the root of the two diagonal ones."""
+def thinned(rows, columns, values, vertices, small, small_bubbles):
+    """A symmetric matrix with sorted columns, without entries that are small beside their diagonal ones.
+
+    Unknowns from ``vertices`` on are bubbles. An entry is small if it is at most ``small_bubbles`` times the
+    root of both diagonal ones, between two bubbles, or ``small`` times that. Constants, the same on all
+    vertices and 0 on bubbles, keep their energy: an entry between vertices goes to the diagonal. One between
+    bubbles does so in magnitude, which adds a semidefinite matrix.
+    """
     n = len(rows) - 1
-    root = np.zeros(n)
+    root, added, starts = np.zeros(n), np.zeros(n), np.zeros(n + 1, np.int32)
     for i in range(n):
         for k in range(rows[i], rows[i + 1]):
             if columns[k] == i:
                 root[i] = np.sqrt(values[k])
-    kept_rows, kept_columns, kept_values = np.zeros(n + 1, np.int64), columns.copy(), values.copy()
-    position = 0
+    kept = np.empty(len(columns), np.bool_)
     for i in range(n):
         for k in range(rows[i], rows[i + 1]):
-            if abs(values[k]) > relative * root[i] * root[columns[k]]:
-                kept_columns[position], kept_values[position] = columns[k], values[k]
-                position += 1
-        kept_rows[i + 1] = position
-    return kept_rows, kept_columns[:position], kept_values[:position]
+            j = columns[k]
+            bubbles = i >= vertices and j >= vertices
+            kept[k] = abs(values[k]) > (small_bubbles if bubbles else small) * root[i] * root[j]
+            if kept[k]:
+                starts[j + 1] += 1
+            elif bubbles:
+                added[i] += abs(values[k])
+            elif i < vertices and j < vertices:
+                added[i] += values[k]
+    for j in range(n):
+        starts[j + 1] += starts[j]
+    places, sorted_columns, found = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])
+    for i in range(n):  # the transpose of a matrix has its columns sorted
+        for k in range(rows[i], rows[i + 1]):
+            if kept[k]:
+                j = columns[k]
+                sorted_columns[places[j]], found[places[j]] = i, values[k] + (added[i] if i == j else 0.0)
+                places[j] += 1
+    return starts, sorted_columns, found

@@ -11,48 +11,88 @@ import numpy as np
 
 from agglo_core.authoring import kernel
 
-__all__ = ["boundary_moments", "legendre_at", "point_moments", "roots_up_to", "slopes_of"]
+__all__ = [
+    "CONSTANT",
+    "LANES",
+    "boundary_moments",
+    "bounding_boxes",
+    "legendre_at",
+    "point_moments",
+    "recurrences",
+    "slopes_of",
+    "sparse_products",
+]
+
+
+LANES = 64
+"""Cells or faces that are taken at a time where loops over them are what processors do fast."""
+CONSTANT = np.sqrt(0.5)
+"""The Legendre polynomial of degree 0."""
 
 
 @kernel
-def roots_up_to(degree):
-    """Inverse norms √(k + 1/2) of the Legendre polynomials P_0, …, P_degree on [−1, 1]."""
-    return np.sqrt(np.arange(degree + 1) + 0.5)
+def recurrences(degree):
+    """Coefficients a, b, c, d ``(4, degree)`` of the recurrences of Legendre polynomials up to a degree.
+
+    For L_k = √(k + 1/2) P_k on [−1, 1] they are L_{k+1} = a_k x L_k − b_k L_{k−1} and
+    L'_{k+1} = c_k L'_{k−1} + d_k L_k, from P'_{k+1} = P'_{k−1} + (2k + 1) P_k; L_k has the antiderivative
+    L_{k+1} / d_k − L_{k−1} / d_{k−1}.
+    """
+    table = np.zeros((4, degree))
+    for k in range(degree):
+        table[3, k] = np.sqrt((2.0 * k + 1.0) * (2.0 * k + 3.0))
+        table[0, k] = table[3, k] / (k + 1)
+        if k > 0:
+            table[2, k] = np.sqrt((2.0 * k + 3.0) / (2.0 * k - 1.0))
+            table[1, k] = table[2, k] * k / (k + 1)
+    return table
 
 
 @kernel
-def legendre_at(x, degree, roots, out):
-    """Orthonormal Legendre polynomials 0..degree at x, with the ``roots`` of :func:`roots_up_to`."""
-    out[0] = roots[0]
-    if degree == 0:
-        return
-    out[1] = x * roots[1]
-    before, value = 1.0, x
-    for k in range(1, degree):
-        before, value = value, ((2 * k + 1) * x * value - k * before) / (k + 1)
-        out[k + 1] = value * roots[k + 1]
+def legendre_at(x, degree, table, out):
+    """Orthonormal Legendre polynomials 0..degree at x, by the :func:`recurrences`."""
+    before, value = 0.0, CONSTANT
+    out[0] = value
+    for k in range(degree):
+        before, value = value, table[0, k] * x * value - table[1, k] * before
+        out[k + 1] = value
 
 
 @kernel
-def slopes_of(values, degree, roots, out):
-    """Derivatives of the polynomials ``values``: P'_{k+1} = P'_{k-1} + (2k + 1) P_k, normalised."""
+def slopes_of(values, degree, table, out):
+    """Derivatives of the polynomials ``values``, as :func:`legendre_at` gives them."""
+    before, slope = 0.0, 0.0
     out[0] = 0.0
     for k in range(degree):
-        below = out[k - 1] / roots[k - 1] if k > 1 else 0.0
-        out[k + 1] = (below + 2.0 * roots[k] * values[k]) * roots[k + 1]
+        before, slope = slope, table[2, k] * before + table[3, k] * values[k]
+        out[k + 1] = slope
+
+
+@kernel
+def bounding_boxes(points, offsets, faces, face_vertices):
+    """Centre and half sides ``(n, 4)`` of the bounding box of each cell."""
+    boxes = np.empty((len(offsets) - 1, 4))
+    for c in range(len(boxes)):
+        left, low, right, high = np.inf, np.inf, -np.inf, -np.inf
+        for h in range(offsets[c], offsets[c + 1]):
+            for k in range(2):
+                x, y = points[face_vertices[faces[h], k], 0], points[face_vertices[faces[h], k], 1]
+                left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
+        boxes[c, 0], boxes[c, 1] = 0.5 * (left + right), 0.5 * (low + high)
+        boxes[c, 2], boxes[c, 3] = 0.5 * (right - left), 0.5 * (high - low)
+    return boxes
 
 
 @kernel
 def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, nodes, weights, degree):
     """Integrals ``(n, m)`` of the polynomials of a degree over each cell, by the divergence theorem.
 
-    L_i has the antiderivative (P_{i+1} − P_{i−1}) / (2i + 1) times its normalisation; ``nodes`` must
-    integrate degree + 1 on [−1, 1].
+    ``nodes`` must integrate degree + 1 on [−1, 1].
     """
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
-    roots = roots_up_to(degree + 1)
-    lx, ly, primitive = np.empty(degree + 2), np.empty(degree + 2), np.empty(degree + 1)
+    table = recurrences(degree + 1)
+    lx, ly, upper = np.empty(degree + 2), np.empty(degree + 1), 1.0 / table[3]
     for c in range(n):
         cx, cy, hx, hy = boxes[c, 0], boxes[c, 1], boxes[c, 2], boxes[c, 3]
         for h in range(offsets[c], offsets[c + 1]):
@@ -65,16 +105,17 @@ def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, n
                 continue
             rise = 0.5 * (by - ay) * hx * hy
             for q in range(len(nodes)):
-                s = 0.5 * (1.0 + nodes[q])
-                legendre_at(ax + s * (bx - ax), degree + 1, roots, lx)
-                legendre_at(ay + s * (by - ay), degree, roots, ly)
+                s, weight = 0.5 * (1.0 + nodes[q]), rise * weights[q]
+                legendre_at(ax + s * (bx - ax), degree + 1, table, lx)
+                legendre_at(ay + s * (by - ay), degree, table, ly)
                 for i in range(degree + 1):
-                    below = lx[i - 1] / roots[i - 1] if i > 0 else 0.0
-                    value = (lx[i + 1] / roots[i + 1] - below) / (2.0 * roots[i])
-                    primitive[i] = rise * weights[q] * value
-                for j in range(degree + 1):
-                    for i in range(degree + 1 - j):
-                        moments[c, ((i + j) * (i + j + 1)) // 2 + j] += primitive[i] * ly[j]
+                    primitive = weight * lx[i + 1] * upper[i]
+                    if i > 0:
+                        primitive -= weight * lx[i - 1] * upper[i - 1]
+                    k = (i * (i + 1)) // 2
+                    for j in range(degree + 1 - i):
+                        moments[c, k] += primitive * ly[j]
+                        k += i + j + 2
     return moments
 
 
@@ -83,14 +124,32 @@ def point_moments(points, values, offsets, boxes, degree):
     """Sums ``(n, m)`` of values times polynomials over each cell's points ``offsets[c]:offsets[c + 1]``."""
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
-    roots, lx, ly = roots_up_to(degree), np.empty(degree + 1), np.empty(degree + 1)
+    table, lx, ly = recurrences(degree), np.empty(degree + 1), np.empty(degree + 1)
     for c in range(n):
         for q in range(offsets[c], offsets[c + 1]):
-            legendre_at((points[q, 0] - boxes[c, 0]) / boxes[c, 2], degree, roots, lx)
-            legendre_at((points[q, 1] - boxes[c, 1]) / boxes[c, 3], degree, roots, ly)
+            legendre_at((points[q, 0] - boxes[c, 0]) / boxes[c, 2], degree, table, lx)
+            legendre_at((points[q, 1] - boxes[c, 1]) / boxes[c, 3], degree, table, ly)
             k = 0
             for total in range(degree + 1):
                 for j in range(total + 1):
                     moments[c, k] += values[q] * lx[total - j] * ly[j]
                     k += 1
     return moments
+
+
+@kernel
+def sparse_products(integrals, places, columns, factors, blocks):
+    """Add Σ_t factors[t] integrals[c, columns[t]] to the entries ``places (t, 2)`` of symmetric blocks.
+
+    Places are those of the lower halves, sorted; ``blocks (n, m, m)``.
+    """
+    for c in range(len(blocks)):
+        block, own, value = blocks[c], integrals[c], 0.0
+        for t in range(len(columns)):
+            i, j = places[t, 0], places[t, 1]
+            value += factors[t] * own[columns[t]]
+            if t + 1 == len(columns) or places[t + 1, 0] != i or places[t + 1, 1] != j:
+                block[i, j] += value
+                if i != j:
+                    block[j, i] += value
+                value = 0.0

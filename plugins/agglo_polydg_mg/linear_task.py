@@ -25,6 +25,7 @@ from agglo_core.authoring import (
     pcg_columns,
     two_norm,
 )
+from agglo_polydg_mg.advice import advice_of_multigrid
 from agglo_polydg_mg.recipes import Wishes
 from agglo_polydg_mg.scaling import factor_for, unscaled
 from agglo_polydg_mg.stationary import unsolved
@@ -35,10 +36,13 @@ __all__ = ["LinearTask"]
 
 
 class LinearTask:
-    """A linear system, its unknowns in the cells of a hierarchy; the levels are smoothed aggregation.
+    """A linear system, its unknowns in the cells of a hierarchy.
 
-    Aggregates are the agglomerates of the hierarchy, as far as they suit the matrix; without any they come
-    from the graph of the matrix. Blocks are those of the cells that have unknowns.
+    One unknown in each cell, and at most one near-null vector, of positive entries: classical coarsening of
+    the matrix or, with the recipe ``"agglomerates"``, one classical step and then the agglomerates of the
+    hierarchy. Other systems: smoothed aggregation by the agglomerates, as far as they suit the matrix;
+    without any, aggregates come from the graph of the matrix. Blocks are those of the cells that have
+    unknowns.
 
     Raises
     ------
@@ -48,9 +52,9 @@ class LinearTask:
     """
 
     def __init__(self, problem: Linear, hierarchy: Hierarchy, wishes: Wishes, count: int | None) -> None:
-        if wishes.recipe != "auto":
+        if wishes.recipe not in ("auto", "agglomerates"):
             raise OptionError(
-                f"recipe {wishes.recipe!r} is for diffusion problems; a linear system is aggregated"
+                f"recipe {wishes.recipe!r} is for diffusion; linear systems take auto or agglomerates"
             )
         offsets, cells = np.asarray(problem.block_offsets), hierarchy.graph.n
         self._cells = cells
@@ -59,10 +63,15 @@ class LinearTask:
                 f"the system has unknowns in {len(offsets) - 1} cells, the hierarchy {cells} cells"
             )
         used = np.flatnonzero(np.diff(offsets) != 0)
+        self._equal = len(used) == cells and len(set(np.diff(offsets).tolist())) == 1
         self.system = System(
             problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
         )
-        self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)]
+        if wishes.recipe == "agglomerates" and not hierarchy.levels:
+            raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
+        self._classical = self.system.width == 1 and _positive(self.system.near_null)
+        labelled = wishes.recipe == "agglomerates" or not self._classical
+        self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)] if labelled else []
         self.cycle: Any = "V" if wishes.cycle == "auto" else wishes.cycle
         self.dtype: Any = np.float32 if wishes.precision == "single" else np.float64
         whole = self.system.b.reshape(self.system.n, -1)
@@ -79,8 +88,17 @@ class LinearTask:
     def choice(self) -> str:
         """Which levels, and why."""
         aggregates = "agglomerates" if self._labels else "the graph of the matrix"
-        where = f"smoothed aggregation by {aggregates}, {self.cycle}-cycle, {np.dtype(self.dtype).name}"
-        return where + self._doubled
+        how = f"smoothed aggregation by {aggregates}"
+        if self._classical:
+            how = "a classical step, then " + how if self._labels else "classical coarsening"
+        return f"{how}, {self.cycle}-cycle, {np.dtype(self.dtype).name}" + self._doubled
+
+    @property
+    def advice(self) -> str:
+        """Whether a direct solver would take less time; ``direct`` takes cells of equal size only."""
+        if not self._equal:
+            return ""
+        return advice_of_multigrid(self.system.A, "linear", self._b.shape[1])
 
     @property
     def single(self) -> bool:
@@ -95,6 +113,10 @@ class LinearTask:
     def stack(self) -> Any:
         """The levels; LinAlgError if a block is not positive definite."""
         A, offsets, near_null = self.system.A, self.system.block_offsets, self.system.near_null
+        if self._classical:
+            return multigrid.classical_stack(
+                sparse.csr_array(A), labels=self._labels or None, near_null=near_null, dtype=self.dtype
+            )
         if near_null is not None or self.system.width != 1:
             near_null = multigrid.smoothed_near_null(A, offsets, near_null)
         return multigrid.aggregation_stack(
@@ -176,6 +198,11 @@ def _badness(history: History) -> tuple[bool, int, float]:
 
 def _columns(near_null: Any) -> Any:
     return near_null if near_null is None or np.ndim(near_null) != 1 else np.asarray(near_null)[:, None]
+
+
+def _positive(near_null: Any) -> bool:
+    """Whether classical coarsening can keep the near-null vectors."""
+    return near_null is None or (near_null.shape[1] == 1 and bool((near_null > 0.0).all()))
 
 
 def _levels(hierarchy: Hierarchy, count: int | None) -> list[Int]:

@@ -29,10 +29,11 @@ class PolyDGMultigrid:
         Of the polynomials, 1..6.
     tolerance : float
     max_iterations : int
-    recipe : "auto", "conforming" or "patches"
+    recipe : "auto", "conforming", "patches" or "agglomerates"
         A continuous space inside the discontinuous one, with its own multigrid on the agglomerates
         (:mod:`~agglo_polydg_mg.conforming_stack`); or polynomials on agglomerates, smoothed patch by patch
-        (:mod:`~agglo_polydg_mg.patch_recipe`). Linear systems have a recipe of their own.
+        (:mod:`~agglo_polydg_mg.patch_recipe`). Linear systems take "auto", or "agglomerates" where the
+        agglomerates are to be the aggregates even of a matrix with one unknown in each cell.
     cycle : "auto", "V", "W", "F" or "K"
     precision : "auto", "single" or "double"
         Of the cycle. Where single precision turns out not to suffice, double precision takes over.
@@ -58,7 +59,7 @@ class PolyDGMultigrid:
         degree: int = 1,
         tolerance: float = 1e-6,
         max_iterations: int = 300,
-        recipe: Literal["auto", "conforming", "patches"] = "auto",
+        recipe: Literal["auto", "conforming", "patches", "agglomerates"] = "auto",
         cycle: Literal["auto", "V", "W", "F", "K"] = "auto",
         precision: Literal["auto", "single", "double"] = "auto",
         penalty: Penalty = "sharp",
@@ -82,8 +83,9 @@ class PolyDGMultigrid:
         """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
 
         A linear system may have blocks of any sizes, near-null vectors, and several right-hand sides
-        ``b (n, k)``. It is preconditioned by smoothed aggregation with block Gauss–Seidel, on the
-        agglomerates of the hierarchy or, if it has none, on the graph of the matrix.
+        ``b (n, k)``. With one unknown in each cell it is preconditioned by classical multigrid, otherwise
+        by smoothed aggregation with block Gauss–Seidel, on the agglomerates of the hierarchy or, if it has
+        none, on the graph of the matrix.
 
         Raises
         ------

@@ -8,6 +8,7 @@ Delaunay triangles otherwise), which carry Gauss points.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +59,7 @@ class Batch(NamedTuple):
         return frozen_int(self.first + np.repeat(np.arange(len(sizes)), sizes))
 
 
+@cache
 def gauss(n: int) -> tuple[Float, Float]:
     """Nodes and weights ``(n,)`` on [−1, 1], exact up to degree 2n − 1."""
     nodes, weights = np.polynomial.legendre.leggauss(n)

@@ -8,18 +8,19 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, System, multigrid
+from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System
 from agglo_polydg_mg.assembly import cell_means
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import difficulty
-from agglo_polydg_mg.conforming_stack import cell_sweeps, conforming_stack
+from agglo_polydg_mg.conforming_stack import conforming_stack
+from agglo_polydg_mg.grouped_stack import grouped_stack
 from agglo_polydg_mg.operators import FineSystem
 from agglo_polydg_mg.patch_recipe import patch_stack
 from agglo_polydg_mg.transfer import chosen_levels
 
 __all__ = ["CYCLES", "PRECISIONS", "RECIPES", "Plan", "Wishes", "levels_by_default", "plan_for"]
 
-RECIPES: Final = ("auto", "conforming", "patches")
+RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")
 
@@ -44,12 +45,12 @@ class Plan:
     recipe: Literal["conforming", "patches"]
     cycle: Literal["V", "W", "F", "K"]
     dtype: Any
-    smoother: Literal["cells", "patches"]
+    smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
     reason: str
 
     def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
-        """The levels.
+        """The levels, an object of :class:`agglo_core.multigrid.LevelStack`.
 
         Raises
         ------
@@ -58,18 +59,14 @@ class Plan:
         """
         if self.recipe == "patches":
             return patch_stack(basis, fine.A, labels, self.dtype)
-        mesh = basis.mesh
-
-        def patches(A: Any, _: Int, dtype: Any) -> Any:
-            return multigrid.VertexPatches(A, multigrid.vertex_patches(mesh), dtype)
-
-        return conforming_stack(
-            System.trusted(fine.A, fine.b, np.arange(0, fine.A.shape[0] + 1, fine.width), mesh),
+        offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
+        levels = grouped_stack if self.smoother == "groups" else conforming_stack
+        return levels(
+            System.trusted(fine.A, fine.b, offsets, basis.mesh),
             basis,
             _required(fine.sigma),
-            cell_means(mesh, problem.kappa),
+            cell_means(basis.mesh, problem.kappa),
             labels=labels or None,
-            smoother=patches if self.smoother == "patches" else cell_sweeps,
             bubbles=self.bubbles,
             dtype=self.dtype,
         )
@@ -79,7 +76,14 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     """The plan for a diffusion problem, by mesh, penalty and coefficient.
 
     See :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
+
+    Raises
+    ------
+    OptionError
+        For the recipe ``"agglomerates"``.
     """
+    if wishes.recipe == "agglomerates":
+        raise OptionError("recipe 'agglomerates' is for linear systems; a diffusion problem takes another")
     double = {"auto": None, "single": False, "double": True}[wishes.precision]
     found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
     recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe

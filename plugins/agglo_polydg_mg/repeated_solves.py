@@ -102,14 +102,15 @@ class RepeatedSolves:
             nothing = task.solution(unsolved, [(task.A, None)], watch, self._tolerance)
             return replace(nothing, choice=task.choice)
         stack = self._kept
-        kept = "" if self.setups > setups else "; levels of an earlier system"
+        fresh = self.setups > setups  # else nothing is as cheap as to go on
         solution = replace(
             task.solution(histories, stack.operators, watch, self._tolerance),
             operator_complexity=stack.operator_complexity,
             grid_complexity=stack.grid_complexity,
             parts=task.parts(stack),
             memory=stack.memory,
-            choice=task.choice + kept,
+            choice=task.choice + ("" if fresh else "; levels of an earlier system"),
+            advice=task.advice if fresh else "",
         )
         self._judge(solution.iterations, solution.converged)
         return solution

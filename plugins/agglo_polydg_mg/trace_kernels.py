@@ -1,13 +1,17 @@
-"""Kernel of the sharp penalty: how large normal derivatives on its faces a cell allows."""
+"""Kernel of the sharp penalty: how large normal derivatives on its faces a cell allows.
+
+Cells are taken ``LANES`` at a time, so that the powers of their matrices are computed side by side: the
+matrices themselves are too small for fast loops.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from agglo_core.authoring import kernel
-from agglo_polydg_mg.legendre_kernels import legendre_at, roots_up_to, slopes_of
+from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, recurrences
 
-__all__ = ["largest_bound", "side_penalties"]
+__all__ = ["largest_bounds", "side_penalties"]
 
 _SQUARINGS = 5  # the bound exceeds the eigenvalue by n^(1/64) at most: 5 % for n = 27, 1 % for n = 2
 _RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills
@@ -33,119 +37,144 @@ def _factorise(matrix, n, tolerance):
 
 
 @kernel
-def largest_bound(matrix, n, square, other):
-    """Upper bound of the largest eigenvalue of a symmetric positive semidefinite matrix.
+def _square(lanes, scaled, traces):
+    """Divide symmetric matrices by their ``traces``, which come out, and square them: the lower halves."""
+    n = len(lanes)
+    for lane in range(LANES):
+        traces[lane] = 0.0
+    for i in range(n):
+        for lane in range(LANES):
+            traces[lane] += lanes[i, i, lane]
+    for i in range(n):
+        for j in range(i + 1):
+            for lane in range(LANES):
+                shrink = 1.0 / traces[lane] if traces[lane] > 0.0 else 0.0
+                scaled[i, j, lane] = shrink * lanes[i, j, lane]
+            scaled[j, i] = scaled[i, j]
+    for i in range(n):
+        for j in range(i + 1):
+            out, left, right = lanes[i, j], scaled[i], scaled[j]
+            for lane in range(LANES):
+                out[lane] = 0.0
+            for k in range(0, n - 3, 4):  # by fours: sums stay in registers
+                for lane in range(LANES):
+                    out[lane] += (
+                        left[k, lane] * right[k, lane]
+                        + left[k + 1, lane] * right[k + 1, lane]
+                        + left[k + 2, lane] * right[k + 2, lane]
+                        + left[k + 3, lane] * right[k + 3, lane]
+                    )
+            for k in range(n - n % 4, n):
+                for lane in range(LANES):
+                    out[lane] += left[k, lane] * right[k, lane]
 
-    λ^(2^k) is an eigenvalue of the 2^k-th power, and none of these exceeds its Frobenius norm. ``matrix``,
-    ``square`` and ``other`` are ``(n, n)``; the latter two are overwritten.
+
+@kernel
+def _complete(lanes, scaled, traces, bounds):
+    """The ``bounds`` from matrices that have been squared once and their first ``traces``."""
+    for step in range(1, _SQUARINGS):
+        _square(lanes, scaled, traces[step])
+    for lane in range(LANES):
+        bounds[lane] = 0.0
+    for i in range(len(lanes)):
+        for j in range(i + 1):
+            twice = 1.0 if i == j else 2.0
+            for lane in range(LANES):
+                bounds[lane] += twice * lanes[i, j, lane] * lanes[i, j, lane]
+    for lane in range(LANES):
+        bound = np.sqrt(bounds[lane])
+        for step in range(_SQUARINGS - 1, -1, -1):
+            bound = traces[step, lane] * np.sqrt(bound)
+        bounds[lane] = bound
+
+
+@kernel
+def largest_bounds(lanes, bounds):
+    """Upper ``bounds (LANES,)`` of the largest eigenvalues of symmetric positive semidefinite matrices.
+
+    λ^(2^k) is an eigenvalue of the 2^k-th power, and none of these exceeds its Frobenius norm. ``lanes``
+    holds the lower halves ``(n, n, LANES)`` and is overwritten.
     """
-    bound, exponent = 1.0, 1.0
-    for i in range(n):
-        for j in range(n):
-            square[i, j] = matrix[i, j]
-    for step in range(_SQUARINGS + 1):
-        trace, norm = 0.0, 0.0
-        for i in range(n):
-            trace += square[i, i]
-            for j in range(n):
-                norm += square[i, j] * square[i, j]
-        if step == _SQUARINGS:
-            return bound * np.sqrt(norm) ** exponent
-        if not trace > 0.0:
-            return 0.0
-        bound *= trace**exponent
-        exponent *= 0.5
-        shrink = 1.0 / trace
-        for i in range(n):
-            for j in range(n):
-                other[i, j] = shrink * square[i, j]
-        for i in range(n):
-            for j in range(i + 1):
-                value = 0.0
-                for k in range(n):
-                    value += other[i, k] * other[j, k]
-                square[i, j] = square[j, i] = value
-    return bound
+    scaled, traces = np.empty(lanes.shape), np.empty((_SQUARINGS, LANES))
+    _square(lanes, scaled, traces[0])
+    _complete(lanes, scaled, traces, bounds)
 
 
 @kernel
-def _whitened_slopes(x, y, normal, box, scale, degree, roots, lines, factor, out):
-    """L⁻¹ of the normal derivatives of the polynomials but the constant, L being a Cholesky factor."""
-    lx, ly, dx, dy = lines[0], lines[1], lines[2], lines[3]
-    legendre_at((x - box[0]) / box[2], degree, roots, lx)
-    legendre_at((y - box[1]) / box[3], degree, roots, ly)
-    slopes_of(lx, degree, roots, dx)
-    slopes_of(ly, degree, roots, dy)
-    along_x, along_y = scale * normal[0] / box[2], scale * normal[1] / box[3]
-    for j in range(degree + 1):
-        first, second = along_x * ly[j], along_y * dy[j]
-        for i in range(degree + 1 - j):
-            k = ((i + j) * (i + j + 1)) // 2 + j
-            if k > 0:
-                out[k - 1] = first * dx[i] + second * lx[i]
-    for k in range(len(out)):  # the factor holds the inverses of its diagonal
-        value = out[k] * factor[k, k]
-        out[k] = value
-        for i in range(k + 1, len(out)):
-            out[i] -= factor[i, k] * value
+def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
+    """Normal derivatives of the polynomials but the constant at a point of the box, into ``slopes[q]``."""
+    degree = table.shape[1]
+    for axis in range(2):
+        at, value, slope, before, below = (x, y)[axis], CONSTANT, 0.0, 0.0, 0.0
+        lines[axis, 0], lines[2 + axis, 0] = value, slope
+        for k in range(degree):
+            slope, below = table[2, k] * below + table[3, k] * value, slope
+            value, before = table[0, k] * at * value - table[1, k] * before, value
+            lines[axis, k + 1], lines[2 + axis, k + 1] = value, slope
+    k = 0
+    for total in range(1, degree + 1):
+        for j in range(total + 1):
+            i = total - j
+            slopes[q, k] = along_x * lines[2, i] * lines[1, j] + along_y * lines[0, i] * lines[3, j]
+            k += 1
 
 
 @kernel
-def _gather(slopes, masses, shares, n_faces, n, out):
-    """Σ_F Σ_q masses[F, q] y yᵀ / shares[F] with y = slopes[F, q]: symmetric, ``(n, n)``."""
+def _whiten(slopes, q, factor, n):
+    """Replace ``slopes[q]`` by L⁻¹ of it, L being a Cholesky factor with the inverses of its diagonal."""
     for i in range(n):
-        for j in range(n):
-            out[i, j] = 0.0
-    for f in range(n_faces):
-        if not shares[f] > 0.0:
-            continue
-        for q in range(masses.shape[1]):
-            weight = masses[f, q] / shares[f]
-            for i in range(n):
-                left = weight * slopes[f, q, i]
-                for j in range(i + 1):
-                    out[i, j] += left * slopes[f, q, j]
+        value = slopes[q, i]
+        for k in range(i):
+            value -= factor[i, k] * slopes[q, k]
+        slopes[q, i] = value * factor[i, i]
+
+
+@kernel
+def _face_form(slopes, masses, n, forms, face):
+    """Σ_q masses[q] y yᵀ with y = slopes[q]: the lower half, row by row, to ``forms[face]``; its trace."""
+    trace, place = 0.0, 0
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for q in range(len(masses)):
+                value += masses[q] * slopes[q, i] * slopes[q, j]
+            forms[face, place] = value
+            place += 1
+        trace += value
+    return trace
+
+
+@kernel
+def _gather(forms, shares, first, last, n, lanes, lane):
+    """Σ_F shares[F] forms[F] over the faces of a cell, into a lane."""
+    place = 0
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for h in range(first, last):
+                value += forms[h, place] * shares[h]
+            lanes[i, j, lane] = value
+            place += 1
+
+
+@kernel
+def _against(forms, face, n, lanes, lane):
+    """Trace of the product of a form and the matrix in a lane."""
+    value, place = 0.0, 0
     for i in range(n):
         for j in range(i):
-            out[j, i] = out[i, j]
-
-
-@kernel
-def _shares(slopes, masses, lengths, metric, n_faces, n, out):
-    """Root of the mean of ‖metric y‖² over each face, y = slopes[F, q]; the metric may be absent, (0, 0)."""
-    for f in range(n_faces):
-        out[f], total = 0.0, 0.0
-        if not lengths[f] > 0.0:
-            continue
-        for q in range(masses.shape[1]):
-            for i in range(n):
-                value = 0.0
-                if len(metric) == 0:
-                    value = slopes[f, q, i]
-                else:
-                    for j in range(n):
-                        value += metric[i, j] * slopes[f, q, j]
-                total += masses[f, q] * value * value
-        out[f] = np.sqrt(total / lengths[f])
+            value += 2.0 * forms[face, place] * lanes[i, j, lane]
+            place += 1
+        value += forms[face, place] * lanes[i, i, lane]
+        place += 1
+    return value
 
 
 @kernel
 def side_penalties(
-    points,
-    offsets,
-    faces,
-    face_vertices,
-    face_cells,
-    held,
-    boxes,
-    scale,
-    fill,
-    blocks,
-    kappa,
-    nodes,
-    weights,
-    degree,
-):
+    points, offsets, faces, face_vertices, face_cells, held, boxes, scale, fill, blocks, kappa, nodes,
+    weights, degree,
+):  # fmt: skip
     """What each cell asks of the penalty of its faces, ``(F, 2)`` for owner and neighbour, and where it can.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
@@ -153,54 +182,73 @@ def side_penalties(
     result is False for cells whose S is singular to rounding: nothing is said of them. Faces that are not
     ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills.
     """
-    n, most, rules = (degree + 1) * (degree + 2) // 2 - 1, 0, len(nodes)
-    for c in range(len(offsets) - 1):
-        most = max(most, offsets[c + 1] - offsets[c])
-    asked, resolved = np.zeros((len(face_cells), 2)), np.ones(len(offsets) - 1, np.bool_)
-    slopes, masses, lengths = np.empty((most, rules, n)), np.empty((most, rules)), np.empty(most)
-    first, second, lines, normal = np.empty(most), np.empty(most), np.empty((4, degree + 1)), np.empty(2)
-    factor, sums, square, other = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    roots, nothing = roots_up_to(degree), np.empty((0, 0))
-    for c in range(len(offsets) - 1):
-        count = 0
-        for i in range(n):
-            for j in range(n):
-                factor[i, j] = blocks[c, i + 1, j + 1]
-        if not _factorise(factor, n, _RESOLVED / fill[c]):
-            resolved[c] = False
-            continue
-        for h in range(offsets[c], offsets[c + 1]):
-            f = faces[h]
-            a, b = face_vertices[f, 0], face_vertices[f, 1]
-            ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-            length = np.sqrt(ex * ex + ey * ey)
-            lengths[count] = length if held[f] else 0.0
-            normal[0], normal[1] = ey / length, -ex / length
-            side = 0 if face_cells[f, 0] == c else 1
-            for q in range(rules):
-                at = min(q, kappa.shape[2] - 1)
-                own, across = kappa[f, side, at], kappa[f, 1 - side, at]
-                share = own if face_cells[f, 1] < 0 else 0.5 * own * (across / (own + across))
-                masses[count, q] = 0.5 * weights[q] * lengths[count] * share
-                if lengths[count] > 0.0:
+    n, n_cells, rules, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, len(nodes), 0
+    for begin in range(0, n_cells, LANES):
+        most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])
+    table, lines = recurrences(degree), np.empty((4, degree + 1))
+    asked, resolved = np.zeros((len(face_cells), 2)), np.ones(n_cells, np.bool_)
+    forms, lengths = np.zeros((most, (n * (n + 1)) // 2)), np.empty(most)
+    first, second, inverse = np.empty(most), np.empty(most), np.empty(most)
+    slopes, masses, factor = np.empty((rules, n)), np.empty(rules), np.empty((n, n))
+    lanes, scaled = np.empty((n, n, LANES)), np.empty((n, n, LANES))
+    traces, uniform, balanced = np.empty((_SQUARINGS, LANES)), np.empty(LANES), np.empty(LANES)
+    for begin in range(0, n_cells, LANES):
+        end, start = min(begin + LANES, n_cells), offsets[begin]
+        lanes[:] = 0.0
+        for c in range(begin, end):
+            for i in range(n):
+                for j in range(i + 1):
+                    factor[i, j] = blocks[c, i + 1, j + 1]
+            resolved[c] = _factorise(factor, n, _RESOLVED / fill[c])
+            for h in range(offsets[c], offsets[c + 1]):
+                f, k = faces[h], h - start
+                first[k] = lengths[k] = inverse[k] = 0.0
+                if not (resolved[c] and held[f]):
+                    continue
+                a, b = face_vertices[f, 0], face_vertices[f, 1]
+                ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+                length = np.sqrt(ex * ex + ey * ey)
+                if not length > 0.0:
+                    continue
+                wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
+                along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
+                ax, ay = (points[a, 0] - boxes[c, 0]) * wide, (points[a, 1] - boxes[c, 1]) * high
+                side = 0 if face_cells[f, 0] == c else 1
+                for q in range(rules):
+                    at = min(q, kappa.shape[2] - 1)
+                    own, across = kappa[f, side, at], kappa[f, 1 - side, at]
+                    share = own if face_cells[f, 1] < 0 else 0.5 * own * (across / (own + across))
+                    masses[q] = 0.5 * weights[q] * length * share
                     s = 0.5 * (1.0 + nodes[q])
-                    x, y = points[a, 0] + s * ex, points[a, 1] + s * ey
-                    _whitened_slopes(
-                        x, y, normal, boxes[c], scale[c], degree, roots, lines, factor, slopes[count, q]
-                    )
-            count += 1
-        _shares(slopes, masses, lengths, nothing, count, n, first)
-        _gather(slopes, masses, first, count, n, sums)
-        uniform = largest_bound(sums, n, square, other)
-        _shares(slopes, masses, lengths, sums, count, n, second)
-        _gather(slopes, masses, second, count, n, sums)
-        balanced = largest_bound(sums, n, square, other)
-        before, after = 0.0, 0.0
-        for k in range(count):
-            before += lengths[k] * uniform * first[k]
-            after += lengths[k] * balanced * second[k]
-        for k in range(count):
-            f = faces[offsets[c] + k]
-            side = 0 if face_cells[f, 0] == c else 1
-            asked[f, side] = balanced * second[k] if after < before else uniform * first[k]
+                    x, y = ax + s * ex * wide, ay + s * ey * high
+                    _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q)
+                    _whiten(slopes, q, factor, n)
+                lengths[k] = length
+                first[k] = np.sqrt(_face_form(slopes, masses, n, forms, k) / length)
+                inverse[k] = 1.0 / first[k] if first[k] > 0.0 else 0.0
+            _gather(forms, inverse, offsets[c] - start, offsets[c + 1] - start, n, lanes, c - begin)
+        _square(lanes, scaled, traces[0])
+        for c in range(begin, end):
+            for k in range(offsets[c] - start, offsets[c + 1] - start):
+                second[k] = inverse[k] = 0.0
+                if first[k] > 0.0:
+                    spread = _against(forms, k, n, lanes, c - begin) / lengths[k]
+                    second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
+                    inverse[k] = 1.0 / second[k] if second[k] > 0.0 else 0.0
+        _complete(lanes, scaled, traces, uniform)
+        lanes[:] = 0.0
+        for c in range(begin, end):
+            _gather(forms, inverse, offsets[c] - start, offsets[c + 1] - start, n, lanes, c - begin)
+        _square(lanes, scaled, traces[0])
+        _complete(lanes, scaled, traces, balanced)
+        for c in range(begin, end):
+            before, after, lane = 0.0, 0.0, c - begin
+            for k in range(offsets[c] - start, offsets[c + 1] - start):
+                before += lengths[k] * uniform[lane] * first[k]
+                after += lengths[k] * balanced[lane] * second[k]
+            for k in range(offsets[c] - start, offsets[c + 1] - start):
+                f = faces[start + k]
+                side = 0 if face_cells[f, 0] == c else 1
+                own, other = uniform[lane] * first[k], balanced[lane] * second[k]
+                asked[f, side] = other if after < before else own
     return asked, resolved

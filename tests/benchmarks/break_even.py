@@ -3,7 +3,7 @@
     python tests/benchmarks/break_even.py [--meshes NAME ...] [--cells N ...] [--degrees P ...]
                                           [--backends NAME ...] [--many K] [--most N] [--repeats N] [--seed N]
 
-The thresholds of ``agglo_polydg_mg/advice.py`` are those of the last table. −∇·∇u = 8 on the unit square, the
+The thresholds of ``agglo_polydg_mg/advice.py`` are those of these tables. −Δu = 8 on the unit square, the
 same sharp penalty for everybody, one thread, CPU seconds of this process, the best of the repeats after a
 warm-up. Assembly counts for nobody; the levels that polydg_mg makes, factorisation and refinement do.
 ``ratio`` is polydg_mg over the direct solver: above 1 the direct solver wins. ``further`` is how many times
@@ -21,14 +21,20 @@ for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
 
 # ruff: noqa: E402
 import argparse
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+sys.path.append(str(Path(__file__).parents[1]))  # for the matrices of the tests
+
+from flux_matrices import two_point_flux
+
 from agglo_core import Hierarchy, Mesh, samples
-from agglo_core.problems import Diffusion, Solution
+from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_polydg_mg.direct import Direct
 from agglo_polydg_mg.direct_backends import BACKENDS, available_backends
 from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
@@ -40,7 +46,17 @@ MESHES: Mapping[str, Callable[[int, int], Mesh]] = {
     "squares": lambda n, _: samples.squares(max(2, round(np.sqrt(n)))),
     "voronoi": lambda n, seed: samples.voronoi(n, seed=seed),
     "random": lambda n, seed: samples.random_triangles(max(8, n // 2), seed=seed),
+    "fluxes": lambda n, seed: samples.voronoi(n, seed=seed),
 }
+"""Meshes by name; on ``fluxes`` a linear system, two-point fluxes between Voronoi cells, has no degree."""
+
+
+def problem_on(name: str, mesh: Mesh) -> Diffusion | Linear:
+    """The problem that goes with a mesh."""
+    if name != "fluxes":
+        return Diffusion(source=8.0)
+    A = two_point_flux(mesh, np.ones(mesh.n_cells))
+    return Linear(A, 8.0 * mesh.cell_measures, np.arange(mesh.n_cells + 1))
 
 
 @dataclass(frozen=True)
@@ -50,7 +66,8 @@ class Row:
     mesh: str
     degree: int
     unknowns: int
-    smoother: str
+    entries: int
+    kind: str
     first: Mapping[str, float]
     further: Mapping[str, float]
 
@@ -74,7 +91,7 @@ def measured(name: str, cells: int, degree: int, backends: Sequence[str], how: a
     further: dict[str, float] = {}
     for repeat in range(how.repeats):
         mesh = MESHES[name](cells, how.seed + repeat)
-        problem, plain = Diffusion(source=8.0), Hierarchy(mesh, mesh.graph, [], [], nested=True)
+        problem, plain = problem_on(name, mesh), Hierarchy(mesh, mesh.graph, [], [], nested=True)
         ours = PolyDGMultigrid(degree).solve(problem, plain)
         _keep(first, "polydg_mg", seconds_of(ours))
         _keep(further, "polydg_mg", ours.cpu_seconds["solve"])
@@ -87,8 +104,9 @@ def measured(name: str, cells: int, degree: int, backends: Sequence[str], how: a
             start = time.process_time()
             solves(columns)
             _keep(further, backend, (time.process_time() - start) / COLUMNS)
-    smoother = "patches" if ", patches," in ours.choice else "cells"
-    return Row(name, degree, len(ours.x), smoother, first, further)
+    kind = "patches" if ", patches," in ours.choice else "cells"
+    kind = "linear" if name == "fluxes" else kind
+    return Row(name, degree, len(ours.x), ours.A.nnz, kind, first, further)
 
 
 def _keep(seconds: dict[str, float], name: str, value: float) -> None:
@@ -98,13 +116,14 @@ def _keep(seconds: dict[str, float], name: str, value: float) -> None:
 def rows(how: argparse.Namespace, backends: Sequence[str]) -> Iterator[Row]:
     """All cases, small ones first; printed as they come."""
     head = "".join(f"{each:>10}{'ratio':>7}{'further':>9}{f'ratio {how.many}':>9}" for each in backends)
-    print(f"{'':10} p  unknowns  smoother  polydg_mg{head}", flush=True)
+    print(f"{'':10} p  unknowns    entries  kind      polydg_mg{head}", flush=True)
     for name in how.meshes:
-        for degree in how.degrees:
+        for degree in how.degrees if name != "fluxes" else (1,):
             measured(name, 100, degree, backends, argparse.Namespace(**{**vars(how), "repeats": 1}))
             for cells in how.cells:
                 row = measured(name, cells, degree, backends, how)
-                line = f"{name:10} {degree}{row.unknowns:10,}  {row.smoother:8}{row.first['polydg_mg']:11.3f}"
+                line = f"{name:10} {degree}{row.unknowns:10,}{row.entries:11,}  {row.kind:8}"
+                line += f"{row.first['polydg_mg']:11.3f}"
                 for each in backends:
                     if each not in row.first:
                         line += f"{'–':>10}{'–':>7}{'–':>9}{'–':>9}"
@@ -117,19 +136,16 @@ def rows(how: argparse.Namespace, backends: Sequence[str]) -> Iterator[Row]:
 
 
 def break_even(cases: Sequence[Row], backend: str, count: int) -> str:
-    """Unknowns where the ratio is 1, by a straight line through the logarithms of all cases."""
+    """Entries of the matrix where the ratio is 1, by a straight line through the logarithms of all cases."""
     known = [row for row in cases if backend in row.first]
-    if len({row.unknowns for row in known}) < 2:
+    if len({row.entries for row in known}) < 2:
         return "–"
-    sizes, ratios = (
-        np.log([row.unknowns for row in known]),
-        np.log([row.ratio(backend, count) for row in known]),
-    )
-    slope, at_one = np.polyfit(sizes, ratios, 1)
-    if slope >= 0.0:
-        return "never" if ratios.min() > 0.0 else "–"
-    here = float(np.exp(-at_one / slope))
+    sizes = np.log([row.entries for row in known])
+    slope, at_one = np.polyfit(sizes, np.log([row.ratio(backend, count) for row in known]), 1)
     least, most = np.exp([sizes.min(), sizes.max()])
+    if slope >= 0.0:
+        return "–"
+    here = float(np.exp(-at_one / slope))
     return f"< {least:,.0f}" if here < least else f"> {most:,.0f}" if here > most else f"{here:,.0f}"
 
 
@@ -148,14 +164,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     how = parser.parse_args()
     cases = list(rows(how, how.backends))
-    print(f"\nunknowns at which both take the same time, for 1 | {how.many} right-hand sides")
+    print(f"\nentries of the matrix at which both take the same time, for 1 | {how.many} right-hand sides")
     for backend in how.backends:
-        for smoother in ("cells", "patches"):
-            mine = [row for row in cases if row.smoother == smoother]
-            for degree in sorted({row.degree for row in mine}):
-                own = [row for row in mine if row.degree == degree]
-                few, many = (break_even(own, backend, count) for count in (1, how.many))
-                print(f"{backend:10} {smoother:8} p = {degree}: {few:>12} | {many:>12}")
+        for kind in dict.fromkeys(row.kind for row in cases):
+            mine = [row for row in cases if row.kind == kind]
+            few, many = (break_even(mine, backend, count) for count in (1, how.many))
+            print(f"{backend:10} {kind:8} {few:>14} | {many:>14}")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -113,3 +114,31 @@ def test_what_cannot_be_solved_is_refused_first(agglo: Agglo, arguments: list[st
     done = agglo("compare", *arguments)
     assert (done.code, done.out) == (2, "")
     assert message in done.err
+
+
+def test_the_report_shows_what_was_solved(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = (
+        "compare",
+        "voronoi:n=100",
+        "--bisector",
+        "kmeans,coordinate",
+        "--parts",
+        "25",
+        "--report",
+        "r.html",
+    )
+    assert agglo(*asked).code == 0
+    assert 'id="solve-title"' not in Path("r.html").read_text()
+    assert agglo(*asked, "--solve", "fluxes").code == 0
+    page = Path("r.html").read_text()
+    assert page.index('id="solve-title"') < page.index("<canvas")
+    for name in ("kmeans", "coordinate"):
+        assert f"<summary>{name}</summary>" in page
+    assert page.count('<th scope="row">hierarchy</th>') == 2
+
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("no norms")
+
+    monkeypatch.setattr("cell_values.CellValues.errors", fail)
+    assert agglo(*asked, "--solve", "fluxes").code == 0
+    assert "no norms" in Path("r.html").read_text()

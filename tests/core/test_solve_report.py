@@ -94,7 +94,7 @@ def test_the_section_tells_levels_phases_and_recipe() -> None:
     assert "level unknowns nonzeros parts mesh 4 4 4 1 4 4 4" in said
     phases = "hierarchy 2.00 3.00 assembly 0.12 0.25 solve 0.38 0.50 together 2.50 3.75"
     assert f"phase processor clock {phases}" in said
-    assert "contraction per iteration 0.1 " in said
+    assert "contraction, mean 0.1 " in said
     assert f"Advice: take {EVIL}" in said
     assert "<script" not in section
     assert solve_section({}) == ""

@@ -49,7 +49,7 @@ def run_guide(guide: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-_LONG = ("train-a-model", "tutorial", "write-a-plugin")
+_LONG = ("train-a-model", "tutorial", "write-a-plugin", "write-other-components")
 
 
 def _with_slow_ones() -> list[object]:

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from agglo_core import samples
 from agglo_core.errors import OptionError
-from agglo_core.multigrid import AdditivePatches, VertexPatches, vertex_patches
+from agglo_core.multigrid import AdditivePatches, VertexPatches, joined_patches, vertex_patches
 from agglo_core.multigrid.patch_smoother import PatchSmoother, rounded
 from agglo_core.problems import MultigridLevel, Patches
 
@@ -42,9 +42,14 @@ def slow_sweep(A: Array, b: Array, x: Array, groups: list[Array]) -> Array:
     return x
 
 
+@pytest.mark.parametrize("overlap", [True, False])
 @pytest.mark.parametrize("width", [1, 3, 6])
-def test_sweeps_are_those_of_the_slow_twin(width: int) -> None:
+def test_sweeps_are_those_of_the_slow_twin(width: int, overlap: bool) -> None:
     A, patches = block_laplacian(width)
+    if not overlap:
+        neighbours = np.stack((patches.parts[:-1], patches.parts[1:]), axis=1)
+        patches = joined_patches(neighbours, A.shape[0] // width, most=4)
+        assert 1 < np.diff(patches.offsets).max() <= 4
     groups, dense = unknowns(patches, width), A.toarray()
     b, x = np.random.default_rng(FRESH + 1).standard_normal((2, len(dense)))
     smoother = VertexPatches(A, patches)

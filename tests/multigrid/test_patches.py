@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from agglo_core import samples
-from agglo_core.errors import MeshError
+from agglo_core.errors import MeshError, OptionError
 from agglo_core.mesh import Mesh
-from agglo_core.multigrid import vertex_patches
+from agglo_core.multigrid import joined_patches, vertex_patches
 from agglo_core.problems import Patches
 
 Array = np.ndarray
@@ -106,3 +106,23 @@ def test_short_edges_in_three_dimensions() -> None:
 def test_labels_with_gaps_are_refused() -> None:
     with pytest.raises(MeshError, match="gaps"):
         vertex_patches(samples.squares(2), np.array([0, 0, 2, 2]))
+
+
+@pytest.mark.parametrize("most", [1, 2, 5, 100])
+def test_joined_patches_are_those_of_sets_united_in_turn(most: int) -> None:
+    rng = np.random.default_rng(FRESH)
+    pairs = rng.integers(0, 60, (80, 2))
+    sets = [{part} for part in range(60)]
+    for a, b in pairs.tolist():
+        one, other = (next(each for each in sets if part in each) for part in (a, b))
+        if one is not other and len(one) + len(other) <= most:
+            sets.remove(other)
+            one |= other
+    found = as_lists(joined_patches(pairs, 60, most=most))
+    assert found == sorted(sorted(each) for each in sets), f"seed {FRESH}"
+
+
+def test_pairs_of_unknown_parts_are_refused() -> None:
+    with pytest.raises(OptionError, match="0 to 3"):
+        joined_patches(np.array([[0, 4]]), 4)
+    assert as_lists(joined_patches(np.zeros((0, 2), int), 2)) == [[0], [1]]

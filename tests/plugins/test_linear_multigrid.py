@@ -135,13 +135,40 @@ def test_several_right_hand_sides() -> None:
 
 
 def test_a_column_that_does_not_converge_is_not_hidden() -> None:
-    mesh = samples.squares(30)
-    A = two_point_flux(mesh, np.ones(900))
+    A = two_point_flux(samples.voronoi(900, seed=36), np.ones(900))
     b = np.stack([np.zeros(900), load(900)], axis=1)
     it = PolyDGMultigrid(tolerance=1e-8, max_iterations=3).solve(Linear(A, b, np.arange(901)), bare(900))
     assert not it.converged
     assert it.iterations == 3
     assert it.residuals[-1] == pytest.approx(np.linalg.norm(b[:, 1] - A @ it.x[:, 1]), rel=1e-6)
+
+
+def test_one_unknown_in_each_cell() -> None:
+    """Classical levels, from the matrix or with the agglomerates; one positive near-null vector is kept."""
+    mesh = samples.voronoi(3000, seed=37)
+    A, at, b = two_point_flux(mesh, np.ones(3000)), np.arange(3001), load(3000)
+    hierarchy = agglomerate(mesh, cells_per_part=(8, 64))
+    d = 10.0 ** np.random.default_rng(37).uniform(-1, 1, 3000)
+    scaled = sparse.csr_array(sparse.diags_array(d) @ A @ sparse.diags_array(d))
+    counts = []
+    for recipe, problem, words in (
+        ("auto", Linear(A, b, at), "classical coarsening, V-cycle"),
+        ("agglomerates", Linear(A, b, at), "a classical step, then smoothed aggregation by agglomerates"),
+        ("auto", Linear(scaled, b, at), "classical coarsening"),
+        ("auto", Linear(scaled, b, at, 1.0 / d), "classical coarsening"),
+        ("auto", Linear(A, b, at, -np.ones(3000)), "smoothed aggregation by agglomerates"),
+    ):
+        it = PolyDGMultigrid(tolerance=1e-8, recipe=recipe).solve(problem, hierarchy)
+        assert it.converged
+        assert it.choice.startswith(words)
+        counts.append(it.iterations)
+    assert counts[0] <= 12
+    assert counts[1] <= 14
+    assert max(counts[2:4]) <= 16
+    with pytest.raises(OptionError, match="needs a hierarchy with levels"):
+        PolyDGMultigrid(recipe="agglomerates").solve(Linear(A, b, at), bare(3000))
+    with pytest.raises(OptionError, match="is for linear systems"):
+        PolyDGMultigrid(recipe="agglomerates").solve(Diffusion(), hierarchy)
 
 
 def test_what_does_not_fit_is_named() -> None:
@@ -154,7 +181,7 @@ def test_what_does_not_fit_is_named() -> None:
     ):
         with pytest.raises(OptionError, match=message):
             SOLVER.solve(problem, bare(4))
-    with pytest.raises(OptionError, match="for diffusion problems"):
+    with pytest.raises(OptionError, match="is for diffusion; linear systems take"):
         PolyDGMultigrid(recipe="patches").solve(Linear(A, b, at), bare(4))
 
 

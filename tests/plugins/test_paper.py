@@ -19,6 +19,8 @@ from agglo_paper.strategies import columns
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 PAGES = ("uf", "cr", "brain", "mg-levels", "mg-m1", "mg-smoothing", "mg-degree", "statistics", "runtime")
+TABLES = (*PAGES[:2], *PAGES[3:7])
+"""The pages on the paper's own grids; brain, fresh meshes and timings are made by slow tests alone."""
 
 pytest.importorskip("matplotlib")
 pytest.importorskip("pymetis")
@@ -31,17 +33,27 @@ class Quick(NamedTuple):
     said: str
 
 
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Quick:
-    """The folder of one quick run of everything, and the front page it printed."""
-    folder = tmp_path_factory.mktemp("paper")
+def run_quickly(folder: Path, *words: str) -> Quick:
+    """A folder of one quick run of some pages or of everything, and what it printed."""
     with pytest.MonkeyPatch.context() as patch:
         said: list[str] = []
         patch.setattr("agglo_paper.command.click.echo", lambda text="", **_: said.append(str(text)))
         with pytest.raises(SystemExit) as done:
-            main(["paper", "--quick", "-o", str(folder)])
+            main(["paper", *words, "--quick", "-o", str(folder)])
     assert done.value.code == 0
     return Quick(folder, "\n".join(said))
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory: pytest.TempPathFactory) -> Quick:
+    """The folder of one quick run of the pages on the paper's grids."""
+    return run_quickly(tmp_path_factory.mktemp("tables"), *TABLES)
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Quick:
+    """The folder of one quick run of everything, and the front page it printed."""
+    return run_quickly(tmp_path_factory.mktemp("paper"))
 
 
 def table(folder: Path, page: str, name: str) -> dict[str, dict[str, Any]]:
@@ -51,12 +63,23 @@ def table(folder: Path, page: str, name: str) -> dict[str, dict[str, Any]]:
     return {row["name"]: row for row in found["rows"]}
 
 
-def test_every_page_and_figure_is_there(quick: Quick) -> None:
-    for page in PAGES:
-        text = (quick.folder / f"{page}.md").read_text(encoding="utf-8")
+def assert_pages_and_figures(folder: Path, pages: tuple[str, ...]) -> None:
+    for page in pages:
+        text = (folder / f"{page}.md").read_text(encoding="utf-8")
         assert text.startswith("# ")
         for figure in re.findall(r"\]\((\S+\.svg)\)", text):
-            assert (quick.folder / figure).read_text(encoding="utf-8").rstrip().endswith("</svg>")
+            assert (folder / figure).read_text(encoding="utf-8").rstrip().endswith("</svg>")
+
+
+def test_the_tables_and_their_figures_are_there(tables: Quick) -> None:
+    assert_pages_and_figures(tables.folder, TABLES)
+    assert {file.name for file in tables.folder.glob("*.svg")} >= {"grids.svg", "boxes.svg"}
+    assert {file.stem for file in tables.folder.glob("*.md")} == set(TABLES)
+
+
+@pytest.mark.slow
+def test_every_page_and_figure_is_there(quick: Quick) -> None:
+    assert_pages_and_figures(quick.folder, PAGES)
     figures = {file.name for file in quick.folder.glob("*.svg")}
     assert figures >= {"grids.svg", "boxes.svg", "brain.svg", "brain-boxes.svg", "runtime.svg"}
     assert "# The paper, table by table" in quick.said
@@ -65,15 +88,15 @@ def test_every_page_and_figure_is_there(quick: Quick) -> None:
 
 
 @pytest.mark.parametrize("grid", ["triangles", "squares"])
-def test_where_the_partition_is_unique_every_digit_is_the_papers(quick: Quick, grid: str) -> None:
+def test_where_the_partition_is_unique_every_digit_is_the_papers(tables: Quick, grid: str) -> None:
     for page in ("uf", "cr"):
-        row = table(quick.folder, page, page)[grid]
+        row = table(tables.folder, page, page)[grid]
         assert row["verdict"].startswith("reproduced")
         for column in ("k-means", "gnn"):
             assert row["cells"][column]["ours"] == pytest.approx(row["cells"][column]["paper"], abs=6e-5)
     counted = 0
     for page in PAGES[3:7]:
-        for name, row in table(quick.folder, page, page).items():
+        for name, row in table(tables.folder, page, page).items():
             if name.startswith(grid):
                 counted += 1
                 assert row["verdict"].startswith("reproduced")
@@ -94,15 +117,15 @@ def deterministic() -> set[str]:
     return {each.name for each in columns() if each.bisector in promised and not each.problem}
 
 
-@pytest.mark.parametrize("page", [*PAGES[:2], *PAGES[3:7]])
-def test_the_results_in_the_documentation_are_made_again(quick: Quick, page: str) -> None:
+@pytest.mark.parametrize("page", TABLES)
+def test_the_results_in_the_documentation_are_made_again(tables: Quick, page: str) -> None:
     slack = (
         {"abs": 1e-4} if page in ("uf", "cr") else {"rel": 0.01, "abs": 1.0}
     )  # rounding moves counts by one
     compared = 0
     for name in (page, f"{page}-ours"):
         published, promised = table(RESULTS, page, name), deterministic()
-        for key, row in table(quick.folder, page, name).items():
+        for key, row in table(tables.folder, page, name).items():
             for column in row["cells"]:
                 if {key, column} & promised:
                     ours, theirs = (t[key]["cells"][column].get("ours") for t in ({key: row}, published))
@@ -111,14 +134,15 @@ def test_the_results_in_the_documentation_are_made_again(quick: Quick, page: str
     assert compared > 15
 
 
+@pytest.mark.slow
 def test_gnn_beside_the_authors_files(quick: Quick) -> None:
     rows = table(quick.folder, "brain", "brain-authors")
     assert [row["verdict"] for row in rows.values()] == ["ahead", "ahead", "another mesh"]
     assert all(int(row["cells"]["gnn"].split(" / ")[0]) > 1 for row in rows.values())
 
 
-def test_metis_is_asked_for_the_papers_counts(quick: Quick) -> None:
-    counts = table(quick.folder, "uf", "uf-K")
+def test_metis_is_asked_for_the_papers_counts(tables: Quick) -> None:
+    counts = table(tables.folder, "uf", "uf-K")
     for name in ("METIS", "METIS, best options"):
         found = [counts[name]["cells"][grid]["ours"] for grid in printed()["uf"]]
         assert found == [128 // 16, 286 // 16, 256 // 16, 256 // 16]
@@ -137,17 +161,27 @@ def modified(folder: Path) -> dict[str, int]:
     return {file.name: file.stat().st_mtime_ns for file in (folder / "cache").glob("*.json")}
 
 
-def test_a_second_run_computes_only_what_is_missing(quick: Quick, capsys: pytest.CaptureFixture[str]) -> None:
-    before = modified(quick.folder)
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        ("tables", ("uf", "cr", "mg-m1")),
+        pytest.param("quick", ("uf", "cr", "mg-m1", "statistics", "brain"), marks=pytest.mark.slow),
+    ],
+)
+def test_a_second_run_computes_only_what_is_missing(
+    made: str, words: tuple[str, ...], request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = request.getfixturevalue(made).folder
+    before = modified(folder)
     lost, torn = sorted(before)[:2]
-    (quick.folder / "cache" / lost).unlink()
-    (quick.folder / "cache" / torn).write_text('{"result": {"K"')
-    assert agglo("paper", "uf", "cr", "mg-m1", "statistics", "brain", "--quick", "-o", str(quick.folder)) == 0
-    after = modified(quick.folder)
+    (folder / "cache" / lost).unlink()
+    (folder / "cache" / torn).write_text('{"result": {"K"')
+    assert agglo("paper", *words, "--quick", "-o", str(folder)) == 0
+    after = modified(folder)
     assert set(after) <= set(before)
     assert {name for name in after if before[name] != after[name]} <= {lost, torn}
     capsys.readouterr()
-    assert agglo("paper", "mg-m1", "--quick", "--json", "-o", str(quick.folder)) == 0
+    assert agglo("paper", "mg-m1", "--quick", "--json", "-o", str(folder)) == 0
     assert [page["name"] for page in json.loads(capsys.readouterr().out)] == ["mg-m1"]
 
 
@@ -190,13 +224,19 @@ def newcomer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("newcomer")
-def test_a_newly_installed_bisector_is_a_column(quick: Quick) -> None:
-    assert agglo("paper", "uf", "runtime", "--quick", "-o", str(quick.folder)) == 0
-    row = table(quick.folder, "uf", "uf-ours")["newcomer"]["cells"]
+@pytest.mark.parametrize(
+    ("made", "pages"), [("tables", ("uf",)), pytest.param("quick", ("uf", "runtime"), marks=pytest.mark.slow)]
+)
+def test_a_newly_installed_bisector_is_a_column(
+    made: str, pages: tuple[str, ...], request: pytest.FixtureRequest
+) -> None:
+    folder = request.getfixturevalue(made).folder
+    assert agglo("paper", *pages, "--quick", "-o", str(folder)) == 0
+    row = table(folder, "uf", "uf-ours")["newcomer"]["cells"]
     assert all(0 < cell["ours"] <= 1 for cell in row.values())
-    assert "ours" not in table(quick.folder, "uf", "uf-ours")["clumsy"]["cells"]["squares"]
-    for page in ("uf", "runtime"):
-        text = (quick.folder / f"{page}.md").read_text(encoding="utf-8")
+    assert "ours" not in table(folder, "uf", "uf-ours")["clumsy"]["cells"]["squares"]
+    for page in pages:
+        text = (folder / f"{page}.md").read_text(encoding="utf-8")
         assert "| newcomer" in text
         assert "clumsy on " in text
         assert "ZeroDivisionError" in text
@@ -216,6 +256,7 @@ def test_what_cannot_be_used_says_why() -> None:
     assert "no bisector is named 'kmeans_sklearn'" in alone["k-means"]
 
 
+@pytest.mark.slow
 def test_a_mesh_of_ones_own(quick: Quick, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     steps = np.arange(9) / 8

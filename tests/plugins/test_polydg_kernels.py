@@ -43,6 +43,7 @@ MESHES = {
     "voronoi": lambda: samples.voronoi(20, seed=3),
     "scattered": scattered,
     "framed": framed,
+    "many faces": lambda: samples.voronoi(70, seed=6),
 }
 
 
@@ -159,6 +160,14 @@ def test_matrix_is_that_of_the_reference(mesh: Mesh, degree: int) -> None:
         A = discretise(mesh, degree, Diffusion(kappa=kappa), scaled_basis=scaled).A.toarray()
         reference = reference_matrix(mesh, degree, kappa, sigma, scaled).toarray()
         np.testing.assert_allclose(A, reference, atol=1e-12 * abs(reference).max())
+
+
+def test_boxes_hold_the_vertices_of_cells(mesh: Mesh) -> None:
+    offsets, vertices = mesh.cell_vertices
+    for c, box in enumerate(Basis(mesh, 1).boxes):
+        corners = mesh.local_points[vertices[offsets[c] : offsets[c + 1]]]
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        np.testing.assert_array_equal(box, [*(0.5 * (low + high)), *(0.5 * (high - low))])
 
 
 def test_natural_faces_are_left_out_as_in_the_reference(mesh: Mesh) -> None:

@@ -39,7 +39,7 @@ COMMANDS = {
     "other solver": "solve squares:n=8 --solver polydg_cg --problem heat.toml",
     "smoother": "solve squares:n=8 --solver polydg_mg_paper:smoother=two_sweeps --json",
 }
-CHECKED = ("format", "solver")
+CHECKED = ("format", "sample")
 """Kinds that the command line checks here; the others are slow tests, pytest checks them all below."""
 
 

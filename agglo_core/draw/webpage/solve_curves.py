@@ -67,7 +67,7 @@ class _Frame:
         sizes = np.concatenate([[1.0], *(np.append(each.residuals, each.errors) for each in curves)])
         self.tolerances = sorted({each.tolerance for each in curves if each.tolerance})
         powers = np.log10(np.append(sizes[np.isfinite(sizes)], self.tolerances))
-        self.low, self.high = int(np.floor(powers.min())), max(int(np.ceil(powers.max())), 0)
+        self.low, self.high = int(np.floor(powers.min() - 0.1)), max(int(np.ceil(powers.max())), 0)
         self.low = min(self.low, self.high - 1)
         self.last = max(1, *(len(each.residuals) - 1 for each in curves))
 

@@ -98,7 +98,7 @@ def _facts(data: Mapping[str, Any]) -> str:
         "relative residual": _power(data["relative_residual"]),
         "energy error, estimated": _power(data["energy_error"]),
         "tolerance": _power(data["tolerance"]),
-        "contraction per iteration": _short(data["contraction"]),
+        "contraction, mean": _short(data["contraction"]),
         "contraction, latter half": _short(data["asymptotic_contraction"]),
         "operator complexity": _fixed(data["operator_complexity"]),
         "grid complexity": _fixed(data["grid_complexity"]),

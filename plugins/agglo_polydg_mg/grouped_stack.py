@@ -1,0 +1,60 @@
+"""The recipe with a continuous space on bad meshes: cells that strong faces join are smoothed together.
+
+The unknowns of each cell are scaled so that its diagonal block is the identity: in single precision the
+blocks of flat cells would otherwise keep no digit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Int, System, multigrid
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.conforming_choice import strong_pairs
+from agglo_polydg_mg.conforming_stack import conforming_stack
+
+__all__ = ["grouped_stack"]
+
+
+def grouped_stack(
+    system: System,
+    basis: Basis,
+    sigma: Float,
+    kappa: Float,
+    *,
+    labels: Sequence[Int] | None = None,
+    bubbles: bool = True,
+    dtype: Any = np.float32,
+) -> multigrid.LevelStack:
+    """Levels of :func:`~agglo_polydg_mg.conforming_stack.conforming_stack`, the first smoothed by groups.
+
+    Parameters are the same. Groups have up to eight cells; see
+    :func:`~agglo_polydg_mg.conforming_choice.strong_pairs`.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is not positive definite on a cell or a group.
+    """
+    scaled = multigrid.block_scaled(system.A)
+    groups = multigrid.joined_patches(strong_pairs(basis.mesh, sigma), basis.mesh.n_cells)
+    smoother = multigrid.VertexPatches(scaled.A, groups, dtype)
+    stack = conforming_stack(
+        system,
+        basis,
+        sigma,
+        kappa,
+        labels=labels,
+        smoother=lambda *_: smoother,
+        bubbles=bubbles,
+        dtype=dtype,
+    )
+    first, *below = stack.levels
+    P = sparse.csr_array(scaled.LT @ first.P).astype(dtype)
+    top = replace(first, A=smoother.A, P=P, patches=groups)
+    return replace(stack, levels=[top, *below], scaling=scaled.T)

@@ -1,0 +1,129 @@
+"""What polydg_mg and direct say of each other: where, for whom, and how to choose the other one."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from command_line import Agglo
+from flux_matrices import two_point_flux
+from scipy import sparse
+
+from agglo_core import Hierarchy, Mesh, samples
+from agglo_core.authoring import parse_spec
+from agglo_core.problems import Diffusion, Linear
+from agglo_core.registry import default
+from agglo_polydg_mg import advice
+from agglo_polydg_mg.advice import MANY, advice_of_direct, advice_of_multigrid
+from agglo_polydg_mg.direct import Direct
+from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+
+KINDS = ("cells", "patches", "linear")
+SOURCE = Diffusion(source=8.0)
+
+
+class Sized:
+    """A matrix of so many entries, ten in a row."""
+
+    def __init__(self, entries: float) -> None:
+        self.nnz, self.shape = int(entries), (int(entries) // 10, int(entries) // 10)
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> tuple[str, ...]:
+    """Direct solvers taken to be installed."""
+    names: tuple[str, ...] = request.param
+    monkeypatch.setattr(advice, "available_backends", lambda: names)
+    monkeypatch.setattr(advice, "chosen_backend", lambda _: names[0])
+    return names
+
+
+def bare(mesh: Mesh) -> Hierarchy:
+    return Hierarchy(mesh, mesh.graph, [], [], nested=True)
+
+
+with_all = pytest.mark.parametrize(
+    "installed", [("pardiso", "cholmod", "superlu"), ("cholmod", "superlu"), ("superlu",)], indirect=True
+)
+
+
+@with_all
+@pytest.mark.parametrize("kind", KINDS)
+def test_small_systems_are_for_direct_solvers_and_large_ones_for_multigrid(
+    installed: tuple[str, ...], kind: advice.Kind
+) -> None:
+    assert "SuperLU usually takes less time up to about" in advice_of_multigrid(Sized(1e4), kind)
+    assert advice_of_multigrid(Sized(1e9), kind) == advice_of_multigrid(Sized(1e9), "linear", MANY) == ""
+    assert advice_of_direct(Sized(1e4), kind, "superlu") == ""
+    back = advice_of_direct(Sized(1e9), kind, "superlu")
+    assert ("take the solver polydg_mg" in back) == (kind != "linear")
+    for entries in np.geomspace(1e3, 1e9, 50):
+        both = advice_of_multigrid(Sized(entries), kind), advice_of_direct(Sized(entries), kind, "superlu")
+        assert "" in both or "PARDISO usually" in both[0], "each sends the user to the other"
+        for text in filter(None, both):
+            name, options = parse_spec(re.search(r"take the solver ([^ ;]+)", text)[1])
+            assert default().build("solver", name, **options)
+
+
+@with_all
+def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
+    said = advice_of_multigrid(Sized(1e4), "cells", 1, "sharp")
+    other = "" if installed == ("superlu",) else ",backend=superlu"
+    assert f"take the solver direct:penalty=sharp{other}" in said
+    assert ("PARDISO is not installed" in said) == ("pardiso" not in installed)
+    assert "take the solver direct;" in f"{advice_of_multigrid(Sized(5e5), 'patches', 1, 10.0)};" or other
+    many = advice_of_multigrid(Sized(1.5e5), "linear", MANY)
+    assert advice_of_multigrid(Sized(1.5e5), "linear") == ""
+    assert ("PARDISO" if "pardiso" in installed else "SuperLU") in many.split()[0]
+    assert "with 10 right-hand sides" in many
+    assert "its aspreconditioner is the inverse, for all of them at once" in many
+
+
+@pytest.mark.parametrize("installed", [("superlu",)], indirect=True)
+def test_solutions_carry_it(installed: tuple[str, ...]) -> None:
+    mesh = samples.voronoi(60, seed=2)
+    solution = PolyDGMultigrid(2).solve(SOURCE, bare(mesh))
+    limit = 1e6 * len(solution.x) / solution.A.nnz
+    said = float(re.search(r"up to about ([\d,]+) unknowns", solution.advice)[1].replace(",", ""))
+    assert said == pytest.approx(limit, rel=0.05)
+    assert "take the solver direct:penalty=sharp;" in solution.advice
+    assert Direct().solve(SOURCE, bare(mesh)).advice == ""
+    steps = PolyDGMultigrid().repeated(bare(mesh))
+    assert steps.solve(SOURCE).advice
+    assert steps.solve(SOURCE).advice == ""  # levels are there already
+
+
+def test_direct_solvers_send_large_systems_to_multigrid(monkeypatch: pytest.MonkeyPatch) -> None:
+    others = {"cells": 100, "patches": 1e9, "linear": 100}
+    limits = {("superlu", kind): advice._Range(0.0, 0.0, other) for kind, other in others.items()}
+    monkeypatch.setattr(advice, "_ONE", limits)
+    squares, cells = samples.squares(6), samples.voronoi(60, seed=2)
+    direct = Direct(2, backend="superlu")
+    assert (
+        "multigrid usually takes less time than SuperLU from about"
+        in direct.solve(SOURCE, bare(squares)).advice
+    )
+    assert direct.solve(SOURCE, bare(cells)).advice == ""  # vertex patches cost more
+    A = two_point_flux(cells, np.ones(60))
+    linear = Linear(A, np.ones(60), np.arange(61))
+    assert "take the solver polydg_mg" in direct.solve(linear, bare(cells)).advice
+
+
+@pytest.mark.parametrize("installed", [("superlu",)], indirect=True)
+def test_systems_that_direct_does_not_take_get_no_advice(installed: tuple[str, ...]) -> None:
+    mesh = samples.squares(4)
+    A = sparse.diags_array(np.linspace(1.0, 2.0, 18)).tocsr()
+    uneven = np.concatenate(([0, 3], np.arange(4, 19)))
+    assert PolyDGMultigrid().solve(Linear(A, np.ones(18), uneven), bare(mesh)).advice == ""
+    even = Linear(A[:16, :16], np.ones((16, 12)), np.arange(17))
+    assert "with 12 right-hand sides" in PolyDGMultigrid().solve(even, bare(mesh)).advice
+
+
+def test_the_command_prints_it(agglo: Agglo) -> None:
+    done = agglo("solve", "squares:n=8", "--no-cg")
+    data = agglo("solve", "squares:n=8", "--no-cg", "--json").data
+    assert f"advice: {data['advice']}" in " ".join(done.out.split())
+    assert "take the solver direct:penalty=sharp" in data["advice"]
+    chosen = re.search(r"take the solver ([^ ;]+)", data["advice"])[1]
+    assert agglo("solve", "squares:n=8", "--no-cg", "--solver", chosen).code == 0
