@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_int
-from agglo_core.errors import AggloError, PluginError
+from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.multigrid.adapted_smoother import adapted
 from agglo_core.multigrid.block_matrix import in_blocks
 from agglo_core.multigrid.coarse_operators import Galerkin, Rediscretised
@@ -146,26 +146,22 @@ class Composition:
         LinAlgError
             If a matrix is not positive definite; the message names the level.
         """
-        offsets = system.block_offsets
+        given = _checked(labels, system.n_blocks, injected, rediscretised)
+        offsets, near_null = system.block_offsets, system.near_null
         A = inherited = in_blocks(system.A, offsets)
-        own, near_null = frozen_int(np.arange(system.n_blocks)), system.near_null
+        own = frozen_int(np.arange(system.n_blocks))
         levels: list[Level] = []
-        for k, coarse in enumerate(labels):
-            tell(k / (len(labels) + 1), f"level {k}")
-            step = Coarsening(
-                A,
-                offsets,
-                own,
-                frozen_int(coarse),
-                parents(own, coarse),
-                near_null,
-                _injected(k, own, coarse, offsets) if injected is None else injected[k],
-                None if rediscretised is None else rediscretised[k],
-            )
+        for k, coarse in enumerate(given):
+            tell(k / (len(given) + 1), f"level {k}")
+            up = parents(own, coarse)
+            inject = _injection(up, offsets) if injected is None else injected[k]
+            anew = None if rediscretised is None else rediscretised[k]
+            step = Coarsening(A, offsets, own, coarse, up, near_null, inject, anew)
             try:
                 space = self._space(step)
-                below = self._matrix(step, space)
-                down = below if self.galerkin and inherited is A else galerkin(inherited, space.P)
+                below, blocks = self._matrix(step, space), _required(space.block_offsets)
+                same = self.galerkin and inherited is A
+                down = below if same else in_blocks(galerkin(inherited, space.P), blocks)
                 wanted = corrections and getattr(self.smoother.tool, "uses_coarse", True)
                 correction = _correction(space.P, self._solver(down)) if wanted else None
                 patches = None if system.mesh is None else vertex_patches(system.mesh, own if k else None)
@@ -173,8 +169,7 @@ class Composition:
                 levels.append(Level(A, offsets, space.P, self._smoother(level), own, patches))
             except np.linalg.LinAlgError as error:
                 raise np.linalg.LinAlgError(f"level {k}: {error}") from error
-            own, near_null, offsets = step.coarse_labels, space.near_null, _required(space.block_offsets)
-            A, inherited = below, below if down is below else in_blocks(down, offsets)
+            A, inherited, offsets, own, near_null = below, down, blocks, coarse, space.near_null
         levels.append(Level(A, offsets, labels=own))
         return LevelStack(levels, self._solver(A))
 
@@ -183,18 +178,15 @@ class Composition:
         with _guarded(self.transfer):
             made = self.transfer.tool.prolongation(step)
             space = made if isinstance(made, CoarseSpace) else CoarseSpace(made)
-            parts = int(step.coarse_labels.max()) + 1
-            n = step.A.shape[0]
-            P = _stored("prolongation", space.P, (n, space.P.shape[1] if sparse.issparse(space.P) else parts))
-            m = P.shape[1]
-            offsets = space.block_offsets
+            P = _stored("prolongation", space.P, (step.A.shape[0], None))
+            parts, m, offsets = int(step.coarse_labels.max()) + 1, P.shape[1], space.block_offsets
             if offsets is None:
                 if m == 0 or m % parts:
                     raise PluginError(
                         f"P has {m} columns for {parts} parts: return a CoarseSpace, whose block_offsets say "
                         "which columns belong to which part"
                     )
-                offsets = np.arange(parts + 1) * (m // parts)
+                offsets = frozen_int(np.arange(parts + 1) * (m // parts))
             fits = np.shape(offsets) == (parts + 1,) and offsets[0] == 0 and offsets[-1] == m
             if not fits or (np.diff(offsets) < 0).any():
                 raise PluginError(f"block_offsets must rise from 0 to {m} and have {parts + 1} entries")
@@ -247,10 +239,21 @@ def _guarded(member: Member) -> Any:
     return attributed(member.title, spare=(AggloError, np.linalg.LinAlgError))
 
 
-def _injected(k: int, own: Int, coarse: Int, offsets: Int) -> Any:
+def _checked(labels: Sequence[Int], n: int, *others: Sequence[Any] | None) -> list[Int]:
+    given = [frozen_int(each) for each in labels]
+    for k, each in enumerate(given):
+        if each.shape != (n,) or each.min() < 0:
+            raise OptionError(f"labels[{k}] must be {n} numbers from 0 on, one for each block of the system")
+    for name, other in zip(("injected", "rediscretised"), others, strict=True):
+        if other is not None and len(other) != len(given):
+            raise OptionError(f"{name} must be given for each of {len(given)} levels; given {len(other)}")
+    return given
+
+
+def _injection(up: Int | None, offsets: Int) -> Any:
     """The injection of a system that comes without any; None where there is none."""
-    sizes, to = np.diff(offsets), parents(own, coarse)
-    return None if to is None or sizes.min() != sizes.max() else injection(to, int(sizes[0]))
+    sizes = np.diff(offsets)
+    return None if up is None or sizes.min() != sizes.max() else injection(up, int(sizes[0]))
 
 
 def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
@@ -259,11 +262,14 @@ def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
     return lambda r: np.asarray(P @ solve(PT @ r))
 
 
-def _stored(what: str, given: Any, shape: tuple[int, int]) -> Any:
-    """A sparse matrix of real numbers, by rows or in blocks."""
-    if not sparse.issparse(given) or given.dtype.kind not in "fiu" or given.shape != shape:
+def _stored(what: str, given: Any, shape: tuple[int, int | None]) -> Any:
+    """A sparse matrix of real numbers, by rows or in blocks; with any number of columns for None."""
+    rows, columns = shape
+    fits = sparse.issparse(given) and given.dtype.kind in "fiu" and given.shape[0] == rows
+    if not fits or columns not in (None, given.shape[1]):
         seen = f"{given.shape} of {given.dtype}" if sparse.issparse(given) else f"{given!r:.60}"
-        raise PluginError(f"{what} returned {seen}, expected a sparse matrix {shape} of floats")
+        wanted = f"({rows}, {'m' if columns is None else columns})"
+        raise PluginError(f"{what} returned {seen}, expected a sparse matrix {wanted} of floats")
     stored = given if given.format in ("bsr", "csr") else sparse.csr_array(given)
     if not np.isfinite(stored.data).all():
         raise PluginError(f"{what} returned values that are not finite")

@@ -203,3 +203,7 @@ def test_parts_that_do_not_fit_together_are_refused(voronoi: Hierarchy) -> None:
     with pytest.raises(OptionError, match="unequal numbers of unknowns"):
         Composition("injection").stack(uneven, [np.arange(298) // 10])
     assert Composition("aggregation").stack(uneven, [np.arange(298) // 10]).levels[1].block_offsets[-1] >= 30
+    with pytest.raises(OptionError, match=r"labels\[1\] must be 300 numbers from 0 on"):
+        Composition().stack(system, [voronoi.levels[0], np.arange(60) // 6])
+    with pytest.raises(OptionError, match="injected must be given for each of 2 levels; given 1"):
+        Composition().stack(system, voronoi.levels, injected=[None])
