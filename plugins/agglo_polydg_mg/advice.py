@@ -72,10 +72,10 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: Penalty = P
             continue
         size = f"up to about {_unknowns(A, known.most)} unknowns of this kind"
         size += f" with {count} right-hand sides" if count >= MANY else ""
-        at_once = "; its aspreconditioner is the inverse, for all of them at once" if count > 1 else ""
+        way = "take the solver" if count == 1 else "the inverse, for all columns, is the aspreconditioner of"
         return (
-            f"{_TITLES[backend]} usually takes less time {size}: take the solver "
-            f"{_spec(backend, penalty)}{at_once}{_missing(backend)}"
+            f"{_TITLES[backend]} usually takes less time {size}: {way} {_spec(backend, penalty)}"
+            f"{_missing(backend)}"
         )
     return ""
 
