@@ -62,7 +62,8 @@ def _summary(solves: Mapping[str, Mapping[str, Any]]) -> str:
                 *(_fixed(spent.get(key)) for key in _PHASES),
             ]
         )
-    return _table(columns, rows)
+    hint = "Seconds are those of the processor; of the clock where a solver does not tell them."
+    return f'<p class="hint">{hint}</p>\n{_table(columns, rows)}'
 
 
 def _details(name: str, data: Mapping[str, Any]) -> str:
