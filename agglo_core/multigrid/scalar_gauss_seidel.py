@@ -25,6 +25,11 @@ class ScalarGaussSeidel:
     dtype : numpy dtype
         Precision of the sweeps: float32 or float64.
 
+    Attributes
+    ----------
+    matrix : (n, n) csr_array
+        A in that precision; the sweeps use its arrays.
+
     Raises
     ------
     OptionError
@@ -54,6 +59,7 @@ class ScalarGaussSeidel:
         self._dtype = np.dtype(dtype)
         indptr, indices = frozen(rows.indptr, rows.indices.dtype), frozen(rows.indices, rows.indices.dtype)
         self._A = (indptr, indices, frozen(rows.data, dtype))
+        self.matrix = sparse.csr_array((self._A[2], indices, indptr), shape=rows.shape)
         self._places = frozen(diagonal_places(indptr, indices), np.int64)
         self._inverse = frozen(1.0 / diagonal, dtype)
 

@@ -95,6 +95,5 @@ def labels_of_vertices(space: ConformingSpace, labels: Int) -> Int:
 def _with_bubbles(C: Any, space: ConformingSpace, dtype: Any) -> multigrid.Level:
     """The level of vertices and bubbles, which come after them: its prolongation adds zeros."""
     P = sparse.csr_array(sparse.eye_array(space.n, space.n_vertices, dtype=dtype))
-    return multigrid.Level(
-        C.astype(dtype), frozen_int(np.arange(space.n + 1)), P, multigrid.ScalarGaussSeidel(C, dtype)
-    )
+    sweeps = multigrid.ScalarGaussSeidel(C, dtype)
+    return multigrid.Level(sweeps.matrix, frozen_int(np.arange(space.n + 1)), P, sweeps)
