@@ -12,7 +12,7 @@ from agglo_core.authoring import Float, Int, Mesh, frozen_float, frozen_int
 __all__ = ["Difficulty", "difficulty", "strong_pairs"]
 
 _STRONG = 3.0
-_BAD = 0.03
+_BAD = 0.06
 _JOINED = 2.0
 """Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
 _CONTRAST = 1e8
@@ -24,8 +24,9 @@ class Difficulty:
 
     Attributes
     ----------
-    smoother : "cells" or "groups"
-        Block Gauss–Seidel on single cells, or on those that strong faces join, up to eight.
+    smoother : "cells", "groups" or "patches"
+        Block Gauss–Seidel on single cells, on those that strong faces join, up to eight, or on the cells
+        around each vertex.
     bubbles : bool
         Whether the continuous space is to have bubbles.
     kind : "V" or "W"
@@ -38,7 +39,7 @@ class Difficulty:
         What of the mesh decided, in words, for a report.
     """
 
-    smoother: Literal["cells", "groups"]
+    smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
     kind: Literal["V", "W"]
     dtype: Any
@@ -50,11 +51,11 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     """Choose by the penalty: where it varies much around cells, those with strong faces belong together.
 
     A face is strong if its penalty is more than 3 times the smallest of one of its cells; a mesh with more
-    than 3 % strong inner faces is bad (slivers, boundary layers).
+    than 6 % strong inner faces is bad (slivers, boundary layers).
 
-    * Bad meshes: groups of cells; from degree 3 on the W-cycle.
+    * Bad meshes: groups of cells; from degree 3 on vertex patches and the W-cycle.
     * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 2 on
-      the W-cycle: what is left to the vertices is hard there.
+      the W-cycle: what is left to the vertices is hard there. From degree 3 on groups of cells.
     * Double precision where κ spans more than eight decades.
 
     Parameters
@@ -81,7 +82,9 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     polygons = faces > 4
     kind: Literal["V", "W"] = "W" if degree > (1 if polygons else 2) and (polygons or bad) else "V"
     contrast = float(kappa.max() / kappa.min())
-    smoother: Literal["cells", "groups"] = "groups" if bad else "cells"
+    smoother: Literal["cells", "groups", "patches"] = "cells"
+    if bad or (polygons and degree > 2):
+        smoother = "patches" if bad and degree > 2 else "groups"
     dtype = np.float64 if contrast > _CONTRAST else np.float32
     reason = f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell"
     return Difficulty(smoother, bad or not polygons, kind, dtype, strong, reason)

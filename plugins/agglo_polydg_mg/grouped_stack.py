@@ -1,4 +1,4 @@
-"""The recipe with a continuous space on bad meshes: cells that strong faces join are smoothed together.
+"""The recipe with a continuous space where single cells are too little to smooth with: several at once.
 
 The unknowns of each cell are scaled so that its diagonal block is the identity: in single precision the
 blocks of flat cells would otherwise keep no digit.
@@ -30,11 +30,13 @@ def grouped_stack(
     labels: Sequence[Int] | None = None,
     bubbles: bool = True,
     dtype: Any = np.float32,
+    overlap: bool = False,
 ) -> multigrid.LevelStack:
     """Levels of :func:`~agglo_polydg_mg.conforming_stack.conforming_stack`, the first smoothed by groups.
 
-    Parameters are the same. Groups have up to eight cells; see
-    :func:`~agglo_polydg_mg.conforming_choice.strong_pairs`.
+    Parameters are the same, but for ``overlap``: by default groups are up to eight cells that
+    :func:`~agglo_polydg_mg.conforming_choice.strong_pairs` join, if True the vertex patches, which take half
+    the iterations and several times the time and memory of a sweep.
 
     Raises
     ------
@@ -42,7 +44,11 @@ def grouped_stack(
         If the matrix is not positive definite on a cell or a group.
     """
     scaled = multigrid.block_scaled(system.A)
-    groups = multigrid.joined_patches(strong_pairs(basis.mesh, sigma), basis.mesh.n_cells)
+    mesh = basis.mesh
+    if overlap:
+        groups = multigrid.vertex_patches(mesh)
+    else:
+        groups = multigrid.joined_patches(strong_pairs(mesh, sigma), mesh.n_cells)
     smoother = multigrid.VertexPatches(scaled.A, groups, dtype)
     stack = conforming_stack(
         system,

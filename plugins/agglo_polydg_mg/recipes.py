@@ -60,16 +60,12 @@ class Plan:
         if self.recipe == "patches":
             return patch_stack(basis, fine.A, labels, self.dtype)
         offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
-        levels = grouped_stack if self.smoother == "groups" else conforming_stack
-        return levels(
-            System.trusted(fine.A, fine.b, offsets, basis.mesh),
-            basis,
-            _required(fine.sigma),
-            cell_means(basis.mesh, problem.kappa),
-            labels=labels or None,
-            bubbles=self.bubbles,
-            dtype=self.dtype,
-        )
+        system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
+        given = (system, basis, _required(fine.sigma), cell_means(basis.mesh, problem.kappa))
+        chosen: Any = {"labels": labels or None, "bubbles": self.bubbles, "dtype": self.dtype}
+        if self.smoother == "cells":
+            return conforming_stack(*given, **chosen)
+        return grouped_stack(*given, **chosen, overlap=self.smoother == "patches")
 
 
 def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes) -> Plan:

@@ -198,6 +198,8 @@ def test_the_choice_by_the_penalty() -> None:
     assert chosen(samples.squares(6), 1) == ("cells", True, "V", np.float32)
     assert chosen(samples.hexagons(6), 1) == ("cells", False, "V", np.float32)
     assert chosen(samples.hexagons(6), 2) == ("cells", False, "W", np.float32)
+    assert chosen(samples.hexagons(6), 3) == ("groups", False, "W", np.float32)
+    assert chosen(graded(12, 1e-3), 3) == ("patches", True, "W", np.float32)
     assert chosen(graded(12, 1e-3), 1) == ("groups", True, "V", np.float32)
     assert chosen(graded(12, 1e-3), 2) == ("groups", True, "V", np.float32)
     assert chosen(samples.squares(6), 1, 10.0 ** np.arange(36)) == ("cells", True, "V", np.float64)
