@@ -17,8 +17,8 @@ from agglo_polydg_mg.penalty import PAPER, Penalty
 
 __all__ = ["MANY", "Kind", "advice_of_direct", "advice_of_multigrid"]
 
-Kind = Literal["cells", "patches", "linear"]
-"""What polydg_mg smooths: single cells, vertex patches; or the system is a linear one, and aggregated."""
+Kind = Literal["cells", "groups", "linear"]
+"""Single cells of at most four faces; polygons, or cells smoothed together; a linear system."""
 
 MANY: Final = 10
 """Right-hand sides from which they count as many."""
@@ -37,9 +37,9 @@ class _Range:
 _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
         ("pardiso", "cells"): _Range(0.0, 0.0, 3e6),  # within a third of each other up to there
-        ("pardiso", "patches"): _Range(1e5, 1.5e7, float("inf")),  # 1.2 to 3.2 times, as far as measured
+        ("pardiso", "groups"): _Range(1e5, 1.5e7, float("inf")),  # 1.2 to 3.2 times, as far as measured
         ("superlu", "cells"): _Range(0.0, 2.5e5, 5e5),
-        ("superlu", "patches"): _Range(0.0, 1e6, 2e6),
+        ("superlu", "groups"): _Range(0.0, 1e6, 2e6),
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
     }
 )
@@ -59,7 +59,7 @@ def advice_of_multigrid(A: Any, kind: Kind, count: int = 1, penalty: Penalty = P
     Parameters
     ----------
     A : (n, n) sparse
-    kind : "cells", "patches" or "linear"
+    kind : "cells", "groups" or "linear"
     count : int
         Right-hand sides.
     penalty : float, "paper" or "sharp"

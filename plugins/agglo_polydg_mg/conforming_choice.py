@@ -16,6 +16,8 @@ _BAD = 0.06
 _JOINED = 2.0
 """Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
 _CONTRAST = 1e8
+_SMOOTH = 100.0
+"""Up to this ratio of the largest to the smallest κ aggregates serve as well as classical levels."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class Difficulty:
         around each vertex.
     bubbles : bool
         Whether the continuous space is to have bubbles.
+    vertices : "aggregates" or "classical"
+        How the problem on vertices is coarsened.
     kind : "V" or "W"
         Cycle: W solves each coarse level twice.
     dtype : numpy dtype
@@ -41,6 +45,7 @@ class Difficulty:
 
     smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
+    vertices: Literal["aggregates", "classical"]
     kind: Literal["V", "W"]
     dtype: Any
     strong: float
@@ -53,9 +58,12 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     A face is strong if its penalty is more than 3 times the smallest of one of its cells; a mesh with more
     than 6 % strong inner faces is bad (slivers, boundary layers).
 
-    * Bad meshes: groups of cells; from degree 3 on vertex patches and the W-cycle.
-    * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 2 on
-      the W-cycle: what is left to the vertices is hard there. From degree 3 on groups of cells.
+    * Bad meshes: groups of cells; from degree 3 on vertex patches.
+    * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 3 on
+      groups of cells.
+    * Degree 1 on a mesh that is not bad, with κ of about one size: aggregates of vertices, in the W-cycle.
+      They are cheap, and alone slow. Classical levels elsewhere, in the V-cycle: they hold where couplings
+      jump or point one way, and their matrices are fuller.
     * Double precision where κ spans more than eight decades.
 
     Parameters
@@ -80,14 +88,22 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     strong = _strong_part(mesh, sigma)
     bad, faces = strong > _BAD, int(np.diff(mesh.cell_faces[0]).max())
     polygons = faces > 4
-    kind: Literal["V", "W"] = "W" if degree > (1 if polygons else 2) and (polygons or bad) else "V"
     contrast = float(kappa.max() / kappa.min())
+    easy = degree == 1 and not bad and contrast <= _SMOOTH
     smoother: Literal["cells", "groups", "patches"] = "cells"
     if bad or (polygons and degree > 2):
         smoother = "patches" if bad and degree > 2 else "groups"
     dtype = np.float64 if contrast > _CONTRAST else np.float32
     reason = f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell"
-    return Difficulty(smoother, bad or not polygons, kind, dtype, strong, reason)
+    return Difficulty(
+        smoother,
+        bubbles=bad or not polygons,
+        vertices="aggregates" if easy else "classical",
+        kind="W" if easy else "V",
+        dtype=dtype,
+        strong=strong,
+        reason=reason,
+    )
 
 
 def strong_pairs(mesh: Mesh, sigma: Float) -> Int:

@@ -7,7 +7,7 @@ own multigrid. There are no discontinuous coarse levels at all.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy import sparse
@@ -35,13 +35,14 @@ def conforming_stack(
     labels: Sequence[Int] | None = None,
     smoother: Callable[[Any, Int, Any], multigrid.LevelSmoother] | None = None,
     bubbles: bool = True,
+    vertices: Literal["aggregates", "classical"] = "aggregates",
     dtype: Any = np.float32,
 ) -> multigrid.LevelStack:
     """Set up the levels for a system of symmetric interior penalty.
 
     The first is the system itself. The second has the vertices and the bubbles of
     :func:`~agglo_polydg_mg.conforming_space.conforming_space`, the third the vertices alone (the second is
-    that where there are no bubbles), the others are smoothed aggregation.
+    that where there are no bubbles), the others are smoothed aggregation or classical multigrid.
 
     Parameters
     ----------
@@ -61,6 +62,9 @@ def conforming_stack(
         Gauss–Seidel on cells by default; see :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
+    vertices : "aggregates" or "classical"
+        Smoothed aggregation below the vertices, or classical levels: then agglomerates of ``labels`` come
+        after a first classical step.
     dtype : float32 or float64
         Precision of the cycle; matrices are set up in double precision.
     """
@@ -73,7 +77,10 @@ def conforming_stack(
         levels.append(_with_bubbles(C, space, dtype))
         C = sparse.csr_array(C[: space.n_vertices, : space.n_vertices])
     of_vertices = None if labels is None else [labels_of_vertices(space, each) for each in labels]
-    rest = multigrid.aggregation_stack(C, labels=of_vertices, dtype=dtype)
+    if vertices == "classical":
+        rest = multigrid.classical_stack(C, labels=of_vertices, near_null=np.ones(C.shape[0]), dtype=dtype)
+    else:
+        rest = multigrid.aggregation_stack(C, labels=of_vertices, dtype=dtype)
     return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)
 
 

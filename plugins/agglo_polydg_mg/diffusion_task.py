@@ -81,7 +81,7 @@ class DiffusionTask:
     @property
     def advice(self) -> str:
         """Whether a direct solver would take less time."""
-        return advice_of_multigrid(self.fine.A, self.plan.smoother, 1, self._penalty)
+        return advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._penalty)
 
     @property
     def cycle(self) -> str:

@@ -116,7 +116,7 @@ class Direct:
         if not isinstance(problem, Diffusion) or hierarchy.fine is None:
             return "linear"
         how = self.discretisation
-        return plan_for(problem, fine, Basis(hierarchy.fine, how.degree, how.scaled_basis), Wishes()).smoother
+        return plan_for(problem, fine, Basis(hierarchy.fine, how.degree, how.scaled_basis), Wishes()).kind
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.

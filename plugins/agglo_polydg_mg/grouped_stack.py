@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy import sparse
@@ -29,6 +29,7 @@ def grouped_stack(
     *,
     labels: Sequence[Int] | None = None,
     bubbles: bool = True,
+    vertices: Literal["aggregates", "classical"] = "aggregates",
     dtype: Any = np.float32,
     overlap: bool = False,
 ) -> multigrid.LevelStack:
@@ -58,6 +59,7 @@ def grouped_stack(
         labels=labels,
         smoother=lambda *_: smoother,
         bubbles=bubbles,
+        vertices=vertices,
         dtype=dtype,
     )
     first, *below = stack.levels

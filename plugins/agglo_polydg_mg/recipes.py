@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Float, Hierarchy, Int, OptionError, System
+from agglo_polydg_mg.advice import Kind
 from agglo_polydg_mg.assembly import cell_means
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import difficulty
@@ -47,7 +48,13 @@ class Plan:
     dtype: Any
     smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
+    vertices: Literal["aggregates", "classical"]
     reason: str
+
+    @property
+    def kind(self) -> Kind:
+        """Of system, as advice knows them."""
+        return "cells" if self.smoother == "cells" and self.bubbles else "groups"
 
     def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
         """The levels, an object of :class:`agglo_core.multigrid.LevelStack`.
@@ -62,7 +69,12 @@ class Plan:
         offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
         system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
         given = (system, basis, _required(fine.sigma), cell_means(basis.mesh, problem.kappa))
-        chosen: Any = {"labels": labels or None, "bubbles": self.bubbles, "dtype": self.dtype}
+        chosen: Any = {
+            "labels": labels or None,
+            "bubbles": self.bubbles,
+            "vertices": self.vertices,
+            "dtype": self.dtype,
+        }
         if self.smoother == "cells":
             return conforming_stack(*given, **chosen)
         return grouped_stack(*given, **chosen, overlap=self.smoother == "patches")
@@ -83,12 +95,14 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     double = {"auto": None, "single": False, "double": True}[wishes.precision]
     found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
     recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe
-    kind: Any = found.kind if wishes.cycle == "auto" else wishes.cycle
+    by_default = "W" if recipe == "patches" else found.kind
+    kind: Any = by_default if wishes.cycle == "auto" else wishes.cycle
     dtype = found.dtype if double is None else (np.float64 if double else np.float32)
     smoother: Any = "patches" if recipe == "patches" else found.smoother
-    space = "smoothed agglomerates" if recipe == "patches" else "continuous space and its aggregates"
+    below = "its aggregates" if found.vertices == "aggregates" else "classical levels"
+    space = "smoothed agglomerates" if recipe == "patches" else f"continuous space and {below}"
     reason = f"{space}, {smoother}, {kind}-cycle, {np.dtype(dtype).name} ({found.reason})"
-    return Plan(recipe, kind, dtype, smoother, found.bubbles, reason)
+    return Plan(recipe, kind, dtype, smoother, found.bubbles, found.vertices, reason)
 
 
 def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[Int]:

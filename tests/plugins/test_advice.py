@@ -19,7 +19,7 @@ from agglo_polydg_mg.advice import MANY, advice_of_direct, advice_of_multigrid
 from agglo_polydg_mg.direct import Direct
 from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
 
-KINDS = ("cells", "patches", "linear")
+KINDS = ("cells", "groups", "linear")
 SOURCE = Diffusion(source=8.0)
 
 
@@ -72,7 +72,7 @@ def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
     other = "" if installed == ("superlu",) else ",backend=superlu"
     assert f"take the solver direct:penalty=sharp{other}" in said
     assert ("PARDISO is not installed" in said) == ("pardiso" not in installed)
-    assert "take the solver direct;" in f"{advice_of_multigrid(Sized(5e5), 'patches', 1, 10.0)};" or other
+    assert "take the solver direct;" in f"{advice_of_multigrid(Sized(5e5), 'groups', 1, 10.0)};" or other
     many = advice_of_multigrid(Sized(1.5e5), "linear", MANY)
     assert advice_of_multigrid(Sized(1.5e5), "linear") == ""
     assert ("PARDISO" if "pardiso" in installed else "SuperLU") in many.split()[0]
@@ -84,7 +84,7 @@ def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
 def test_solutions_carry_it(installed: tuple[str, ...]) -> None:
     mesh = samples.voronoi(60, seed=2)
     solution = PolyDGMultigrid(2).solve(SOURCE, bare(mesh))
-    limit = 1e6 * len(solution.x) / solution.A.nnz
+    limit = advice._ONE["superlu", "groups"].most * len(solution.x) / solution.A.nnz
     said = float(re.search(r"up to about ([\d,]+) unknowns", solution.advice)[1].replace(",", ""))
     assert said == pytest.approx(limit, rel=0.05)
     assert "take the solver direct:penalty=sharp;" in solution.advice
@@ -95,7 +95,7 @@ def test_solutions_carry_it(installed: tuple[str, ...]) -> None:
 
 
 def test_direct_solvers_send_large_systems_to_multigrid(monkeypatch: pytest.MonkeyPatch) -> None:
-    others = {"cells": 100, "patches": 1e9, "linear": 100}
+    others = {"cells": 100, "groups": 1e9, "linear": 100}
     limits = {("superlu", kind): advice._Range(0.0, 0.0, other) for kind, other in others.items()}
     monkeypatch.setattr(advice, "_ONE", limits)
     squares, cells = samples.squares(6), samples.voronoi(60, seed=2)

@@ -117,7 +117,7 @@ def test_a_report_of_what_was_solved(agglo: Agglo) -> None:
         assert re.search(r"Converged after \d+ iterations: tolerance met by residual and energy error", page)
         assert page.count('<h2 id="solve-title">') == 1
         assert ("<canvas" in page) == ("--parts" in more)
-        assert ('<th scope="row">hierarchy</th>' in page) == ("direct" not in more)
+        assert ('<th scope="row">hierarchy</th>' in page) == ("--parts" in more)
     assert agglo("solve", "squares:n=8", "--report", "r.txt").code == 2
 
 

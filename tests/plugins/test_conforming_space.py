@@ -192,15 +192,18 @@ def test_the_choice_by_the_penalty() -> None:
     def chosen(mesh: Mesh, degree: int, kappa: object = 1.0) -> tuple[object, ...]:
         values = np.broadcast_to(kappa, mesh.n_cells).astype(float)
         found = difficulty(mesh, face_penalty(mesh, degree), values, degree)
-        return found.smoother, found.bubbles, found.kind, found.dtype
+        return found.smoother, found.bubbles, found.vertices, found.kind, found.dtype
 
-    assert chosen(samples.triangles(6), 2) == ("cells", True, "V", np.float32)
-    assert chosen(samples.squares(6), 1) == ("cells", True, "V", np.float32)
-    assert chosen(samples.hexagons(6), 1) == ("cells", False, "V", np.float32)
-    assert chosen(samples.hexagons(6), 2) == ("cells", False, "W", np.float32)
-    assert chosen(samples.hexagons(6), 3) == ("groups", False, "W", np.float32)
-    assert chosen(graded(12, 1e-3), 3) == ("patches", True, "W", np.float32)
-    assert chosen(graded(12, 1e-3), 1) == ("groups", True, "V", np.float32)
-    assert chosen(graded(12, 1e-3), 2) == ("groups", True, "V", np.float32)
-    assert chosen(samples.squares(6), 1, 10.0 ** np.arange(36)) == ("cells", True, "V", np.float64)
+    aggregated, classical = ("aggregates", "W"), ("classical", "V")
+    single, double = (np.float32,), (np.float64,)
+    assert chosen(samples.squares(6), 1) == ("cells", True, *aggregated, *single)
+    assert chosen(samples.squares(6), 1, np.geomspace(1, 1e6, 36)) == ("cells", True, *classical, *single)
+    assert chosen(samples.squares(6), 1, 10.0 ** np.arange(36)) == ("cells", True, *classical, *double)
+    assert chosen(samples.triangles(6), 2) == ("cells", True, *classical, *single)
+    assert chosen(samples.hexagons(6), 1) == ("cells", False, *aggregated, *single)
+    assert chosen(samples.hexagons(6), 2) == ("cells", False, *classical, *single)
+    assert chosen(samples.hexagons(6), 3) == ("groups", False, *classical, *single)
+    assert chosen(graded(12, 1e-3), 1) == ("groups", True, *classical, *single)
+    assert chosen(graded(12, 1e-3), 2) == ("groups", True, *classical, *single)
+    assert chosen(graded(12, 1e-3), 3) == ("patches", True, *classical, *single)
     assert difficulty(samples.squares(6), face_penalty(samples.squares(6), 1), np.ones(36), 1).strong == 0.0
