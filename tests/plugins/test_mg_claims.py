@@ -54,22 +54,20 @@ def test_what_is_called_converged_is_right_on_a_hundred_problems() -> None:
     assert sum(checked(random_case(seed)) for seed in range(1000, 1100)) >= 200
 
 
-@pytest.mark.parametrize(
-    ("solver", "iterations"), [(PaperMultigrid(operators="inherited"), 48), (PlainCG(), 250)]
-)
-def test_a_small_residual_alone_is_not_believed(solver: PaperMultigrid | PlainCG, iterations: int) -> None:
+@pytest.mark.parametrize("solver", [PaperMultigrid(operators="inherited"), PlainCG()])
+def test_a_small_residual_alone_is_not_believed(solver: PaperMultigrid | PlainCG) -> None:
     """On a mesh graded to 1e-2 in both directions it passes long before the error does."""
-    mesh = with_four_sides(graded(6, 1e-2, both=True))
+    mesh = with_four_sides(graded(8, 1e-2, both=True))
     case = Case(mesh, Diffusion(1.0, 1.0, {1: 0.0, 2: 1.0}), 1, solver.tolerance)
     hierarchy = agglomerate(mesh, n_parts=(9, 4))
+    found = solver.solve(case.problem, hierarchy)
+    iterations = int(np.argmax(found.residuals <= 1e-6 * found.residuals[0]))
+    assert 0 < iterations < found.iterations
     early = replace_most(solver, iterations).solve(case.problem, hierarchy)
-    assert early.residuals[-1] <= 1e-6 * early.residuals[0]
     assert energy_error(case, early.x) > WITHIN * 1e-6
     assert (early.converged, early.tests) == (False, ("residual",))
     assert "energy error about" in early.reason
-    found = solver.solve(case.problem, hierarchy)
     assert found.converged
-    assert found.iterations > iterations
     assert energy_error(case, found.x) <= found.energy_error <= 1e-6
 
 
