@@ -30,18 +30,19 @@ class PolyDGMultigrid:
     tolerance : float
     max_iterations : int
     recipe : "auto", "conforming", "patches" or "agglomerates"
-        A continuous space inside the discontinuous one, with its own multigrid on the agglomerates
-        (:mod:`~agglo_polydg_mg.conforming_stack`); or polynomials on agglomerates, smoothed patch by patch
-        (:mod:`~agglo_polydg_mg.patch_recipe`). Linear systems take "auto", or "agglomerates" where the
-        agglomerates are to be the aggregates even of a matrix with one unknown in each cell.
+        A continuous space inside the discontinuous one, with its own multigrid on the graph of its matrix,
+        or on agglomerates if given (:mod:`~agglo_polydg_mg.conforming_stack`); or polynomials on
+        agglomerates, smoothed patch by patch (:mod:`~agglo_polydg_mg.patch_recipe`). Linear systems take
+        "auto", or "agglomerates" where the agglomerates are to be the aggregates even of a matrix with one
+        unknown in each cell.
     cycle : "auto", "V", "W", "F" or "K"
     precision : "auto", "single" or "double"
         Of the cycle. Where single precision turns out not to suffice, double precision takes over.
     penalty : float, "paper" or "sharp"
         See :class:`~agglo_polydg_mg.polydg.PolyDG`.
     levels : int, optional
-        How many of mesh, level 0, 1, … to use; by default all. For a diffusion problem levels of 8
-        cells to an agglomerate are made where there are none, and used as far as there are so many.
+        How many of mesh, level 0, 1, … to use; by default all. For a diffusion problem without levels some
+        of 8 cells to an agglomerate are made if this is given, or for the recipe ``patches``.
 
     Raises
     ------
