@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,14 +13,20 @@ from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell
+from agglo_core.threads import thread_count
 
 __all__ = ["PieceGrowth"]
+
+_T = TypeVar("_T")
 
 _WORK = 4_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
 
 _SMALL = 16_384
 """Pieces of at most so many cells are split to the end by themselves: they fit a cache."""
+
+_HALVINGS = 10.0
+"""Depths of small pieces, roughly: for the share of the work that is done."""
 
 _ROOM = 256
 """Rows by which lists of pieces grow."""
@@ -80,13 +87,10 @@ class PieceGrowth:
         cls, graph: Graph, pieces: Int, kernel: Callable[..., None], refiners: Sequence[Any], fixer: Any
     ) -> PieceGrowth | None:
         """Growth that does what these components do; None unless they are the built-in ones."""
-        if type(fixer) is not ConnectivityFixer or any(
-            type(each) is not InterfaceRefiner for each in refiners
-        ):
+        known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
+        if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
             return None
-        if len(refiners) > 1:
-            return None
-        return cls(graph, pieces, kernel, refiners[0].floor if refiners else -1.0)
+        return cls(graph, pieces, kernel, known[0] if known else -1.0)
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split piece i into ``quotas[i]`` connected pieces; see Growth."""
@@ -97,45 +101,57 @@ class PieceGrowth:
         return self._split(np.zeros(len(self._slices), np.int64), limit, tell)
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
-        n = len(self._cells)
-        leaf, tally = np.zeros(n, np.bool_), np.zeros((_DEPTHS, 3), np.int64)
+        leaf, tally = np.zeros(len(self._cells), np.bool_), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), 4), np.int64)
         todo[:, :2], todo[:, 2] = self._slices, quotas
         large = todo[:, 1] - todo[:, 0] > _SMALL
-        put_off, self._stamp = self._advance(todo[large], leaf, tally, (limit, self._floor, _SMALL))
-        small, done = np.concatenate((todo[~large], put_off)), 0
-        for batch in _batches(small):
-            stamp = self._advance(batch, leaf, tally, (limit, self._floor, 0))[1]
-            done += int((batch[:, 1] - batch[:, 0]).sum())
-            tell(done / n, f"{np.count_nonzero(leaf):,} parts")
+        halvings = np.log2((todo[:, 1] - todo[:, 0]).max() / _SMALL) if large.any() else 0.0
+        share = halvings / (halvings + _HALVINGS)  # of the work, in pieces that are large
+
+        def told(done: float) -> None:
+            tell(done, f"{np.count_nonzero(leaf):,} parts")
+
+        def handled(cells: int) -> None:
+            told(share * min(1.0, cells / (len(leaf) * halvings)))
+
+        goal, threads, done = (limit, self._floor), thread_count(), share
+        small = max(_SMALL, len(leaf) // (4 * threads)) if threads > 1 else _SMALL
+        put_off, stamp = self._advance(todo[large], leaf, tally, (*goal, small), handled)
+
+        def finish(batch: Int) -> tuple[Int, Int, int]:
+            own = np.zeros_like(tally)
+            return batch, own, self._advance(batch, leaf, own, (*goal, 0), lambda cells: None)[1]
+
+        self._stamp = stamp
+        for batch, own, last in _mapped(finish, _batches(np.concatenate((todo[~large], put_off))), threads):
+            tally += own
+            stamp = max(stamp, last)
+            done += (1.0 - share) * int((batch[:, 1] - batch[:, 0]).sum()) / len(leaf)
+            told(min(done, 1.0))
         self._stamp = stamp
         return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
 
-    def _advance(self, todo: Int, leaf: Mask, tally: Int, goal: tuple[float, float, int]) -> tuple[Int, int]:
+    def _advance(
+        self,
+        todo: Int,
+        leaf: Mask,
+        tally: Int,
+        goal: tuple[float, float, int],
+        handled: Callable[[int], None],
+    ) -> tuple[Int, int]:
         """Split the pieces until all are finished or put off; returns those, and the next stamp."""
         counts = np.array([len(todo), 0, self._stamp, 0])
         todo, ready = _enlarged(todo), np.zeros((_ROOM, 4), np.int64)
+        lists = (self._cells, self._tag, self._marks)
         while counts[0]:
-            self._kernel(
-                self._graph,
-                self._shape,
-                self._cells,
-                self._tag,
-                self._marks,
-                todo,
-                ready,
-                leaf,
-                counts,
-                tally,
-                goal,
-                _WORK,
-            )
+            self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, goal, _WORK)
             if counts[3]:
                 self._mend(*todo[counts[0] - 1, :2].tolist())
             if counts[0] + 2 > len(todo):
                 todo = _enlarged(todo)
             if counts[1] == len(ready):
                 ready = _enlarged(ready)
+            handled(int(tally[:, 1].sum()))
         return ready[: counts[1]], int(counts[2])
 
     def _mend(self, lo: int, hi: int) -> None:
@@ -163,6 +179,15 @@ class PieceGrowth:
 
 def _enlarged(rows: Int) -> Int:
     return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), 4), np.int64)))
+
+
+def _mapped(call: Callable[[Int], _T], batches: list[Int], threads: int) -> Iterator[_T]:
+    """Results of the calls, in order; kernels run at the same time in several threads."""
+    if threads == 1 or len(batches) < 2:
+        yield from map(call, batches)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(call, batches)
 
 
 def _batches(todo: Int) -> list[Int]:

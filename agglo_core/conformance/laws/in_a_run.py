@@ -46,7 +46,10 @@ def grows_alike(subject: Subject) -> None:
     try:
         for asked, one, other in runs_both_ways(subject):
             for labels, usual in zip(one.levels, other.levels, strict=True):
-                cut, wanted = (functionals.cut(one.graph, each) for each in (labels, usual))
+                cut, wanted = (
+                    functionals.cut(one.graph, each, edge_weights=one.graph.interface)
+                    for each in (labels, usual)
+                )
                 require(
                     cut <= _LONGER * wanted,
                     f"{asked}: the interface of the parts that grow made is {cut:.4g} long, of those "
