@@ -15,11 +15,12 @@ from agglo_core.agglomeration.border import (
     checked_labels,
     checked_parts,
     checked_sides,
+    checked_sizes,
     checked_split,
     one_sided_blocks,
     require_no_worse,
 )
-from agglo_core.agglomeration.growth import Growing, Growth
+from agglo_core.agglomeration.growth import Growing, Growth, GrowthToSize
 from agglo_core.arrays import Int, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
@@ -153,13 +154,27 @@ class Run:
         with attributed(self.bisector.title):
             given, depths = growth.split(quotas, seeds, tell)
         labels = checked_split(self.bisector, graph, pieces, quotas, given)
+        self._count(depths)
+        return labels
+
+    def grow_to_size(
+        self, graph: Graph, pieces: Int, growth: GrowthToSize, limit: float, seeds: UInt64, tell: Tell
+    ) -> Int:
+        """Labels ``(n,)`` once the bisector has split the pieces into connected ones, none too wide."""
+        with attributed(self.bisector.title):
+            given, depths = growth.split_to_size(limit, seeds, tell)
+        labels, alone = checked_sizes(self.bisector, graph, pieces, limit, given)
+        self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
+        self._count(depths)
+        return labels
+
+    def _count(self, depths: Int) -> None:
         for blocks, cells, mended in depths.tolist():
             self.statistics.depth += 1
             self.statistics.bisections += blocks
             self.statistics.repairs += mended
             if self.listen is not None:
                 self.listen({"depth": self.statistics.depth, "pieces": 2 * blocks, "cells": cells})
-        return labels
 
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:
         """Labels ``(n,)`` of a direct partition of one connected block, gaps closed."""

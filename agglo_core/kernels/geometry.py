@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["block_diameters", "compare_diameters", "polygon_moments"]
+__all__ = ["block_diameters", "box", "compare_diameters", "octagon", "polygon_moments", "widest"]
 
 
 @kernel
@@ -73,7 +73,7 @@ def _farthest(m, unique, x, points):
 
 
 @kernel
-def _widest(m, unique, centre, points):
+def widest(m, unique, centre, points):
     """Largest distance between any two of ``unique[:m]``, which get another order.
 
     A farthest pair must lie outside the ball where distance to the centre is below
@@ -111,12 +111,12 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
         m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
-        result[b] = _widest(m, unique, centre, points)
+        result[b] = widest(m, unique, centre, points)
     return result
 
 
 @kernel
-def _octagon(cells, vertex_offsets, vertices, points, enough):
+def octagon(cells, vertex_offsets, vertices, points, enough):
     """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
     Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
@@ -136,7 +136,7 @@ def _octagon(cells, vertex_offsets, vertices, points, enough):
 
 
 @kernel
-def _box(cells, vertex_offsets, vertices, points, low, high):
+def box(cells, vertex_offsets, vertices, points, low, high):
     """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
     lower, upper = 0.0, 0.0
     for k in range(len(low)):
@@ -164,13 +164,13 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
         if points.shape[1] == 2:
-            lower, upper = _octagon(own, vertex_offsets, vertices, points, enough)
+            lower, upper = octagon(own, vertex_offsets, vertices, points, enough)
         else:
-            lower, upper = _box(own, vertex_offsets, vertices, points, low, high)
+            lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
                 m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
-                result[b] = _widest(m, unique, centre, points)
+                result[b] = widest(m, unique, centre, points)
                 break
     return result
