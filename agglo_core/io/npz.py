@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.arrays import frozen_float, frozen_int, narrow
 from agglo_core.errors import FileError
 from agglo_core.io.archive import Archive
 from agglo_core.io.array_checks import check_arrays
@@ -35,10 +35,13 @@ _FORMAT, _VERSION = "agglo", 1
 _PLAIN = ("points", "cell_offsets", "cell_vertices")
 _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
 _META = 1 << 24  # bytes of JSON: thousands of levels
+_LEVEL = 1  # of deflate: higher ones take twice as long for a few per cent
 
 
-def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
-    """Write mesh and hierarchy, losslessly, and ``tell`` after each array."""
+def write_npz(
+    path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell, *, compress: bool = False
+) -> None:
+    """Write mesh and hierarchy, losslessly, deflated if asked; ``tell`` before each array."""
     arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
     meta: dict[str, Any] = {
         "format": _FORMAT,
@@ -62,14 +65,15 @@ def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -
     if len(text) > _META:
         raise FileError(f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit")
     arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with (
         staging(path) as folder,
-        zipfile.ZipFile(folder / path.name, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(folder / path.name, "w", method, compresslevel=_LEVEL) as archive,
     ):
-        for place, (name, values) in enumerate(arrays.items()):  # as np.savez_compressed does
+        for place, (name, values) in enumerate(arrays.items()):  # as np.savez does
             part(tell, place, len(arrays), name)
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                npy.write_array(entry, values, allow_pickle=False)
+                npy.write_array(entry, narrow(values), allow_pickle=False)
 
 
 def _plain(value: Any) -> Any:
