@@ -50,11 +50,13 @@ def _unbalanced(mesh: Mesh) -> Int:
     Each vertex has a number of 64 bits that looks random. Summed along a closed boundary the differences of
     heads and tails give 0, modulo 2^64; others do so by chance, once in 2^64.
     """
-    tail, head = splitmix(np.arange(mesh.n_points, dtype=np.uint64))[mesh.face_pairs].T
-    offsets, faces = mesh.cell_faces
-    own = mesh.face_cells[faces, 0] == np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
-    step = (head - tail)[faces]
-    return frozen_int(np.flatnonzero(np.add.reduceat(np.where(own, step, -step), offsets[:-1])))
+    number = splitmix(np.arange(mesh.n_points, dtype=np.uint64))[mesh.face_vertices]
+    step = number[1::2] - number[::2]
+    owner, neighbour = mesh.face_cells.T
+    total = np.zeros(mesh.n_cells + 1, np.uint64)  # the last is outside, -1
+    np.add.at(total, owner, step)
+    np.subtract.at(total, neighbour, step)
+    return frozen_int(np.flatnonzero(total[:-1]))
 
 
 def _gaping(mesh: Mesh) -> Int:
