@@ -21,7 +21,7 @@ from agglo_core.agglomeration.border import (
     require_no_worse,
 )
 from agglo_core.agglomeration.growth import Growing, Growth, GrowthToSize
-from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import Listener, Tell, labelled
@@ -30,15 +30,7 @@ from agglo_core.registry.attribution import Member, attributed
 
 __all__ = ["Run", "Statistics", "Timed", "splitmix"]
 
-_MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
-
-
-def splitmix(seeds: UInt64) -> UInt64:
-    """The splitmix64 mixing step: well-spread seeds from any distinct ones."""
-    z = seeds + _MIX[0]
-    z = (z ^ (z >> np.uint64(30))) * _MIX[1]
-    z = (z ^ (z >> np.uint64(27))) * _MIX[2]
-    return np.asarray(z ^ (z >> np.uint64(31)))
+_APART = np.uint64(0xBF58476D1CE4E5B9)  # between the seeds of two stages
 
 
 @dataclass(slots=True)
@@ -120,7 +112,7 @@ class Run:
 
     def seeds(self, stage: int, count: int) -> UInt64:
         """Seeds ``(count,)`` of the pieces that stage (coarse level, pass) number ``stage`` starts from."""
-        root: UInt64 = np.full(count, stage, np.uint64) * _MIX[1]
+        root: UInt64 = np.full(count, stage, np.uint64) * _APART
         root += np.uint64(self.seed)
         place: UInt64 = np.arange(count, dtype=np.uint64)
         return splitmix(splitmix(root) + place)

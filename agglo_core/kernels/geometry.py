@@ -10,31 +10,34 @@ __all__ = ["block_diameters", "box", "compare_diameters", "octagon", "polygon_mo
 
 
 @kernel
-def polygon_moments(points, offsets, faces, face_vertices, face_cells):
-    """Area and centroid of each 2-D cell by the divergence theorem over its faces.
+def polygon_moments(points, face_vertices, face_cells, n):
+    """Area and centroid of each of n 2-D cells by the divergence theorem, face by face.
 
     Coordinates are taken relative to a vertex of the cell, so small cells far out lose no digits.
     """
-    n = len(offsets) - 1
-    area = np.empty(n)
-    centroid = np.empty((n, 2))
-    for c in range(n):
-        v = face_vertices[faces[offsets[c]], 0]
-        x0, y0 = points[v, 0], points[v, 1]
-        a, mx, my = 0.0, 0.0, 0.0
-        for h in range(offsets[c], offsets[c + 1]):
-            f = faces[h]
-            flip = 0 if face_cells[f, 0] == c else 1
-            p, q = face_vertices[f, flip], face_vertices[f, 1 - flip]
+    area = np.zeros(n)
+    centroid = np.zeros((n, 2))
+    corner = np.full((n, 2), np.nan)  # that vertex, once a face of the cell was met
+    for f in range(len(face_cells)):
+        v, w = face_vertices[f, 0], face_vertices[f, 1]
+        for side in range(2):
+            c = face_cells[f, side]
+            if c < 0:
+                continue
+            if np.isnan(corner[c, 0]):
+                corner[c, 0], corner[c, 1] = points[v, 0], points[v, 1]
+            x0, y0 = corner[c, 0], corner[c, 1]
+            p, q = (v, w) if side == 0 else (w, v)
             px, py = points[p, 0] - x0, points[p, 1] - y0
             qx, qy = points[q, 0] - x0, points[q, 1] - y0
             cross = px * qy - qx * py
-            a += cross
-            mx += (px + qx) * cross
-            my += (py + qy) * cross
-        area[c] = 0.5 * a
-        centroid[c, 0] = x0 + mx / (3.0 * a)
-        centroid[c, 1] = y0 + my / (3.0 * a)
+            area[c] += cross
+            centroid[c, 0] += (px + qx) * cross
+            centroid[c, 1] += (py + qy) * cross
+    for c in range(n):
+        for k in range(2):
+            centroid[c, k] = corner[c, k] + centroid[c, k] / (3.0 * area[c])
+        area[c] *= 0.5
     return area, centroid
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int, narrow
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import box_centre
 from agglo_core.mesh.elsewhere import made_by
@@ -76,9 +76,7 @@ class Derived:
             )
         from agglo_core.kernels.geometry import polygon_moments
 
-        area, centroid = polygon_moments(
-            self.local_points, *self.cell_faces, self.face_pairs, self.face_cells
-        )
+        area, centroid = polygon_moments(self.local_points, self.face_pairs, self.face_cells, self.n_cells)
         return frozen_float(area), frozen_float(centroid)
 
     @cached_property
@@ -176,8 +174,8 @@ class Derived:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of points and faces; a hierarchy remembers the mesh it belongs to by it."""
-        digest = hashlib.blake2b(digest_size=16)
+        digest = hashlib.sha256()  # in hardware on most machines
         for array in (self.points, self.face_offsets, self.face_vertices, self.face_cells):
             digest.update(repr(array.shape).encode())
-            digest.update(array.tobytes())
-        return digest.hexdigest()
+            digest.update(narrow(array).data)
+        return digest.hexdigest()[:32]
