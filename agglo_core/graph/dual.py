@@ -183,24 +183,8 @@ class Graph(BlockGraph):
         MeshError
             If the labels have another shape, or leave gaps.
         """
-        array = check_labels(labels, self.n)
-        corners = (self.vertex_offsets, self.vertices, len(self.points))
-        coarse = quotient(array, self.to_scipy(), self.measures, self.centroids, *corners)
-        gather = coarse.gather
-        return replace(
-            self,
-            indptr=coarse.indptr,
-            indices=coarse.indices,
-            interface=coarse.interface,
-            centroids=coarse.centroids,
-            measures=coarse.measures,
-            boundary=gather @ self.boundary,
-            weights=coarse.measures if self.weights is self.measures else gather @ self.weights,
-            vertex_offsets=coarse.vertex_offsets,
-            vertices=coarse.vertices,
-            offsets=frozen_int([0, len(coarse.measures)]),
-            data={},
-        )
+        coarse = quotient(check_labels(labels, self.n), self)
+        return replace(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
 
 
 def dual_graph(mesh: Mesh) -> Graph:
