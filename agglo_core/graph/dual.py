@@ -51,19 +51,14 @@ class Graph(BlockGraph):
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> Graph:
         """Dual graph of ``mesh``; cell tags become ``data``."""
-        from agglo_core.kernels.graphs import dual_graph
-
-        indptr, indices, interface, boundary = dual_graph(
-            *mesh.cell_faces, mesh.face_cells, mesh.face_measures
-        )
-        vertex_offsets, vertices = mesh.cell_vertices
+        beside, (vertex_offsets, vertices) = mesh.cell_neighbours, mesh.cell_vertices
         graph = cls(
-            indptr=indptr,
-            indices=indices,
-            interface=interface,
+            indptr=beside.indptr,
+            indices=beside.indices,
+            interface=beside.interface,
             centroids=mesh.local_centroids,
             measures=mesh.cell_measures,
-            boundary=boundary,
+            boundary=beside.boundary,
             weights=mesh.cell_measures,
             vertex_offsets=vertex_offsets,
             vertices=vertices,

@@ -1,4 +1,4 @@
-"""Measures, centroids and diameters."""
+"""Diameters."""
 
 from __future__ import annotations
 
@@ -6,36 +6,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["block_diameters", "compare_diameters", "polygon_moments"]
-
-
-@kernel
-def polygon_moments(points, offsets, faces, face_vertices, face_cells):
-    """Area and centroid of each 2-D cell by the divergence theorem over its faces.
-
-    Coordinates are taken relative to a vertex of the cell, so small cells far out lose no digits.
-    """
-    n = len(offsets) - 1
-    area = np.empty(n)
-    centroid = np.empty((n, 2))
-    for c in range(n):
-        v = face_vertices[faces[offsets[c]], 0]
-        x0, y0 = points[v, 0], points[v, 1]
-        a, mx, my = 0.0, 0.0, 0.0
-        for h in range(offsets[c], offsets[c + 1]):
-            f = faces[h]
-            flip = 0 if face_cells[f, 0] == c else 1
-            p, q = face_vertices[f, flip], face_vertices[f, 1 - flip]
-            px, py = points[p, 0] - x0, points[p, 1] - y0
-            qx, qy = points[q, 0] - x0, points[q, 1] - y0
-            cross = px * qy - qx * py
-            a += cross
-            mx += (px + qx) * cross
-            my += (py + qy) * cross
-        area[c] = 0.5 * a
-        centroid[c, 0] = x0 + mx / (3.0 * a)
-        centroid[c, 1] = y0 + my / (3.0 * a)
-    return area, centroid
+__all__ = ["block_diameters", "compare_diameters"]
 
 
 @kernel
