@@ -8,6 +8,8 @@ from agglo_core.kernels.compiling import kernel
 
 __all__ = ["block_diameters", "box", "compare_diameters", "octagon", "widest"]
 
+_MANY = 64  # vertices from which on not every pair of them is compared
+
 
 @kernel
 def _distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
@@ -44,6 +46,45 @@ def _farthest(m, unique, x, points):
 
 
 @kernel
+def _sort_along_x(m, unique, points):
+    """Sort the vertices ``unique[:m]`` by their first coordinate (Shell's sort)."""
+    gap = m // 2
+    while gap > 0:
+        for i in range(gap, m):
+            v, j = unique[i], i
+            while j >= gap and points[unique[j - gap], 0] > points[v, 0]:
+                unique[j] = unique[j - gap]
+                j -= gap
+            unique[j] = v
+        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
+
+
+@kernel
+def _widest_of_many(m, unique, centre, points, reach, widest):
+    """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
+
+    Let r be the largest distance from the centre c, ``reach`` its square. Of a pair p, q at distance w or
+    more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law): on round shapes hardly
+    any vertex does. The vertices are sorted along x, and q is sought among those near the image in x.
+    """
+    _sort_along_x(m, unique, points)
+    last = m - 1
+    for i in range(m):
+        image = 2.0 * centre[0] - points[unique[i], 0]
+        around = np.sqrt(max(4.0 * reach - widest, 0.0) + 1e-12 * reach)
+        while last >= 0 and points[unique[last], 0] > image + around:
+            last -= 1
+        j = min(last, i - 1)
+        while j >= 0 and points[unique[j], 0] >= image - around:
+            s = 0.0
+            for k in range(len(centre)):
+                s += (points[unique[i], k] - points[unique[j], k]) ** 2
+            widest = max(widest, s)
+            j -= 1
+    return widest
+
+
+@kernel
 def widest(m, unique, centre, points):
     """Largest distance between any two of ``unique[:m]``, which get another order.
 
@@ -68,6 +109,8 @@ def widest(m, unique, centre, points):
             if s >= inner:
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
+        if far > _MANY:
+            return np.sqrt(_widest_of_many(far, unique, centre, points, reach, widest))
     for i in range(1, far):
         widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
     return np.sqrt(widest)

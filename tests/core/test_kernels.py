@@ -19,8 +19,9 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.distance import pdist
 
-from agglo_core import Graph, samples
+from agglo_core import Graph, Mesh, samples
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.kernels.faces import cell_faces, check_polygons, match_half_edges
 from agglo_core.kernels.geometry import block_diameters, compare_diameters
@@ -214,6 +215,22 @@ def test_compared_diameters(seed: int, solid: bool, limits: list[float]) -> None
     assert found[finite] == pytest.approx(exact[finite], rel=0.5 if solid else 0.08)
 
 
+@pytest.mark.parametrize("shape", ["regular", "odd", "random", "noisy", "sphere"])
+def test_diameters_of_round_cells(shape: str) -> None:
+    rng = np.random.default_rng(5)
+    n = 301 if shape == "odd" else 300
+    angle = 2 * np.pi * (rng.random(n) if shape == "random" else np.arange(n) / n)
+    points = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    if shape == "sphere":
+        points = rng.standard_normal((n, 3))
+        points /= np.linalg.norm(points, axis=1)[:, None]
+    if shape == "noisy":
+        points *= 1 + 0.02 * rng.standard_normal((n, 1))
+    one = frozen_int(np.array([0, 1]))
+    cell = frozen_int(np.array([0, n])), frozen_index(rng.permutation(n)), frozen_float(points)
+    assert block_diameters(one, frozen_int(np.zeros(1)), *cell)[0] == pytest.approx(pdist(points).max())
+
+
 # --- connectivity repair ----------------------------------------------------------------------------------
 
 
@@ -359,6 +376,22 @@ def test_interfaces_are_relaxed_as_the_slow_sweeps_do(
         nodes = slice(level.offsets[b], level.offsets[b + 1])
         wanted = SlowRelaxation(level[b], given_labels[nodes], floor).run()
         np.testing.assert_array_equal(found[nodes], wanted)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_cell_of_many_neighbours_is_relaxed_as_any(seed: int) -> None:
+    n, rng = 24, np.random.default_rng(seed)
+    spokes = np.stack((np.cos(np.arange(n) * 2 * np.pi / n), np.sin(np.arange(n) * 2 * np.pi / n)), axis=1)
+    points = np.concatenate((spokes * rng.uniform(0.9, 1.1, (n, 1)), 2 * spokes, 3 * spokes))
+    i, j = np.arange(n), np.roll(np.arange(n), -1)
+    rings = [np.stack((k + i, k + n + i, k + n + j, k + j), axis=1) for k in (0, n)]
+    graph = Mesh.from_polygons(points, [range(n), *np.concatenate(rings)]).graph
+    labels = compact(np.concatenate(([0], np.tile(i // rng.integers(2, 9), 2))))
+    csr = graph.indptr, graph.indices, graph.interface
+    shapes = graph.centroids, graph.measures, frozen_int(labels)
+    found = relax_interface(graph.offsets, *csr, *shapes, 0.5)
+    np.testing.assert_array_equal(found, SlowRelaxation(graph, labels, 0.5).run())
+    assert (found != labels).any()
 
 
 # --- 2-means ------------------------------------------------------------------------------------------------
