@@ -22,6 +22,7 @@ __all__ = [
     "bisector_for",
     "broken_blocks",
     "checked_labels",
+    "checked_moves",
     "checked_parts",
     "checked_sides",
     "checked_sizes",
@@ -153,6 +154,22 @@ def checked_labels(member: Member, method: str, graph: Graph, before: Int, given
         block, part = np.argwhere(had != has)[0]
         verb = "emptied" if had[block, part] else "created"
         raise PluginError(f"{member.title} {verb} part {part} of block {block}")
+    return after
+
+
+def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
+    """The labels ``given`` by ``refine_parts``: no part is emptied, no cell leaves its block."""
+    after = _integers(member, "refine_parts", given, len(before))
+    if after.min() < 0 or after.max() >= len(block):
+        raise PluginError(
+            f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{len(block) - 1}"
+        )
+    empty = np.flatnonzero(np.bincount(after, minlength=len(block)) == 0)
+    if len(empty):
+        raise PluginError(f"{member.title} emptied part {empty[0]}")
+    left = np.flatnonzero(block[after] != block[before])
+    if len(left):
+        raise PluginError(f"{member.title} moved cell {left[0]} to a part of another block")
     return after
 
 

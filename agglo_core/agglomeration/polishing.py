@@ -7,18 +7,31 @@ connected components) and never make a part miss its size target.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Float, Int, Mask, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
 
-__all__ = ["PostPass", "merge_parts"]
+__all__ = ["PartRefiner", "PostPass", "merge_parts"]
+
+
+@runtime_checkable
+class PartRefiner(Protocol):
+    """Optional: a refiner for finished levels that needs no graph of the blocks, which costs time to make."""
+
+    def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
+        """Do what ``refine`` does if the parts ``p`` of each ``block[p]`` were the blocks of the graph.
+
+        ``labels (n,)`` number the parts through all blocks. No cell may leave its block.
+        """
 
 
 @dataclass(frozen=True)
@@ -95,38 +108,78 @@ def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
     """One k-way pass of the post-refiners in each block; moves that spoil a part are undone."""
-    pieces, cells = graph.split(blocks)
-    before = labels[cells]
     owner = np.empty(int(labels.max()) + 1, np.int64)
     owner[labels] = blocks
+    target = Target(parts=len(owner), h_star=goal.target.h_star)
+    if all(isinstance(member.tool, PartRefiner) for member in run.post_refiners):
+        after = run.refine_parts(graph, labels, frozen_int(owner), target)
+    else:
+        after = _refined_by_block(graph, labels, owner, target, run, stage)
+    return _without_bad_moves(graph, labels, after, goal.limit)
+
+
+def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
+    """Labels after the post-refiners, which are given the blocks of the parts as those of a graph."""
+    pieces, cells = graph.split(owner[labels])
     by_block = np.argsort(owner, kind="stable")
     first = np.concatenate(([0], np.cumsum(np.bincount(owner))))
     local = np.empty(len(owner), np.int64)
     local[by_block] = np.arange(len(owner)) - first[owner[by_block]]
     seeds = run.seeds(stage, pieces.n_blocks)
-    target = Target(parts=len(owner), h_star=goal.target.h_star)
-    moved = run.refine(pieces, frozen_int(local[before]), seeds, target, post=True)
-    after = by_block[first[pieces.block_ids] + moved]
+    moved = run.refine(pieces, frozen_int(local[labels[cells]]), seeds, target, post=True)
     result = np.empty(graph.n, np.int64)
-    result[cells] = _without_bad_moves(pieces, before, after, goal.limit)
+    result[cells] = by_block[first[pieces.block_ids] + moved]
     return frozen_int(result)
 
 
-def _without_bad_moves(pieces: Graph, before: Int, after: Int, limit: float) -> Int:
+def _without_bad_moves(graph: Graph, before: Int, after: Int, limit: float) -> Int:
     """Undo all moves into or out of parts that became empty, disconnected or too wide, until none is left.
 
-    A part is emptied where the move that filled it is undone, and not yet that which took its last cell.
+    A part is emptied where the move that filled it is undone, and not yet that which took its last cell:
+    then the other faults wait. Only parts that changed since they were looked at are looked at again.
     """
-    while True:
-        bad = np.bincount(after, minlength=int(before.max()) + 1) == 0
+    moved = np.flatnonzero(after != before)
+    changed = np.zeros(int(before.max()) + 1, bool)
+    changed[before[moved]] = changed[after[moved]] = True
+    result = after
+    while len(moved):
+        bad = np.bincount(result, minlength=len(changed)) == 0
         if not bad.any():
-            component = pieces.components(after)
-            part_of = np.zeros(int(component.max()) + 1, np.int64)
-            part_of[component] = after
-            bad = np.bincount(part_of, minlength=len(bad)) > 1
-            if np.isfinite(limit):
-                bad |= pieces.part_diameters(after) > limit
-        back = (bad[after] | bad[before]) & (after != before)
-        if not back.any():
-            return after
-        after = np.where(back, before, after)
+            bad = _spoilt(graph, result, changed, limit)
+            changed[:] = False
+        back = bad[result[moved]] | bad[before[moved]]
+        cells = moved[back]
+        if len(cells) == 0:
+            break
+        changed[before[cells]] = changed[result[cells]] = True
+        result = result.copy()
+        result[cells] = before[cells]
+        moved = moved[~back]
+    return frozen_int(result)
+
+
+def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float) -> Mask:
+    """Which of the changed parts ``(k,)`` are disconnected, or wider than ``limit``."""
+    cells = np.flatnonzero(changed[labels])
+    bad = np.zeros(len(changed), bool)
+    whole = 2 * len(cells) > graph.n
+    if not whole or len(broken_blocks(graph, labels)):
+        some = graph.subgraph(cells, frozen_int([0, len(cells)]))
+        component = some.components(labels[cells])
+        part = np.zeros(int(component.max()) + 1, np.int64)
+        part[component] = labels[cells]
+        bad = np.bincount(part, minlength=len(changed)) > 1
+    if np.isfinite(limit):
+        bad |= _too_wide(graph, labels, cells, len(changed), limit)
+    return bad
+
+
+def _too_wide(graph: Graph, labels: Int, cells: Int, k: int, limit: float) -> Mask:
+    """Which of ``k`` parts, made up of ``cells``, are wider than ``limit``."""
+    from agglo_core.kernels.geometry import compare_diameters
+
+    corners = (graph.vertex_offsets, graph.vertices, graph.points)
+    in_parts = frozen_int(cells[np.argsort(labels[cells], kind="stable")])
+    offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(labels[cells], minlength=k)))))
+    wide: Mask = compare_diameters(offsets, in_parts, *corners, frozen_float([limit])) > limit
+    return wide

@@ -13,6 +13,7 @@ from agglo_core.agglomeration.border import (
     bisector_for,
     broken_blocks,
     checked_labels,
+    checked_moves,
     checked_parts,
     checked_sides,
     checked_sizes,
@@ -185,6 +186,14 @@ class Run:
             refined = checked_labels(member, "refine", graph, labels, given)
             require_no_worse(member, graph, labels, refined)
             labels = refined
+        return labels
+
+    def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
+        """Labels after all post-refiners, each keeping the parts, and part p within ``block[p]``."""
+        for member in self.post_refiners:
+            with attributed(member.title):
+                given = member.tool.refine_parts(graph, labels, block, target)
+            labels = checked_moves(member, block, labels, given)
         return labels
 
     def fix(self, graph: Graph, labels: Int) -> Int:

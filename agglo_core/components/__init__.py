@@ -115,6 +115,13 @@ def _refiners() -> list[Component]:
         ),
         Component(
             kind="refiner",
+            name="compactness",
+            target="agglo_core.components.compactness:CompactnessRefiner",
+            promises=alike | {"invariant": True},
+            summary="Moves boundary cells for compact parts with short interfaces, many parts at once.",
+        ),
+        Component(
+            kind="refiner",
             name="descent",
             target="agglo_core.components.descent:DescentRefiner",
             promises=alike,

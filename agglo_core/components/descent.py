@@ -47,7 +47,7 @@ class DescentRefiner:
     Parameters
     ----------
     objective : str or metric
-        An objective (interface, cut, compactness, balance, normalised_cut), or a quality metric with
+        An objective (interface, cut, compactness, shape, balance, normalised_cut), or a quality metric with
         a method ``changes``, by name or as an object: the sum of its values over the parts.
     sweeps : int
         Largest number of sweeps.

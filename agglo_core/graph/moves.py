@@ -16,6 +16,7 @@ from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import ratio
 
 __all__ = [
+    "SHORTNESS",
     "Links",
     "boundary_moves",
     "cut_changes",
@@ -26,8 +27,15 @@ __all__ = [
     "mass_centres",
     "normalised_cut_changes",
     "part_sums",
+    "shape_changes",
+    "shapes",
     "squared_weight_changes",
 ]
+
+
+SHORTNESS = 0.3
+"""How much a short interface counts beside a small moment of inertia: what is measured about it is in
+docs/reference/shapes.md."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,37 @@ def inertia_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
     won = ratio(weight * mass[parts], mass[parts] + weight) * ((place - means[parts]) ** 2).sum(axis=1)
     changes: Float = won - lost
     return changes
+
+
+def shapes(graph: Graph, labels: Int) -> Float:
+    """Moment of inertia of each part times the interface in its block to the power ``SHORTNESS``, ``(k,)``.
+
+    In any unit of length the sum has its minimum at the same labels.
+    """
+    inertia, interface, block = _inertia_and_interface(graph, labels)
+    values: Float = inertia * (interface**SHORTNESS)[block]
+    return values
+
+
+def shape_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+    """Changes of the sum of the ``shapes`` of the parts ``(q,)``."""
+    inertia, interface, block = _inertia_and_interface(graph, labels)
+    total, b = part_sums(block, inertia, graph.n_blocks), graph.block_ids[cells]
+    moved = total[b] + inertia_changes(graph, labels, cells, parts)
+    left = np.maximum(interface[b] + interface_changes(graph, labels, cells, parts), 0.0)  # but for rounding
+    changes: Float = moved * left**SHORTNESS - total[b] * interface[b] ** SHORTNESS
+    return np.where(labels[cells] == parts, 0.0, changes)
+
+
+def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int]:
+    """Inertia of each part ``(k,)``, interface of each block ``(B,)``, and block of each part ``(k,)``."""
+    _, means = mass_centres(graph, labels)
+    inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    cut = np.where(labels[rows] != labels[graph.indices], graph.interface, 0.0)
+    block = np.zeros(len(inertia), np.int64)
+    block[labels] = graph.block_ids
+    return inertia, 0.5 * part_sums(graph.block_ids[rows], cut, graph.n_blocks), block
 
 
 def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:

@@ -79,7 +79,11 @@ def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
     """Number the parts of all blocks consecutively: labels ``(n,)`` without gaps, rising with the block."""
     local = np.asarray(labels, dtype=np.int64)
     stride = int(local.max(initial=0)) + 1
-    return frozen_int(np.unique(graph.block_ids * stride + local, return_inverse=True)[1])
+    through = graph.block_ids * stride + local
+    if graph.n_blocks * stride > 4 * graph.n:
+        return frozen_int(np.unique(through, return_inverse=True)[1])
+    present = np.bincount(through, minlength=graph.n_blocks * stride) > 0  # without sorting the cells
+    return frozen_int((np.cumsum(present) - 1)[through])
 
 
 def _interface(graph: Graph, labels: Int) -> Float:
@@ -128,6 +132,12 @@ _TABLE = (
         "moment of inertia of the parts about their centroids",
         _inertia,
         changes=moves.inertia_changes,
+    ),
+    Objective(
+        "shape",
+        "compactness times the interface of the block to the power 0.3",
+        moves.shapes,
+        changes=moves.shape_changes,
     ),
     Objective(
         "balance",

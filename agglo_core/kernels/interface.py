@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["relax_interface"]
+__all__ = ["keeps_whole", "relax_interface", "sort_by_key"]
 
 _REACH = 64  # cells visited before two neighbours count as not connected around a cell
 _MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
@@ -64,7 +64,7 @@ def _best_move(graph, parts, i, pairs, lengths):
 
 
 @kernel
-def _keeps_whole(graph, parts, i, search, stamp):
+def keeps_whole(graph, parts, i, search, stamp):
     """Whether the neighbours of cell i in its part stay connected near it once it has left.
 
     Complete rings of cells are grown around all of them at once until they meet; the search ends
@@ -106,7 +106,7 @@ def _keeps_whole(graph, parts, i, search, stamp):
 
 
 @kernel
-def _sort_by_key(items, keys, m):
+def sort_by_key(items, keys, m):
     """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
     for heap in range(1, m):
         child = heap
@@ -188,7 +188,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
     own = parts[i]
     if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
         return False
-    if not _keeps_whole(graph, parts, i, search, stamp):
+    if not keeps_whole(graph, parts, i, search, stamp):
         return False
     _put(measures, tally, i, target)
     return True
@@ -206,7 +206,7 @@ def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chose
             keys[i] = 0.0
             for k in range(len(axis)):
                 keys[i] += axis[k] * centroids[i, k]
-    _sort_by_key(chosen, keys, found)
+    sort_by_key(chosen, keys, found)
     return found
 
 
