@@ -37,10 +37,9 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
         if growth is None:
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
         parts = _split(graph, labels, goal, growth, own, stage)
+        labels = post.apply(graph, labels, parts, goal, own, stage)
         if post.active:
-            parts = post.apply(graph, labels, parts, goal, own, stage)
             growth = None  # of other pieces
-        labels = parts
         result.append(labels)
     return result[::-1]
 

@@ -47,8 +47,10 @@ class Pipeline:
         Whether each level must be a coarsening of the one before.
     merge : bool
         Size targets: merge neighbouring parts while their union meets the target.
+    polish : bool
+        Whether ``post_refiners`` work on each finished level.
     post_refiners : sequence of Choice
-        Applied to each finished level; moves that make a part miss its size are undone.
+        Moves that make a part miss its size are undone.
     seed : int
         Root of all random numbers.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
@@ -63,7 +65,8 @@ class Pipeline:
     method: Method = "recursive"
     nested: bool = True
     merge: bool = False
-    post_refiners: Sequence[Choice] = ()
+    polish: bool = True
+    post_refiners: Sequence[Choice] = ("compactness",)
     seed: int = 0
     h_star: Numbers | None = None
     h_factor: Numbers | None = None
@@ -77,7 +80,7 @@ class Pipeline:
         if not isinstance(self.seed, Integral) or isinstance(self.seed, bool) or not 0 <= self.seed < 2**63:
             raise OptionError(f"seed must be an integer in 0..2^63 − 1, given {self.seed!r}")
         object.__setattr__(self, "seed", int(self.seed))
-        for name in ("nested", "merge"):
+        for name in ("nested", "merge", "polish"):
             if not isinstance(getattr(self, name), bool):
                 raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
         if self.merge and (self.n_parts is not None or self.cells_per_part is not None):
@@ -112,6 +115,7 @@ class Pipeline:
                 method=file.value("method", base.method),
                 nested=file.value("nested", base.nested),
                 merge=file.value("merge", base.merge),
+                polish=file.value("polish", base.polish),
                 post_refiners=file.components("post_refiners", base.post_refiners),
                 seed=file.value("seed", base.seed),
                 h_star=file.value("h_star", base.h_star),
@@ -144,7 +148,7 @@ class Pipeline:
             kway=self.method == "kway",
             bisector=self.bisector,
             refiners=self.refiners,
-            post_refiners=self.post_refiners,
+            post_refiners=self.post_refiners if self.polish else (),
             fixer=self.fixer,
             seed=self.seed,
             progress=listen,
@@ -162,8 +166,7 @@ class Pipeline:
         )
 
     def _goals(self, mesh: Mesh | Graph, graph: Graph) -> tuple[Goal, ...]:
-        others = (self.h_star, self.n_parts, self.cells_per_part)
-        in_mesh_sizes = all(value is None for value in others)
+        in_mesh_sizes = self.h_star is None and self.n_parts is None and self.cells_per_part is None
         return resolve_goals(
             graph,
             mesh.h if in_mesh_sizes and isinstance(mesh, Mesh) else None,
@@ -186,14 +189,13 @@ class Pipeline:
         return result
 
     def _levels(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
-        post = PostPass(self.merge, bool(self.post_refiners))
+        post = PostPass(self.merge, bool(run.post_refiners))
         if self.method == "kway":
             return kway_levels(graph, goals, self.nested, run, post)
         if self.nested:
             return recursive_levels(graph, goals, run, post)
-        count = len(goals)
         return [
-            recursive_levels(graph, [goal], run.on_level(place, count), post)[0]
+            recursive_levels(graph, [goal], run.on_level(place, len(goals)), post)[0]
             for place, goal in enumerate(goals)
         ]
 
@@ -211,6 +213,7 @@ def agglomerate(
     refiners: Sequence[Choice] | None = None,
     fixer: Choice | None = None,
     merge: bool | None = None,
+    polish: bool | None = None,
     post_refiners: Sequence[Choice] | None = None,
     seed: int | None = None,
     config: str | os.PathLike[str] | None = None,
@@ -237,9 +240,10 @@ def agglomerate(
         Default ``("interface",)``; ``()`` for none.
     merge : bool, optional
         Size targets: merge neighbouring parts while their union meets the target. Default False.
+    polish : bool, optional
+        Whether ``post_refiners`` work on each finished level. Default True.
     post_refiners : sequence of components, optional
-        Applied to each finished level; moves that make a part miss its size are undone. Default
-        ``()``.
+        Moves that make a part miss its size are undone. Default ``("compactness",)``.
     seed : int, optional
         Default 0.
     config : path, optional
@@ -247,8 +251,7 @@ def agglomerate(
     constraints : sequence of components, optional
         No part is joined across an edge of the dual graph that one of them forbids. Default ``()``.
     registry : Registry, optional
-        Where names are looked up, and whose plugins follow the progress of the run; by default the
-        installed plugins.
+        Where names are looked up, and whose plugins follow the run; by default the installed ones.
     allow_code : bool, optional
         Whether options in ``config`` may name code, which is then imported and run. Default False.
     progress : callable, optional
@@ -282,6 +285,7 @@ def agglomerate(
         method=_given(method, base.method),
         nested=_given(nested, base.nested),
         merge=_given(merge, base.merge and not counts),
+        polish=_given(polish, base.polish),
         post_refiners=_given(post_refiners, base.post_refiners),
         seed=_given(seed, base.seed),
         h_star=h_star if own else base.h_star,

@@ -83,7 +83,7 @@ _TARGETS = {
     "cells_per_part": "--cells-per-part",
 }
 _BARE = ("refiners", "fixer", *_TARGETS, "seed")
-_LAST = ("merge", "post_refiners", "constraints", "config", "allow_code")
+_LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code")
 _ALL = ("bisector", "method", "nested", *_BARE, *_LAST)
 _SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
 
@@ -157,11 +157,14 @@ _LAST_STEPS = (
         "--merge/--no-merge", default=None, help="Sizes: merge neighbours while they meet the target."
     ),
     click.option(
+        "--polish/--no-polish", default=None, help="Whether finished levels are polished (default)."
+    ),
+    click.option(
         "--post-refiner",
         "post_refiners",
         multiple=True,
         metavar=COMPONENT,
-        help="For each finished level. Repeatable; 'none' for none.",
+        help="For each finished level (default compactness). Repeatable; 'none' for none.",
     ),
     click.option(
         "--constraint",
@@ -208,9 +211,9 @@ def agglomeration_options(
     command : callable, optional
         Decorated without arguments, it gets refiners, fixer, the four kinds of target, and the seed.
     bisector : "one" or "several"
-        All the options of ``agglo run``: also bisector, method, nested, merge, post-refiners,
-        constraints, config. With "several" the command gets ``bisectors`` besides, a list of texts for
-        :func:`choice`, empty if none was given.
+        All the options of ``agglo run``: also bisector, method, nested, merge, polish,
+        post-refiners, constraints, config. With "several" the command gets ``bisectors`` besides, a list of
+        texts for :func:`choice`, empty if none was given.
     method : "one" or "several"
         With "several" the command gets ``methods`` besides, a list of words, empty if none was given.
     """

@@ -71,7 +71,11 @@ def _meshes(subject: Subject) -> list[Mesh]:
 def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:
     """The arguments of the runs: a bisector by all its methods, a refiner at both of its places."""
     own = own_components()
-    beside = {"bisector": own.build("bisector", "inertial"), "fixer": own.build("fixer", "connectivity")}
+    beside = {
+        "bisector": own.build("bisector", "inertial"),
+        "fixer": own.build("fixer", "connectivity"),
+        "post_refiners": [own.build("refiner", "compactness")],
+    }
     recursive = beside | {"refiners": [own.build("refiner", "interface")], "method": "recursive"}
     if subject.kind == "bisector":
         bisects = subject.has("bisect") or subject.has("bisect_level")

@@ -78,6 +78,7 @@ class Strategy:
             method=self.method,
             nested=not self.by_count,
             refiners=None if self.refined else (),
+            polish=False,
             seed=seed,
             **asked,
         )

@@ -129,7 +129,10 @@ def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[In
     from agglo_core.authoring import agglomerate
 
     given = hierarchy.fine if hierarchy.fine is not None else hierarchy.graph
-    return list(agglomerate(given, bisector="coordinate", refiners=(), cells_per_part=tuple(sizes)).levels)
+    straight = agglomerate(
+        given, bisector="coordinate", refiners=(), polish=False, cells_per_part=tuple(sizes)
+    )
+    return list(straight.levels)
 
 
 def _required(sigma: Float | None) -> Float:

@@ -135,6 +135,7 @@ def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
     assert not run(cells_per_part=6)
     assert not run(refiners=(), fixer=Fixer(), cells_per_part=6)
     assert not run(refiners=(), h_factor=3)
+    assert run(refiners=(), polish=False, cells_per_part=6)
     assert run(refiners=(), post_refiners=("interface",), cells_per_part=6)
 
 

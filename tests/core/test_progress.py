@@ -100,16 +100,17 @@ def test_parts_and_labels() -> None:
 
 
 WAYS: dict[str, tuple[dict[str, Any], list[str]]] = {
-    "one tree": (SIZES, ["agglomerating"]),
-    "counts": ({"n_parts": (40, 10)}, ["agglomerating"] * 2),
-    "levels apart": ({**SIZES, "nested": False}, ["agglomerating"] * 2),
+    "one tree": ({**SIZES, "polish": False}, ["agglomerating"]),
+    "sizes": (SIZES, ["agglomerating", "polishing"] * 2),
+    "counts": ({"n_parts": (40, 10)}, ["agglomerating", "polishing"] * 2),
+    "levels apart": ({**SIZES, "nested": False}, ["agglomerating", "polishing"] * 2),
     "merged and polished": (
         {**SIZES, "merge": True, "post_refiners": ("interface",)},
         ["agglomerating", "merging", "polishing"] * 2,
     ),
     "k-way": (
         {**SIZES, "method": "kway", "bisector": "kmeans"},
-        ["partitioning", "agglomerating"] * 2,
+        ["partitioning", "agglomerating", "polishing"] * 2,
     ),
 }
 
@@ -278,7 +279,7 @@ def test_a_listener_is_a_function(tmp_path: Path) -> None:
 
 def test_verbose_writes_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     told: list[Progress] = []
-    agglo.agglomerate(MESH, **SIZES, verbose=True, progress=told.append)
+    agglo.agglomerate(MESH, **SIZES, polish=False, verbose=True, progress=told.append)
     out, err = capsys.readouterr()
     lines = err.splitlines()
     assert out == ""

@@ -182,12 +182,13 @@ def test_levels_of_one_tree_are_the_levels_of_separate_runs(bisector):
     """Splits depend on the place in the tree alone, so a coarser target stops the same recursion."""
     mesh = samples.random_triangles(60, seed=5)
     factors = (1.2, 2, 2, 3.5)
-    together = agglo.agglomerate(mesh, bisector=bisector, h_factor=factors, seed=4)
+    how = {"bisector": bisector, "seed": 4, "polish": False}
+    together = agglo.agglomerate(mesh, h_factor=factors, **how)
     assert len(together.levels) == 4
     for level, factor in enumerate(factors):
-        alone = agglo.agglomerate(mesh, bisector=bisector, h_factor=factor, seed=4)
+        alone = agglo.agglomerate(mesh, h_factor=factor, **how)
         np.testing.assert_array_equal(together.levels[level], alone.levels[0])
-    apart = agglo.agglomerate(mesh, bisector=bisector, h_factor=factors, seed=4, nested=False)
+    apart = agglo.agglomerate(mesh, h_factor=factors, **how, nested=False)
     for one, other in zip(together.levels, apart.levels, strict=True):
         np.testing.assert_array_equal(one, other)
 

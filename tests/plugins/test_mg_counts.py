@@ -44,10 +44,12 @@ def levels_of(grid: str, bisector: str) -> Hierarchy:
     mesh = samples.paper(grid)
     if bisector != "metis":
         sizes = [sqrt(2) / 8, sqrt(2) / 4, sqrt(2) / 2]
-        return agglomerate(mesh, bisector=bisector, h_star=sizes)
+        return agglomerate(mesh, bisector=bisector, polish=False, h_star=sizes)
     bare = ("metis", {"vertex_weights": False, "edge_weights": False})
     parts = [mesh.n_cells // 4, mesh.n_cells // 16, mesh.n_cells // 64]
-    return agglomerate(mesh, bisector=bare, method="kway", nested=False, refiners=(), n_parts=parts)
+    return agglomerate(
+        mesh, bisector=bare, method="kway", nested=False, refiners=(), polish=False, n_parts=parts
+    )
 
 
 def solved(solver: str, grid: str, bisector: str, **options: object) -> Solution:
