@@ -103,7 +103,7 @@ def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
 def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
     """Split pieces, the last in ``todo`` first; the arguments are those of ``PieceGrowth``."""
     indptr, indices, _, centroids, measures, weights, _ = graph
-    limit, floor, small = goal
+    limit, floor, small, check = goal
     waiting, put_off, stamp, largest = counts[0], counts[1], counts[2], np.int64(0)
     for k in range(waiting):
         largest = max(largest, todo[k, 1] - todo[k, 0])
@@ -132,16 +132,19 @@ def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, t
                 continue
             edge, stamp = _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp)
             stamp += 2
-            if not piece_splits.sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):
+            if check > 0 and not piece_splits.sides_connected(
+                indptr, indices, tag, lo, hi, edge, room, stamp - 2
+            ):
                 waiting += 1
                 counts[3] = 1  # somebody else is to mend them
                 break
-        tally[min(depth, len(tally) - 1), 2] += counts[3]
+        row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
+        tally[row, 2] += counts[3]
         counts[3] = 0
         middle = piece_splits.part_list(tag, measures, cells, lo, hi, room[0], size)
         first = piece_splits.quota_of_left(quota, size, middle - lo, hi - middle)
-        tally[min(depth, len(tally) - 1), 0] += 1
-        tally[min(depth, len(tally) - 1), 1] += hi - lo
+        tally[row, 0] += one
+        tally[row, 1] += one * (hi - lo)
         work -= hi - lo
         todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
         todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
