@@ -67,7 +67,7 @@ class PieceGrowth:
     """
 
     def __init__(self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float) -> None:
-        from agglo_core.kernels.piece_splits import reach_of_cells
+        from agglo_core.kernels.piece_splits import reach_of_cells, units_of
 
         self._graph = (
             graph.indptr,
@@ -77,6 +77,7 @@ class PieceGrowth:
             graph.measures,
             graph.weights,
             reach_of_cells(graph.indptr, graph.indices, graph.centroids),
+            units_of(graph.centroids, graph.weights),
         )
         self._shape = (graph.vertex_offsets, graph.vertices, graph.points)
         self._kernel, self._floor = kernel, floor
@@ -186,7 +187,7 @@ class PieceGrowth:
         """Connect both sides of a piece, as the built-in fixer does."""
         from agglo_core.kernels.repair import mend_piece
 
-        indptr, indices, interface, centroids, measures, _, _ = self._graph
+        indptr, indices, interface, centroids, measures = self._graph[:5]
         cells = self._cells[lo:hi]
         sides = (self._tag[cells] & 1).astype(np.int64)
         sides = mend_piece(cells, sides, 2, indptr, indices, interface, centroids, measures, self._local)

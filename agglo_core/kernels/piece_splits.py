@@ -25,6 +25,7 @@ __all__ = [
     "side_tags",
     "sides_connected",
     "tagged_components",
+    "units_of",
 ]
 
 
@@ -51,6 +52,20 @@ def piece_room(m, marks):
         np.empty(size),
         marks,
     )
+
+
+@kernel
+def units_of(centroids, weights):
+    """Factors that make lengths and weights of order 1."""
+    extent, total = 0.0, 0.0
+    for k in range(centroids.shape[1]):
+        low, high = np.inf, -np.inf
+        for i in range(len(centroids)):
+            low, high = min(low, centroids[i, k]), max(high, centroids[i, k])
+        extent = max(extent, high - low)
+    for i in range(len(weights)):
+        total += weights[i]
+    return (1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0)
 
 
 @kernel
