@@ -25,6 +25,11 @@ _WORK = 4_000_000
 _SMALL = 16_384
 """Pieces of at most so many cells are split to the end by themselves: they fit a cache."""
 
+_TINY = 512
+"""Pieces of at most so many cells are split to the end before connections are tested."""
+
+_CHECKED, _UNCHECKED, _TAKEN_BACK = 1, 0, -1
+
 _HALVINGS = 10.0
 """Depths of small pieces, roughly: for the share of the work that is done."""
 
@@ -52,7 +57,8 @@ class PieceGrowth:
         for a size) and the depth, the last first, until ``work`` cells were handled or no room is left.
         ``cells`` is the list of cells, each piece a slice of it; ``leaf (n,)`` marks where finished pieces
         start; pieces of at most ``goal[2]`` cells go to ``ready`` instead; ``goal`` is
-        (largest diameter or 0, floor of the refinement or −1, that number); ``counts`` the rows of ``todo``
+        (largest diameter or 0, floor of the refinement or −1, that number, whether sides are to be connected:
+        1, or 0, or −1 to count backwards besides); ``counts`` the rows of ``todo``
         and ``ready`` in use, the next stamp, and whether the piece next to be split is tagged and has to be
         connected first, or has been; ``tally`` counts pieces, cells and mended pieces by depth.
         Kernels of the module ``piece_splits`` do all but the cut.
@@ -61,7 +67,7 @@ class PieceGrowth:
     """
 
     def __init__(self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float) -> None:
-        from agglo_core.kernels.piece_splits import reach_of_cells
+        from agglo_core.kernels.piece_splits import reach_of_cells, units_of
 
         self._graph = (
             graph.indptr,
@@ -71,6 +77,7 @@ class PieceGrowth:
             graph.measures,
             graph.weights,
             reach_of_cells(graph.indptr, graph.indices, graph.centroids),
+            units_of(graph.centroids, graph.weights),
         )
         self._shape = (graph.vertex_offsets, graph.vertices, graph.points)
         self._kernel, self._floor = kernel, floor
@@ -114,13 +121,13 @@ class PieceGrowth:
         def handled(cells: int) -> None:
             told(share * min(1.0, cells / (len(leaf) * halvings)))
 
-        goal, threads, done = (limit, self._floor), thread_count(), share
+        threads, done = thread_count(), share
         small = max(_SMALL, len(leaf) // (4 * threads)) if threads > 1 else _SMALL
-        put_off, stamp = self._advance(todo[large], leaf, tally, (*goal, small), handled)
+        put_off, stamp = self._advance(todo[large], leaf, tally, (limit, small, _CHECKED), handled)
 
         def finish(batch: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
-            return batch, own, self._advance(batch, leaf, own, (*goal, 0), lambda cells: None)[1]
+            return batch, own, self._finish(batch, leaf, own, limit)
 
         self._stamp = stamp
         for batch, own, last in _mapped(finish, _batches(np.concatenate((todo[~large], put_off))), threads):
@@ -131,34 +138,56 @@ class PieceGrowth:
         self._stamp = stamp
         return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
 
+    def _finish(self, batch: Int, leaf: Mask, tally: Int, limit: float) -> int:
+        """Split pieces until all are finished; returns the next stamp.
+
+        Tiny pieces are split without a look at connections, which are tested in the end; the few of which
+        parts are broken are taken back, what was counted too, and split with care.
+        """
+        from agglo_core.kernels.piece_splits import broken_pieces
+
+        tiny, stamp = self._advance(batch, leaf, tally, (limit, _TINY, _CHECKED))
+        stamp = self._advance(tiny, leaf, tally, (limit, 0, _UNCHECKED), stamp=stamp)[1]
+        indptr, indices = self._graph[:2]
+        again = tiny[broken_pieces(tiny, self._cells, indptr, indices, self._tag, leaf, self._local)]
+        for how in (_TAKEN_BACK, _CHECKED) if len(again) else ():
+            for lo, hi in again[:, :2].tolist():
+                self._cells[lo:hi].sort()
+                leaf[lo:hi] = False
+            stamp = self._advance(again, leaf, tally, (limit, 0, how), stamp=stamp)[1]
+        return stamp
+
     def _advance(
         self,
         todo: Int,
         leaf: Mask,
         tally: Int,
-        goal: tuple[float, float, int],
-        handled: Callable[[int], None],
+        goal: tuple[float, int, int],
+        handled: Callable[[int], None] | None = None,
+        stamp: int = 0,
     ) -> tuple[Int, int]:
         """Split the pieces until all are finished or put off; returns those, and the next stamp."""
-        counts = np.array([len(todo), 0, self._stamp, 0])
+        counts = np.array([len(todo), 0, max(stamp, self._stamp), 0])
         todo, ready = _enlarged(todo), np.zeros((_ROOM, 4), np.int64)
-        lists = (self._cells, self._tag, self._marks)
+        lists, (limit, small, check) = (self._cells, self._tag, self._marks), goal
+        aim = (limit, self._floor, small, check)
         while counts[0]:
-            self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, goal, _WORK)
+            self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
             if counts[3]:
                 self._mend(*todo[counts[0] - 1, :2].tolist())
             if counts[0] + 2 > len(todo):
                 todo = _enlarged(todo)
             if counts[1] == len(ready):
                 ready = _enlarged(ready)
-            handled(int(tally[:, 1].sum()))
+            if handled is not None:
+                handled(int(tally[:, 1].sum()))
         return ready[: counts[1]], int(counts[2])
 
     def _mend(self, lo: int, hi: int) -> None:
         """Connect both sides of a piece, as the built-in fixer does."""
         from agglo_core.kernels.repair import mend_piece
 
-        indptr, indices, interface, centroids, measures, _, _ = self._graph
+        indptr, indices, interface, centroids, measures = self._graph[:5]
         cells = self._cells[lo:hi]
         sides = (self._tag[cells] & 1).astype(np.int64)
         sides = mend_piece(cells, sides, 2, indptr, indices, interface, centroids, measures, self._local)

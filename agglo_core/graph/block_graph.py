@@ -192,11 +192,16 @@ class BlockGraph:
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
-        from agglo_core.kernels.graphs import components
+        from agglo_core.kernels.graphs import broken_blocks, components
 
         parts = frozen_int(np.zeros(self.n) if labels is None else labels)
         if parts.shape != (self.n,) or parts.min() < 0:
             raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
+        if (
+            labels is None
+            and not broken_blocks(frozen_int([0, self.n]), self.indptr, self.indices, parts).any()
+        ):
+            return parts
         nodes, offsets = components(self.indptr, self.indices, parts)
         component = np.empty(self.n, np.int64)
         component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))

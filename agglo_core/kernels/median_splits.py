@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.piece_splits import tagged_components
 from agglo_core.kernels.repair import mend_piece
 from agglo_core.kernels.sums import chosen_sum
 
@@ -118,30 +119,6 @@ def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
 
 
 @kernel
-def _components(cells, indptr, indices, tag, parent):
-    """Number of connected components of equal tags among the ``cells``, by union-find."""
-    count = len(cells)
-    for c in range(len(cells)):
-        i = cells[c]
-        own, root = tag[i], i
-        parent[i] = root
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
-            joined = (j < i) & (tag[j] == own)
-            other = parent[j] if joined else root  # a branch would be mispredicted half the time
-            if other == root:
-                continue
-            while parent[other] != other:
-                other = parent[other]
-            if other != root:
-                root, child = min(root, other), max(root, other)
-                parent[child] = root
-                count -= 1
-        parent[i] = root
-    return count
-
-
-@kernel
 def _part(lists, lo, hi, left, tag, spare):
     """Put the cells with the tag ``left`` before the others in every list; returns where the others start."""
     middle = lo
@@ -207,7 +184,7 @@ def split_at_medians(graph, columns, lists, tag, todo, leaves, counts, tally, ti
         work -= hi - lo
         left, right, cells = 2 * lo, 2 * hi - 1, lists[0, lo:hi]
         _halve(columns, weights, lists, lo, hi, tie, shares, tag)
-        if _components(cells, indptr, indices, tag, parent) > 2:
+        if tagged_components(cells, indptr, indices, tag, parent) > 2:
             sides = np.empty(hi - lo, np.int64)
             for k in range(hi - lo):
                 sides[k] = tag[cells[k]] == right

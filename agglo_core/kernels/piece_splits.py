@@ -14,6 +14,7 @@ from agglo_core.kernels.geometry import box, octagon, widest
 from agglo_core.kernels.piece_refinement import connected, refine_sides
 
 __all__ = [
+    "broken_pieces",
     "cut_cells",
     "is_narrow",
     "part_list",
@@ -23,6 +24,8 @@ __all__ = [
     "refine_sides",
     "side_tags",
     "sides_connected",
+    "tagged_components",
+    "units_of",
 ]
 
 
@@ -49,6 +52,20 @@ def piece_room(m, marks):
         np.empty(size),
         marks,
     )
+
+
+@kernel
+def units_of(centroids, weights):
+    """Factors that make lengths and weights of order 1."""
+    extent, total = 0.0, 0.0
+    for k in range(centroids.shape[1]):
+        low, high = np.inf, -np.inf
+        for i in range(len(centroids)):
+            low, high = min(low, centroids[i, k]), max(high, centroids[i, k])
+        extent = max(extent, high - low)
+    for i in range(len(weights)):
+        total += weights[i]
+    return (1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0)
 
 
 @kernel
@@ -99,6 +116,42 @@ def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
             filled += tag[boundary[c]] == own
         whole &= connected(indptr, indices, tag, own, queue, root, filled, marks, stamp + side, everything)
     return whole
+
+
+@kernel
+def tagged_components(cells, indptr, indices, tag, parent):
+    """Number of connected components of equal tags among the ``cells``, by union-find."""
+    count = len(cells)
+    for c in range(len(cells)):
+        i = cells[c]
+        own, root = tag[i], i
+        parent[i] = root
+        for h in range(indptr[i], indptr[i + 1]):
+            j = indices[h]
+            joined = (j < i) & (tag[j] == own)
+            other = parent[j] if joined else root  # a branch would be mispredicted half the time
+            if other == root:
+                continue
+            while parent[other] != other:
+                other = parent[other]
+            if other != root:
+                root, child = min(root, other), max(root, other)
+                parent[child] = root
+                count -= 1
+        parent[i] = root
+    return count
+
+
+@kernel
+def broken_pieces(slices, cells, indptr, indices, tag, leaf, parent):
+    """Which pieces ``(lo, hi, …)`` have finished parts that are not connected; ``parent`` is a work array."""
+    broken = np.empty(len(slices), np.bool_)
+    for s in range(len(slices)):
+        lo, hi, parts = slices[s, 0], slices[s, 1], 0
+        for k in range(lo, hi):
+            parts += leaf[k]
+        broken[s] = tagged_components(cells[lo:hi], indptr, indices, tag, parent) > parts
+    return broken
 
 
 @kernel

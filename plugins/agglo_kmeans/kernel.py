@@ -12,20 +12,6 @@ __all__ = ["split_by_means", "two_means"]
 
 
 @kernel
-def _units(centroids, weights):
-    """Factors that make lengths and weights of order 1."""
-    extent, total = 0.0, 0.0
-    for k in range(centroids.shape[1]):
-        low, high = np.inf, -np.inf
-        for i in range(len(centroids)):
-            low, high = min(low, centroids[i, k]), max(high, centroids[i, k])
-        extent = max(extent, high - low)
-    for i in range(len(weights)):
-        total += weights[i]
-    return (1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0)
-
-
-@kernel
 def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count, reach, near):
     """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
 
@@ -63,7 +49,7 @@ def two_means(offsets, centroids, weights):
     n, planar, largest = len(weights), centroids.shape[1] == 2, np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
-    room, units = means_room(largest), _units(centroids, weights)
+    room, units = means_room(largest), piece_splits.units_of(centroids, weights)
     size, count, near = np.empty(2), np.empty(2, np.int64), np.empty(largest + 1, np.int32)
     reach = np.zeros(n, np.float32)
     cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
@@ -83,7 +69,7 @@ def two_means(offsets, centroids, weights):
 @kernel
 def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
     """Cut a piece by 2-means and refine the sides; returns the cells along the cut, and the next stamp."""
-    indptr, indices, interface, centroids, measures, _, reach = graph
+    indptr, indices, interface, centroids, measures, _, reach, _ = graph
     size, count, axis = sums
     plane = separator(means, hi - lo, centroids.shape[1] == 2)
     edge = _tag_sides(cells, lo, hi, means[0], extent, plane, tag, measures, size, count, reach, room[0])
@@ -102,16 +88,12 @@ def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
 @kernel
 def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
     """Split pieces, the last in ``todo`` first; the arguments are those of ``PieceGrowth``."""
-    indptr, indices, _, centroids, measures, weights, _ = graph
-    limit, floor, small = goal
+    indptr, indices, _, centroids, measures, weights, _, units = graph
+    limit, floor, small, check = goal
     waiting, put_off, stamp, largest = counts[0], counts[1], counts[2], np.int64(0)
     for k in range(waiting):
         largest = max(largest, todo[k, 1] - todo[k, 0])
-    room, means, units = (
-        piece_splits.piece_room(largest, marks),
-        means_room(largest),
-        _units(centroids, weights),
-    )
+    room, means = piece_splits.piece_room(largest, marks), means_room(largest)
     size, count, axis = np.empty(2), np.empty(2, np.int64), np.empty(3)
     sums = (size, count, axis)
     while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
@@ -132,16 +114,19 @@ def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, t
                 continue
             edge, stamp = _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp)
             stamp += 2
-            if not piece_splits.sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):
+            if check > 0 and not piece_splits.sides_connected(
+                indptr, indices, tag, lo, hi, edge, room, stamp - 2
+            ):
                 waiting += 1
                 counts[3] = 1  # somebody else is to mend them
                 break
-        tally[min(depth, len(tally) - 1), 2] += counts[3]
+        row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
+        tally[row, 2] += counts[3]
         counts[3] = 0
         middle = piece_splits.part_list(tag, measures, cells, lo, hi, room[0], size)
         first = piece_splits.quota_of_left(quota, size, middle - lo, hi - middle)
-        tally[min(depth, len(tally) - 1), 0] += 1
-        tally[min(depth, len(tally) - 1), 1] += hi - lo
+        tally[row, 0] += one
+        tally[row, 1] += one * (hi - lo)
         work -= hi - lo
         todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
         todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first

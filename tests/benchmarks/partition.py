@@ -1,11 +1,13 @@
-"""Partition speed and quality beside METIS, scikit-learn and coordinate bisection.
+"""Partition speed, memory and quality beside METIS, PyAMG, scikit-learn and coordinate bisection.
 
-    python tests/benchmarks/partition.py [CELLS ...] [--build CELLS] [--sklearn-cells N] [--repeats N]
+    python tests/benchmarks/partition.py [CELLS ...] [--meshes NAME ...] [--rivals NAME ...] [--repeats N]
 
-Random Delaunay triangles, parts of 16 cells on average, one thread, CPU seconds of this process after a
-warm-up. Everybody starts from the dual graph. ``ratio`` is the median over the repeats of the CPU time
-divided by that of ``pymetis`` recursive in the same repeat. The last table builds Mesh and Graph from
-bare arrays, by default of a million triangles.
+Parts of 16 cells on average (32 in space), one thread, CPU seconds of this process after a warm-up. Everybody
+starts from the dual graph. ``ratio`` is the median over the repeats of the CPU time divided by that of
+``pymetis`` recursive in the same repeat. ``J`` is the mean k-means energy of the parts, 1 for a disk or
+ball. ``B/cell`` is the peak of what Python and numpy allocate during a call, in a run of its own. The row
+"h* 2, 4, 8" makes three nested levels by size; METIS makes as many parts as the finest has. The last line of
+each mesh tells how the time of the default grows with the number of cells.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
 # ruff: noqa: E402
 import argparse
 import time
+import tracemalloc
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -30,8 +34,12 @@ from agglo_core import Graph, Mesh, samples
 
 Labels = NDArray[np.int64]
 Method = Callable[[Graph, int], Labels]
-REFERENCE = "METIS recursive"
-CELLS_PER_PART = 16
+DEFAULT, SIZES, REFERENCE = "agglo (default)", "agglo, h* 2, 4, 8", "METIS recursive"
+MESHES: Mapping[str, Callable[[int], Mesh]] = {
+    "triangles": lambda n: samples.random_triangles(n // 2, seed=0),
+    "voronoi": lambda n: samples.voronoi(n, seed=0),
+    "tetrahedra": lambda n: samples.tetrahedra(max(1, round((n / 6) ** (1 / 3)))),
+}
 
 
 def pipeline(**options: Any) -> Method:
@@ -54,13 +62,30 @@ def metis(recursive: bool) -> Method:
     return run
 
 
+def lloyd(graph: Graph, parts: int) -> Labels:
+    """PyAMG's Lloyd aggregation of the dual graph, edges as long as the centroids are apart."""
+    from pyamg.aggregation import lloyd_aggregation
+    from scipy import sparse
+
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    apart = np.linalg.norm(graph.centroids[rows] - graph.centroids[graph.indices], axis=1)
+    matrix = sparse.csr_matrix((apart, graph.indices, graph.indptr.astype(np.int32)), (graph.n, graph.n))
+    aggregates = lloyd_aggregation(matrix, ratio=parts / graph.n, measure=None)[0]
+    return np.unique(aggregates.indices, return_inverse=True)[1]
+
+
 METHODS: Mapping[str, Method] = {
-    "agglo kmeans (default)": pipeline(),
+    DEFAULT: pipeline(),
+    "agglo, polish=False": pipeline(polish=False),
+    SIZES: lambda graph, parts: agglo.agglomerate(graph, h_factor=(2, 4, 8)).levels[0],
     REFERENCE: metis(recursive=True),
     "METIS k-way": metis(recursive=False),
-    "coordinate bisection": pipeline(bisector="coordinate", refiners=()),
-    "scikit-learn 2-means": pipeline(bisector="kmeans_sklearn", refiners=()),
+    "PyAMG Lloyd": lloyd,
+    "coordinate bisection": pipeline(bisector="coordinate", refiners=(), polish=False),
+    "scikit-learn 2-means": pipeline(bisector="kmeans_sklearn", refiners=(), polish=False),
 }
+SLOW = {"PyAMG Lloyd": 100_000, "scikit-learn 2-means": 10_000}
+"""Those who are asked up to so many cells, and once."""
 
 
 def cpu(call: Callable[[], Any]) -> tuple[float, Any]:
@@ -70,73 +95,75 @@ def cpu(call: Callable[[], Any]) -> tuple[float, Any]:
     return time.process_time() - start, result
 
 
-def quality(mesh: Mesh, labels: Labels) -> tuple[float, float, float]:
-    """Mean CR (of 300 parts), per cent of connected parts, mean UF."""
-    k = int(labels.max()) + 1
-    chosen = np.random.default_rng(0).permutation(k)[:300]
-    ratios = agglo.quality(*parts_alone(mesh, labels, chosen), metrics=("CR",))["CR"]
-    found = np.unique(np.stack((labels, mesh.graph.components(labels))), axis=1)[0]
-    diameters = mesh.graph.part_diameters(labels)
-    whole = 100.0 * (np.bincount(found, minlength=k) == 1).mean()
-    return float(ratios.mean()), float(whole), float(diameters.mean() / diameters.max())
+def peak(call: Callable[[], Any]) -> int:
+    """Bytes allocated at the most during a call."""
+    tracemalloc.start()
+    try:
+        call()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
-def parts_alone(mesh: Mesh, labels: Labels, chosen: Labels) -> tuple[Mesh, Labels]:
-    """Mesh of the cells of the chosen parts, and their labels 0, 1, …"""
+def energy(graph: Graph, labels: Labels) -> float:
+    """Mean over the parts of their moment of inertia over that of a disk or a ball of their measure."""
+    measures, d = np.bincount(labels, graph.measures), graph.dim
+    centre = np.stack([np.bincount(labels, graph.measures * x) for x in graph.centroids.T], axis=1)
+    squares = ((graph.centroids - (centre / measures[:, None])[labels]) ** 2).sum(axis=1)
+    ball = {2: 1 / (2 * np.pi), 3: 0.6 * (0.75 / np.pi) ** (2 / 3)}[d]
+    return float((np.bincount(labels, graph.measures * squares) / (ball * measures ** (1 + 2 / d))).mean())
+
+
+def roundness(mesh: Mesh, labels: Labels) -> float:
+    """Mean CR of 300 parts; nan in space."""
+    if mesh.dim == 3:
+        return float("nan")
+    chosen = np.random.default_rng(0).permutation(int(labels.max()) + 1)[:300]
     number = np.full(int(labels.max()) + 1, -1)
     number[chosen] = np.arange(len(chosen))
-    cells = np.flatnonzero(number[labels] >= 0)
-    loops = mesh.boundary_loops.vertices.reshape(-1, 3)[cells]
-    return Mesh.from_polygons(mesh.points, loops), number[labels[cells]]
+    cells, loops = np.flatnonzero(number[labels] >= 0), mesh.boundary_loops
+    alone = [loops.vertices[loops.loop_offsets[c] : loops.loop_offsets[c + 1]] for c in cells]
+    piece = Mesh.from_polygons(mesh.points, alone)
+    return float(agglo.quality(piece, number[labels[cells]], metrics=("CR",))["CR"].mean())
 
 
-def compare(cells: int, repeats: int, sklearn_cells: int) -> None:
-    """Print the table of all methods on about ``cells`` random triangles."""
-    mesh = samples.random_triangles(cells // 2, seed=0)
+def connected(graph: Graph, labels: Labels) -> float:
+    """Per cent of parts that are connected."""
+    found = np.unique(np.stack((labels, graph.components(labels))), axis=1)[0]
+    return 100.0 * float((np.bincount(found) == 1).mean())
+
+
+def compare(name: str, cells: int, names: list[str], repeats: int) -> tuple[int, float]:
+    """Print the table of the methods on a mesh; cells and CPU seconds of the default."""
+    mesh = MESHES[name](cells)
     graph = mesh.graph
-    parts = round(graph.n / CELLS_PER_PART)
-    names = [name for name in METHODS if "scikit" not in name or graph.n <= sklearn_cells * 1.1]
-    times: dict[str, list[float]] = {name: [] for name in names}
+    _ = mesh.h  # for the sizes
+    parts = round(graph.n / (16 if mesh.dim == 2 else 32))
+    names = [each for each in names if graph.n <= 1.1 * SLOW.get(each, graph.n)]
+    times: dict[str, list[float]] = {each: [] for each in names}
     labels: dict[str, Labels] = {}
+    finest: list[float] = []
     for _ in range(repeats):
-        for name in names:
-            if name == "scikit-learn 2-means" and times[name]:
-                continue  # it takes its time; once is enough
-            seconds, labels[name] = cpu(lambda name=name: METHODS[name](graph, parts))
-            times[name].append(seconds)
-    print(f"\n{graph.n} random triangles into {parts} parts; median of {repeats}, one thread")
-    print(f"{'':24}{'CPU s':>9}{'ratio':>8}{'parts':>8}{'CR':>8}{'connected %':>13}{'UF':>8}")
-    for name in names:
-        ratio = np.median(
-            [mine / theirs for mine, theirs in zip(times[name], times[REFERENCE], strict=False)]
-        )
-        roundness, whole, uniformity = quality(mesh, labels[name])
+        for each in names:
+            if each not in SLOW or not times[each]:
+                given = mesh if each == SIZES else graph
+                seconds, labels[each] = cpu(lambda each=each, given=given: METHODS[each](given, parts))
+                times[each].append(seconds)
+        if SIZES in names:
+            finest.append(cpu(lambda: METHODS[REFERENCE](graph, int(labels[SIZES].max()) + 1))[0])
+    print(f"\n{graph.n} {name} into {parts} parts; median of {repeats}, one thread")
+    print(f"{'':24}{'CPU s':>9}{'ratio':>8}{'parts':>8}{'CR':>7}{'J':>7}{'connected %':>13}{'B/cell':>8}")
+    for each in names:
+        beside = finest if each == SIZES else times[REFERENCE]
+        ratio = np.median([mine / theirs for mine, theirs in zip(times[each], beside, strict=False)])
+        given = mesh if each == SIZES else graph
+        memory = peak(lambda each=each, given=given: METHODS[each](given, parts)) if each not in SLOW else 0
         print(
-            f"{name:24}{np.median(times[name]):9.3f}{ratio:8.3f}{labels[name].max() + 1:8d}"
-            f"{roundness:8.4f}{whole:13.2f}{uniformity:8.4f}"
+            f"{each:24}{np.median(times[each]):9.3f}{ratio:8.3f}{labels[each].max() + 1:8d}"
+            f"{roundness(mesh, labels[each]):7.3f}{energy(graph, labels[each]):7.3f}"
+            f"{connected(graph, labels[each]):13.2f}{memory / graph.n:8.0f}"
         )
-
-
-def build(cells: int, repeats: int) -> None:
-    """Print the table from bare arrays to Mesh and Graph, beside one call of METIS."""
-    sample = samples.random_triangles(cells // 2, seed=1)
-    points, loops = sample.points, sample.boundary_loops.vertices.reshape(-1, 3)
-    parts = round(sample.n_cells / CELLS_PER_PART)
-    rows: dict[str, list[float]] = {"arrays to Mesh": [], "Mesh to Graph": [], "default pipeline": []}
-    for _ in range(repeats):
-        seconds, mesh = cpu(lambda: Mesh.from_polygons(points, loops))
-        rows["arrays to Mesh"].append(seconds)
-        seconds, graph = cpu(lambda mesh=mesh: mesh.graph)
-        rows["Mesh to Graph"].append(seconds)
-        seconds, _ = cpu(lambda graph=graph: METHODS["agglo kmeans (default)"](graph, parts))
-        rows["default pipeline"].append(seconds)
-    reference, _ = cpu(lambda: METHODS[REFERENCE](sample.graph, parts))
-    print(f"\n{sample.n_cells} random triangles from arrays; {parts} parts; median of {repeats}, one thread")
-    print(f"{'':24}{'CPU s':>9}{'ratio':>8}")
-    medians = {name: float(np.median(values)) for name, values in rows.items()}
-    medians["arrays to Graph"] = medians["arrays to Mesh"] + medians["Mesh to Graph"]
-    for name, seconds in [*medians.items(), (REFERENCE, reference)]:
-        print(f"{name:24}{seconds:9.3f}{seconds / reference:8.3f}")
+    return graph.n, float(min(times[DEFAULT]))
 
 
 def main() -> None:
@@ -145,17 +172,25 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("cells", nargs="*", type=int, default=[10_000, 100_000])
-    parser.add_argument("--build", type=int, default=1_000_000, help="triangles of the last table")
-    parser.add_argument("--sklearn-cells", type=int, default=10_000, help="scikit-learn up to this size")
+    parser.add_argument("--meshes", nargs="*", choices=sorted(MESHES), default=list(MESHES))
+    parser.add_argument("--rivals", nargs="*", choices=sorted(METHODS), default=None)
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
-    small = samples.random_triangles(500)
-    for method in METHODS.values():
-        method(small.graph, 60)
-    quality(small, METHODS[REFERENCE](small.graph, 60))
-    for cells in options.cells:
-        compare(cells, options.repeats, options.sklearn_cells)
-    build(options.build, max(1, options.repeats // 2))
+    names = [
+        each
+        for each in METHODS
+        if (each in {DEFAULT, REFERENCE} or options.rivals is None or each in options.rivals)
+        and (each != "PyAMG Lloyd" or find_spec("pyamg"))
+    ]
+    for kind in options.meshes:
+        small = MESHES[kind](500)
+        for each in names:
+            METHODS[each](small if each == SIZES else small.graph, 60)  # type: ignore[arg-type]
+        found = [compare(kind, cells, names, options.repeats) for cells in sorted(options.cells)]
+        if len(found) > 1:
+            (n, first), (m, last) = found[0], found[-1]
+            power = np.log(last / first) / np.log(m / n)
+            print(f"from {n} to {m} {kind} the time of the default grows like N^{power:.2f}")
 
 
 if __name__ == "__main__":
