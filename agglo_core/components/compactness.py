@@ -99,6 +99,9 @@ def _axes(graph: Graph, block: Int, count: int) -> tuple[Float, Float]:
     w, x = graph.weights, graph.centroids
     centres = [ratio(part_sums(block, w * each, count), part_sums(block, w, count)) for each in x.T]
     offsets = x - np.stack(centres, axis=1)[block]
+    offsets = np.ldexp(
+        offsets, -np.frexp(np.abs(offsets).max(initial=0.0))[1]
+    )  # cubes of any unit are finite
     square = (offsets**2).sum(axis=1)
     axes = np.stack([part_sums(block, w * square * each, count) for each in offsets.T], axis=1)
     flat = np.linalg.norm(axes, axis=1) <= _FLAT * part_sums(block, w * square**1.5, count)
