@@ -11,13 +11,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Float", "Index", "Int", "Mask", "UInt64", "frozen", "frozen_float", "frozen_index", "frozen_int"]
+__all__ = [
+    "Float",
+    "Index",
+    "Int",
+    "Mask",
+    "UInt64",
+    "fits_in_index",
+    "frozen",
+    "frozen_float",
+    "frozen_index",
+    "frozen_int",
+    "narrow",
+    "splitmix",
+]
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Index = NDArray[np.int32]
 UInt64 = NDArray[np.uint64]
 Mask = NDArray[np.bool_]
+
+_MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
 
 def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
@@ -48,3 +63,24 @@ def frozen_int(values: ArrayLike) -> Int:
 def frozen_index(values: ArrayLike) -> Index:
     """Read-only int32 array (CSR indices)."""
     return frozen(values, np.int32)
+
+
+def narrow(values: NDArray[Any]) -> NDArray[Any]:
+    """Integers in 32 bits if all fit, other values as they are."""
+    return values.astype(np.int32) if fits_in_index(values) else values
+
+
+def fits_in_index(values: NDArray[Any]) -> bool:
+    """Whether the values are int64 and fit in 32 bits."""
+    if values.dtype != np.int64:
+        return False
+    limits = np.iinfo(np.int32)
+    return bool(limits.min <= values.min(initial=0) and values.max(initial=0) <= limits.max)
+
+
+def splitmix(seeds: UInt64) -> UInt64:
+    """The splitmix64 mixing step: well-spread numbers from any distinct ones."""
+    z = seeds + _MIX[0]
+    z = (z ^ (z >> np.uint64(30))) * _MIX[1]
+    z = (z ^ (z >> np.uint64(27))) * _MIX[2]
+    return np.asarray(z ^ (z >> np.uint64(31)))

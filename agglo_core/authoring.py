@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from agglo_core.cli.tables import print_lines, print_table
     from agglo_core.components.fixers import ConnectivityFixer
     from agglo_core.components.geometric import InertialBisection
+    from agglo_core.components.piece_growth import PieceGrowth
     from agglo_core.components.refiners import InterfaceRefiner
     from agglo_core.components.straight_cuts import SweepBisection
     from agglo_core.draw.plot import PALETTE, colouring, save_figure
@@ -67,7 +68,7 @@ if TYPE_CHECKING:
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
     from agglo_core.io.system_files import read_system, write_system
-    from agglo_core.kernels import kernel
+    from agglo_core.kernels import kernel, piece_splits
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
     from agglo_core.kernels.thresholds import (
         NO_CUT,
@@ -120,6 +121,7 @@ graph.sweep: sweep sweep_arrays
 graph.objectives: OBJECTIVES numbered_parts
 components.fixers: ConnectivityFixer
 components.geometric: InertialBisection
+components.piece_growth: PieceGrowth
 components.refiners: InterfaceRefiner
 components.straight_cuts: SweepBisection
 agglomeration.goals: SizeGoal
@@ -147,14 +149,9 @@ cli.number_types: Number
 cli.tables: print_lines print_table
 """
 """Modules of the core, and the names taken from each."""
-_HOME = MappingProxyType(
-    {
-        name: module
-        for module, _, names in (line.partition(":") for line in _TABLE.strip().splitlines())
-        for name in names.split()
-    }
-)
-_MODULES = ("conformance", "multigrid", "samples")
+_LINES = (line.partition(":") for line in _TABLE.strip().splitlines())
+_HOME = MappingProxyType({name: module for module, _, names in _LINES for name in names.split()})
+_MODULES = MappingProxyType({"conformance": "", "multigrid": "", "samples": "", "piece_splits": "kernels."})
 
 __all__ = [
     "COMPONENT",
@@ -196,6 +193,7 @@ __all__ = [
     "OptionError",
     "Partitioner",
     "Patches",
+    "PieceGrowth",
     "Pipeline",
     "PluginError",
     "Problem",
@@ -256,6 +254,7 @@ __all__ = [
     "pcg",
     "pcg_columns",
     "phase",
+    "piece_splits",
     "planar_frame",
     "principal_frames",
     "print_lines",
@@ -285,7 +284,7 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     if name in _MODULES:
-        return import_module(f"{__package__}.{name}")
+        return import_module(f"{__package__}.{_MODULES[name]}{name}")
     if name not in _HOME and name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = f"{__package__}.{_HOME[name]}" if name in _HOME else str(__package__)

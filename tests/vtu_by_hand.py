@@ -11,35 +11,70 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["arrays_of", "cell_data_of"]
+__all__ = ["arrays_of", "cell_data_of", "replace_bytes"]
 
-_TYPES = {"Float64": "<f8", "Int64": "<i8", "UInt8": "<u1"}
+_TYPES = {"Float64": "<f8", "Int64": "<i8", "Int32": "<i4", "UInt8": "<u1"}
 
 
 def arrays_of(file: Path) -> dict[str, NDArray[Any]]:
     """All arrays of a file by name, as VTK would find them; no two may have the same name."""
+    root, appended = _parts(file)
     arrays: dict[str, NDArray[Any]] = {}
-    for element in ElementTree.parse(file).iter("DataArray"):
+    for element in root.iter("DataArray"):
         name = element.attrib["Name"]
         assert name not in arrays
-        arrays[name] = _decoded(element)
+        arrays[name] = _decoded(root, element, appended)
     return arrays
 
 
 def cell_data_of(file: Path) -> dict[str, NDArray[Any]]:
     """The cell data of a file by name."""
-    found = ElementTree.parse(file).iterfind("UnstructuredGrid/Piece/CellData/DataArray")
-    return {element.attrib["Name"]: _decoded(element) for element in found}
+    root, appended = _parts(file)
+    found = root.iterfind("UnstructuredGrid/Piece/CellData/DataArray")
+    return {element.attrib["Name"]: _decoded(root, element, appended) for element in found}
 
 
-def _decoded(element: ElementTree.Element) -> NDArray[Any]:
-    assert element.attrib["format"] == "binary"
-    text = element.text or ""
+def replace_bytes(file: Path, old: bytes, new: bytes) -> None:
+    """Put ``new`` in the place of ``old``, which a file has once."""
+    content = file.read_bytes()
+    assert content.count(old) == 1
+    file.write_bytes(content.replace(old, new))
+
+
+def _parts(file: Path) -> tuple[ElementTree.Element, bytes]:
+    """The XML of a file, and the raw bytes behind it (those of version 0.1 have none)."""
+    content = file.read_bytes()
+    before, mark, after = content.partition(b'<AppendedData encoding="raw">\n_')
+    if not mark:
+        return ElementTree.fromstring(content), b""
+    end = b"\n</AppendedData>\n</VTKFile>\n"
+    assert after.endswith(end)
+    return ElementTree.fromstring(before + b"</VTKFile>"), after.removesuffix(end)
+
+
+def _decoded(root: ElementTree.Element, element: ElementTree.Element, appended: bytes) -> NDArray[Any]:
+    kind = _TYPES[element.attrib["type"]]
+    if element.attrib["format"] == "binary":
+        return np.frombuffer(_inflated_text(element.text or ""), kind)
+    assert element.attrib["format"] == "appended"
+    data = appended[int(element.attrib["offset"]) :]
+    size = int.from_bytes(data[:8], "little")
+    if "compressor" not in root.attrib:
+        assert len(data) >= 8 + size
+        return np.frombuffer(data[8 : 8 + size], kind)
+    head = 8 * (3 + size)
+    return np.frombuffer(_inflated(data[:head], data[head:]), kind)
+
+
+def _inflated_text(text: str) -> bytes:
     count = int(np.frombuffer(base64.b64decode(text[:12])[:8], "<u8")[0])
     head = 4 * -(-8 * (3 + count) // 3)
-    sizes = np.frombuffer(base64.b64decode(text[:head])[: 8 * (3 + count)], "<u8")[3:].tolist()
-    content, blocks, start = base64.b64decode(text[head:]), [], 0
-    for size in sizes:
+    return _inflated(base64.b64decode(text[:head])[: 8 * (3 + count)], base64.b64decode(text[head:]))
+
+
+def _inflated(head: bytes, content: bytes) -> bytes:
+    blocks, start = [], 0
+    for size in np.frombuffer(head, "<u8")[3:].tolist():
         blocks.append(zlib.decompress(content[start : start + size]))
         start += size
-    return np.frombuffer(b"".join(blocks), _TYPES[element.attrib["type"]])
+    return b"".join(blocks)

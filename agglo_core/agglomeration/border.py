@@ -25,6 +25,7 @@ __all__ = [
     "checked_moves",
     "checked_parts",
     "checked_sides",
+    "checked_sizes",
     "checked_split",
     "one_sided_blocks",
     "require_no_worse",
@@ -101,22 +102,41 @@ def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
 
 def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any) -> Int:
     """Labels ``(n,)`` of a split of each piece into as many connected parts as its quota."""
-    labels, total = _integers(member, "grow", given, graph.n), int(quotas.sum())
-    if labels.min() < 0 or labels.max() >= total:
-        raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
-    owner = np.full(total, -1, np.int64)
-    owner[labels] = pieces
-    if (owner[labels] != pieces).any():
-        raise PluginError(f"{member.title} grew a part that lies in two pieces")
+    total = int(quotas.sum())
+    labels, owner = _grown(member, graph, pieces, total, given)
     found = np.bincount(owner[owner >= 0], minlength=len(quotas))
     if (found != quotas).any():
         piece = int(np.flatnonzero(found != quotas)[0])
         raise PluginError(
             f"{member.title} split piece {piece} in {found[piece]}, expected {quotas[piece]} parts"
         )
+    return labels
+
+
+def checked_sizes(member: Member, graph: Graph, pieces: Int, limit: float, given: Any) -> tuple[Int, int]:
+    """Labels ``(n,)`` of connected parts no wider than ``limit``; and how many single cells are wider."""
+    labels, owner = _grown(member, graph, pieces, graph.n, given)
+    cells = np.bincount(labels)
+    if (owner[: len(cells)] < 0).any():
+        raise PluginError(f"{member.title} left out part {int(owner[: len(cells)].argmin())}")
+    wide = graph.wide_parts(labels, limit)
+    if (wide & (cells > 1)).any():
+        raise PluginError(f"{member.title} grew a part that is wider than {limit:.6g}")
+    return labels, int(np.count_nonzero(wide))
+
+
+def _grown(member: Member, graph: Graph, pieces: Int, total: int, given: Any) -> tuple[Int, Int]:
+    """Labels of connected parts inside the pieces; the piece of each of ``total`` parts, −1 if unused."""
+    labels = _integers(member, "grow", given, graph.n)
+    if labels.min() < 0 or labels.max() >= total:
+        raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
+    owner = np.full(total, -1, np.int64)
+    owner[labels] = pieces
+    if (owner[labels] != pieces).any():
+        raise PluginError(f"{member.title} grew a part that lies in two pieces")
     if len(broken_blocks(graph, labels)):
         raise PluginError(f"{member.title} left a part disconnected")
-    return labels
+    return labels, frozen_int(owner)
 
 
 def checked_labels(member: Member, method: str, graph: Graph, before: Int, given: Any) -> Int:

@@ -9,14 +9,17 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.progress import Listener
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
-from agglo_core.registry import KINDS, Registry, describe
+from agglo_core.registry import KINDS, Registry, default, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.options import name_and_options
 
-__all__ = ["Choice", "chosen", "new_run", "short_name"]
+__all__ = ["POLISH", "Choice", "chosen", "new_run", "short_name"]
 
 Choice = str | tuple[str, Mapping[str, Any]] | Any
 """A component: its name, its name with options, or an object that has a method of its kind."""
+
+POLISH = ("compactness",)
+"""Refiners of finished levels unless others are chosen: our own, should a registry know none of that name."""
 
 
 def new_run(
@@ -45,7 +48,7 @@ def new_run(
     return Run(
         bisector=member if bisects else _stand_in(member, "cannot bisect and needs", "inertial", registry),
         refiners=[chosen("refiner", each, registry)[0] for each in refiners],
-        post_refiners=[chosen("refiner", each, registry)[0] for each in post_refiners],
+        post_refiners=_polishers(post_refiners, registry),
         fixer=chosen("fixer", fixer, registry)[0],
         fallback=stand_in,
         partitioner=member if kway else None,
@@ -53,6 +56,12 @@ def new_run(
         seed=seed,
         progress=progress,
     )
+
+
+def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
+    if choices is POLISH and not any(each.name == POLISH[0] for each in registry.records()):
+        registry = default()
+    return [chosen("refiner", each, registry)[0] for each in choices]
 
 
 def _stand_in(bisector: Member, why: str, choice: Choice, registry: Registry) -> Member:

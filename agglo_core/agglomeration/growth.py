@@ -9,7 +9,7 @@ from agglo_core.arrays import Int, UInt64
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell
 
-__all__ = ["Growing", "Growth"]
+__all__ = ["Growing", "Growth", "GrowthToSize"]
 
 
 class Growth(Protocol):
@@ -26,12 +26,20 @@ class Growth(Protocol):
 
 
 @runtime_checkable
+class GrowthToSize(Growth, Protocol):
+    """Optional: growth that also stops at a size."""
+
+    def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+        """Split the pieces until none but single cells is wider than ``limit``; returns as ``split``."""
+
+
+@runtime_checkable
 class Growing(Protocol):
-    """Optional: a bisector that makes all splits of a run to counts by itself, fixed and refined."""
+    """Optional: a bisector that makes all splits of a run by itself, fixed and refined."""
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> Growth | None:
         """Growth of the connected ``pieces (n,)``, or None: then the driver asks depth by depth.
 
-        The labels must be those that ``bisect_level``, the refiners and the fixer make together; a
+        The parts must be as good as those that ``bisect_level``, the refiners and the fixer make together; a
         bisector that cannot do what these components do returns None.
         """

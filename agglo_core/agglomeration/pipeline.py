@@ -9,22 +9,20 @@ from numbers import Integral
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from agglo_core.agglomeration.choices import Choice, chosen, new_run, short_name
+from agglo_core.agglomeration.choices import POLISH, Choice, chosen, new_run, short_name
 from agglo_core.agglomeration.constraints import constrained
 from agglo_core.agglomeration.goals import TARGETS, Goal, Numbers, check_targets, resolve_goals
-from agglo_core.agglomeration.kway import kway_levels
+from agglo_core.agglomeration.ordered_levels import ordered_levels
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.recursion import recursive_levels, warn_of_large_cells
-from agglo_core.agglomeration.run import Run
+from agglo_core.agglomeration.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run_file import RunFile
-from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
-from agglo_core.graph.ordering import curve_order
-from agglo_core.hierarchy import Hierarchy, by_first_cell
+from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
+from agglo_core.threads import using_threads
 
 __all__ = ["Choice", "Pipeline", "agglomerate"]
 
@@ -66,7 +64,7 @@ class Pipeline:
     nested: bool = True
     merge: bool = False
     polish: bool = True
-    post_refiners: Sequence[Choice] = ("compactness",)
+    post_refiners: Sequence[Choice] = POLISH
     seed: int = 0
     h_star: Numbers | None = None
     h_factor: Numbers | None = None
@@ -133,9 +131,10 @@ class Pipeline:
         registry: Registry | None = None,
         progress: Listener | None = None,
         verbose: bool = False,
+        threads: int | None = None,
     ) -> Hierarchy:
         """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`agglomerate`."""
-        with followed(progress, verbose) as listen:
+        with followed(progress, verbose) as listen, using_threads(threads):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
 
     def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
@@ -154,7 +153,9 @@ class Pipeline:
             progress=listen,
         )
         members = [chosen("constraint", each, registry)[0] for each in self.constraints]
-        levels = self._levels_in_order(constrained(graph, members, goals), goals, run)
+        post = PostPass(self.merge, bool(run.post_refiners))
+        usable = constrained(graph, members, goals)
+        levels = ordered_levels(usable, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
         return Hierarchy(
             mesh if isinstance(mesh, Mesh) else None,
@@ -175,29 +176,6 @@ class Pipeline:
             n_parts=self.n_parts,
             cells_per_part=self.cells_per_part,
         )
-
-    def _levels_in_order(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
-        """Labels of each level, found with the cells along a curve: neighbours are near in memory."""
-        with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
-            order = curve_order(graph.centroids)
-            ordered = graph.subgraph(order, frozen_int([0, graph.n]))
-        result = []
-        for labels in self._levels(ordered, goals, run):
-            given = labels.copy()
-            given[order] = labels
-            result.append(by_first_cell(given))
-        return result
-
-    def _levels(self, graph: Graph, goals: Sequence[Goal], run: Run) -> list[Int]:
-        post = PostPass(self.merge, bool(run.post_refiners))
-        if self.method == "kway":
-            return kway_levels(graph, goals, self.nested, run, post)
-        if self.nested:
-            return recursive_levels(graph, goals, run, post)
-        return [
-            recursive_levels(graph, [goal], run.on_level(place, len(goals)), post)[0]
-            for place, goal in enumerate(goals)
-        ]
 
 
 def agglomerate(
@@ -222,6 +200,7 @@ def agglomerate(
     allow_code: bool = False,
     progress: Listener | None = None,
     verbose: bool = False,
+    threads: int | None = None,
 ) -> Hierarchy:
     """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
 
@@ -259,6 +238,9 @@ def agglomerate(
         20 times a second. What it raises ends the run and passes through unchanged.
     verbose : bool, optional
         Show the same on stderr: a bar on a terminal, else lines.
+    threads : int, optional
+        How many threads may work at a time; the result does not depend on it. Default: the environment
+        variable ``AGGLO_THREADS``, else 1.
 
     Returns
     -------
@@ -293,7 +275,7 @@ def agglomerate(
         n_parts=n_parts if own else base.n_parts,
         cells_per_part=cells_per_part if own else base.cells_per_part,
         constraints=_given(constraints, base.constraints),
-    ).run(mesh, registry, progress, verbose)
+    ).run(mesh, registry, progress, verbose, threads)
 
 
 def _given(argument: _T | None, otherwise: _T) -> _T:

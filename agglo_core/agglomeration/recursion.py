@@ -177,11 +177,11 @@ def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPa
     One tree serves all sizes: each level is a cut of it. Counts go coarsest first, the parts of one level
     being the first pieces of the next; so do sizes if there are post-passes or the bisector wants the target.
     """
-    if not post.active and _one_tree_serves(goals, run):
-        return _levels_of_one_tree(graph, goals, run)
     grown = grown_levels(graph, goals, run, post)
     if grown is not None:
         return grown
+    if not post.active and _one_tree_serves(goals, run):
+        return _levels_of_one_tree(graph, goals, run)
     labels = graph.components()
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):

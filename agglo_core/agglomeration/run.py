@@ -16,12 +16,13 @@ from agglo_core.agglomeration.border import (
     checked_moves,
     checked_parts,
     checked_sides,
+    checked_sizes,
     checked_split,
     one_sided_blocks,
     require_no_worse,
 )
-from agglo_core.agglomeration.growth import Growing, Growth
-from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.agglomeration.growth import Growing, Growth, GrowthToSize
+from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import Listener, Tell, labelled
@@ -30,15 +31,7 @@ from agglo_core.registry.attribution import Member, attributed
 
 __all__ = ["Run", "Statistics", "Timed", "splitmix"]
 
-_MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
-
-
-def splitmix(seeds: UInt64) -> UInt64:
-    """The splitmix64 mixing step: well-spread seeds from any distinct ones."""
-    z = seeds + _MIX[0]
-    z = (z ^ (z >> np.uint64(30))) * _MIX[1]
-    z = (z ^ (z >> np.uint64(27))) * _MIX[2]
-    return np.asarray(z ^ (z >> np.uint64(31)))
+_APART = np.uint64(0xBF58476D1CE4E5B9)  # between the seeds of two stages
 
 
 @dataclass(slots=True)
@@ -120,7 +113,7 @@ class Run:
 
     def seeds(self, stage: int, count: int) -> UInt64:
         """Seeds ``(count,)`` of the pieces that stage (coarse level, pass) number ``stage`` starts from."""
-        root: UInt64 = np.full(count, stage, np.uint64) * _MIX[1]
+        root: UInt64 = np.full(count, stage, np.uint64) * _APART
         root += np.uint64(self.seed)
         place: UInt64 = np.arange(count, dtype=np.uint64)
         return splitmix(splitmix(root) + place)
@@ -154,13 +147,27 @@ class Run:
         with attributed(self.bisector.title):
             given, depths = growth.split(quotas, seeds, tell)
         labels = checked_split(self.bisector, graph, pieces, quotas, given)
+        self._count(depths)
+        return labels
+
+    def grow_to_size(
+        self, graph: Graph, pieces: Int, growth: GrowthToSize, limit: float, seeds: UInt64, tell: Tell
+    ) -> Int:
+        """Labels ``(n,)`` once the bisector has split the pieces into connected ones, none too wide."""
+        with attributed(self.bisector.title):
+            given, depths = growth.split_to_size(limit, seeds, tell)
+        labels, alone = checked_sizes(self.bisector, graph, pieces, limit, given)
+        self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
+        self._count(depths)
+        return labels
+
+    def _count(self, depths: Int) -> None:
         for blocks, cells, mended in depths.tolist():
             self.statistics.depth += 1
             self.statistics.bisections += blocks
             self.statistics.repairs += mended
             if self.listen is not None:
                 self.listen({"depth": self.statistics.depth, "pieces": 2 * blocks, "cells": cells})
-        return labels
 
     def partition(self, graph: Graph, parts: int, seed: int) -> Int:
         """Labels ``(n,)`` of a direct partition of one connected block, gaps closed."""

@@ -83,7 +83,7 @@ _TARGETS = {
     "cells_per_part": "--cells-per-part",
 }
 _BARE = ("refiners", "fixer", *_TARGETS, "seed")
-_LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code")
+_LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code", "threads")
 _ALL = ("bisector", "method", "nested", *_BARE, *_LAST)
 _SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
 
@@ -188,6 +188,11 @@ _CONFIG = (
         is_flag=True,
         default=None,
         help="Let options in TOML files name code, which is imported and run.",
+    ),
+    click.option(
+        "--threads",
+        type=Number(int, least=1),
+        help="Threads at work (default: AGGLO_THREADS, else 1); labels do not depend on it.",
     ),
 )
 

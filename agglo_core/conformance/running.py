@@ -44,7 +44,9 @@ def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy
     for mesh in _meshes(subject):
         for refiners in ([], [own.build("refiner", "interface")]):
             one, other = (
-                agglomerate(mesh, bisector=each, refiners=refiners, n_parts=(9, 4), registry=own)
+                agglomerate(
+                    mesh, bisector=each, refiners=refiners, polish=False, n_parts=(9, 4), registry=own
+                )
                 for each in (subject.build(), _DepthByDepth(subject.build()))
             )
             yield f"on {mesh.name}, {len(refiners)} refiners", one, other

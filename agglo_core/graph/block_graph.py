@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.arrays import Float, Index, Int, frozen, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import Float, Index, Int, Mask, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import check_labels
 
@@ -179,6 +179,16 @@ class BlockGraph:
         cells = frozen_int(np.argsort(array, kind="stable"))
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return frozen_float(block_diameters(offsets, cells, self.vertex_offsets, self.vertices, self.points))
+
+    def wide_parts(self, labels: ArrayLike, limit: float) -> Mask:
+        """Whether each part ``(k,)``, labels 0..k−1, is wider than ``limit``: faster than all diameters."""
+        from agglo_core.kernels.geometry import compare_diameters
+
+        array = check_labels(labels, self.n)
+        cells = frozen_int(np.argsort(array, kind="stable"))
+        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
+        limits, shape = frozen_float([limit]), (self.vertex_offsets, self.vertices, self.points)
+        return np.asarray(compare_diameters(offsets, cells, *shape, limits) > limit)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""

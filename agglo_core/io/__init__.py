@@ -118,6 +118,7 @@ def write(
     hierarchy: Hierarchy | None = None,
     *,
     level_values: LevelValues | None = None,
+    compress: bool = False,
     registry: Registry | None = None,
     progress: Listener | None = None,
     verbose: bool = False,
@@ -141,6 +142,8 @@ def write(
         More cell data for the coarse meshes, one mapping for each level: what was measured on its k
         agglomerates, such as ``[level.values for level in measure_levels(mesh, hierarchy)]``. Kept by
         ``.vtu`` and by formats that say ``keeps_level_values``; others hold no coarse meshes.
+    compress : bool
+        Smaller ``.vtu`` and ``.npz`` files, which take several times longer to write and to read.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
     progress, verbose : optional
@@ -153,14 +156,14 @@ def write(
     MeshError
         If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
     OptionError
-        If an argument is not of its type, or the values do not fit the levels.
+        If an argument is not of its type, the values do not fit the levels, or the format does not compress.
     PluginError
         If a format misbehaves: it writes nothing, or raises something other than an AggloError.
     """
     target = _checked_path("write", path)
     _check_written(mesh, hierarchy)
     with followed(progress, verbose) as followers, unwrapped(followers) as listen, naming(target):
-        known = _writer(target, registry)
+        known = _writer(target, registry, {"compress": True} if compress else {})
         if hierarchy is not None:
             from agglo_core.io.level_tags import check_belongs
 
@@ -180,18 +183,18 @@ def check_writable(path: str | PathLike[str], *, registry: Registry | None = Non
     """
     target = _checked_path("write", path)
     with naming(target):
-        _writer(target, registry)
+        _writer(target, registry, {})
 
 
-def _formats(registry: Registry | None, options: dict[str, bool] | None = None) -> Formats:
-    return Formats(default() if registry is None else registry, options or {})
+def _formats(registry: Registry | None, options: dict[str, bool]) -> Formats:
+    return Formats(default() if registry is None else registry, options)
 
 
-def _writer(target: Path, registry: Registry | None) -> KnownFormat:
+def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -> KnownFormat:
     """The format that writes the file, which can be put in its place."""
     if target.is_dir():
         raise FileError("is a folder, expected a file name")
-    known = _formats(registry).writer(target)
+    known = _formats(registry, options).writer(target)
     if not target.parent.is_dir():
         raise FileError(f"the folder {target.parent} does not exist")
     from agglo_core.io.atomic import check_replaceable

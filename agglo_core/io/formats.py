@@ -53,7 +53,7 @@ class Formats:
     ----------
     registry : Registry
     options : mapping
-        What a format is built with to read.
+        What the format that reads or writes is built with.
     """
 
     registry: Registry
@@ -101,7 +101,7 @@ class Formats:
         readers = []
         for known in self._claiming(path):
             if known.has("write"):
-                return known
+                return self._with_options(known)
             readers.append(known.title)
         if readers:
             raise FileError(

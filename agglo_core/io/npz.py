@@ -6,6 +6,7 @@ statistics. The plain layout ``points, cell_offsets, cell_vertices`` (polygons) 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import zipfile
 from collections.abc import Mapping
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.arrays import frozen_float, frozen_int, narrow
 from agglo_core.errors import FileError
 from agglo_core.io.archive import Archive
 from agglo_core.io.array_checks import check_arrays
@@ -31,14 +32,18 @@ if TYPE_CHECKING:
 
 __all__ = ["read_npz", "write_npz"]
 
-_FORMAT, _VERSION = "agglo", 1
+_FORMAT, _VERSION = "agglo", 2
+_FIRST = 1  # an earlier version, which has another fingerprint
 _PLAIN = ("points", "cell_offsets", "cell_vertices")
 _MESH = ("points", "face_offsets", "face_vertices", "face_cells")
 _META = 1 << 24  # bytes of JSON: thousands of levels
+_LEVEL = 1  # of deflate: higher ones take twice as long for a few per cent
 
 
-def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -> None:
-    """Write mesh and hierarchy, losslessly, and ``tell`` after each array."""
+def write_npz(
+    path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell, *, compress: bool = False
+) -> None:
+    """Write mesh and hierarchy, losslessly, deflated if asked; ``tell`` before each array."""
     arrays: dict[str, NDArray[Any]] = {name: getattr(mesh, name) for name in _MESH}
     meta: dict[str, Any] = {
         "format": _FORMAT,
@@ -62,14 +67,15 @@ def write_npz(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, tell: Tell) -
     if len(text) > _META:
         raise FileError(f"names, targets and statistics take {len(text)} bytes as JSON, at most {_META} fit")
     arrays = {"meta": np.frombuffer(text, np.uint8), **arrays}
+    method = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
     with (
         staging(path) as folder,
-        zipfile.ZipFile(folder / path.name, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(folder / path.name, "w", method, compresslevel=_LEVEL) as archive,
     ):
-        for place, (name, values) in enumerate(arrays.items()):  # as np.savez_compressed does
+        for place, (name, values) in enumerate(arrays.items()):  # as np.savez does
             part(tell, place, len(arrays), name)
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
-                npy.write_array(entry, values, allow_pickle=False)
+                npy.write_array(entry, narrow(values), allow_pickle=False)
 
 
 def _plain(value: Any) -> Any:
@@ -127,7 +133,8 @@ def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
             repairs={str(text): int(count) for text, count in meta["repairs"].items()},
             name=str(meta["name"]),
         )
-        if mesh.fingerprint != meta["fingerprint"]:
+        fingerprint = _first_fingerprint(mesh) if meta["version"] == _FIRST else mesh.fingerprint
+        if fingerprint != meta["fingerprint"]:
             raise FileError("the mesh arrays do not match their fingerprint: the file was altered")
         check_arrays(mesh)
         if not allow_gaps:
@@ -148,9 +155,19 @@ def _meta(arrays: Archive) -> dict[str, Any]:
         raise FileError(f"array 'meta' is corrupt: {error}") from None
     if not isinstance(meta, dict) or meta.get("format") != _FORMAT:
         raise FileError("array 'meta' does not say that this is an agglo mesh")
-    if meta.get("version") != _VERSION:
-        raise FileError(f"format version {meta.get('version')} is unknown; this program reads {_VERSION}")
+    if meta.get("version") not in (_FIRST, _VERSION):
+        known = f"{_FIRST} and {_VERSION}"
+        raise FileError(f"format version {meta.get('version')} is unknown; this program reads {known}")
     return meta
+
+
+def _first_fingerprint(mesh: Mesh) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    for name in _MESH:
+        array = getattr(mesh, name)
+        digest.update(repr(array.shape).encode())
+        digest.update(array.data)
+    return digest.hexdigest()
 
 
 def _tags(arrays: Archive, meta: dict[str, Any], kind: str, count: int) -> dict[str, NDArray[Any]]:

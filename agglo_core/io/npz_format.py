@@ -23,6 +23,8 @@ class Npz:
         Merge exactly equal points of the plain layout; a file written by agglo is never changed.
     allow_gaps : bool
         Leave outer faces that lie on one another as they are.
+    compress : bool
+        Deflate the arrays: smaller files, slower to write and to read.
     """
 
     suffixes: tuple[str, ...] = (".npz",)
@@ -30,9 +32,10 @@ class Npz:
     atomic: bool = True
     tells_progress: bool = True
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
         self.merge_points = merge_points
         self.allow_gaps = allow_gaps
+        self.compress = compress
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of an archive; raises FileError or MeshError."""
@@ -50,4 +53,4 @@ class Npz:
         """Write mesh and hierarchy; raises FileError."""
         from agglo_core.io.npz import write_npz
 
-        write_npz(path, mesh, hierarchy, tell)
+        write_npz(path, mesh, hierarchy, tell, compress=self.compress)

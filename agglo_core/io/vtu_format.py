@@ -24,6 +24,8 @@ class Vtu:
         Merge exactly equal points on reading.
     allow_gaps : bool
         Leave outer faces that lie on one another as they are.
+    compress : bool
+        Write zlib of the arrays: smaller files, slower to write and to read.
     """
 
     suffixes: tuple[str, ...] = (".vtu",)
@@ -32,9 +34,10 @@ class Vtu:
     tells_progress: bool = True
     keeps_level_values: bool = True
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
         self.merge_points = merge_points
         self.allow_gaps = allow_gaps
+        self.compress = compress
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a VTU file; raises FileError or MeshError."""
@@ -53,4 +56,4 @@ class Vtu:
         """Write the mesh, and each coarse mesh with its values beside it; raises an AggloError."""
         from agglo_core.io.vtu_write import write_vtu
 
-        write_vtu(path, mesh, hierarchy, level_values, tell)
+        write_vtu(path, mesh, hierarchy, level_values, tell, compress=self.compress)

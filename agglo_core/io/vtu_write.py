@@ -1,20 +1,17 @@
-"""Writing VTU: zlib in base64, version 1.0, which every VTK since 6 opens."""
+"""Writing VTU: the mesh with the labels of its levels, and beside it each coarse mesh."""
 
 from __future__ import annotations
 
-import base64
 import logging
 import re
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.io.atomic import staging
 from agglo_core.io.level_values import (
     LevelValues,
@@ -25,6 +22,7 @@ from agglo_core.io.level_values import (
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.io.vtu_arrays import DERIVED
 from agglo_core.io.vtu_cells import POLYHEDRON, Cells, cells_of
+from agglo_core.io.vtu_document import HEADS, Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
 from agglo_core.progress import Tell, part, to_nobody
@@ -34,13 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["write_vtu"]
 
-_NAMES = {"i1": "Int8", "i2": "Int16", "i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
-_BLOCK = 1 << 20  # bytes compressed at once
-_HEAD = (
-    '<?xml version="1.0"?>',
-    '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
-    'header_type="UInt64" compressor="vtkZLibDataCompressor">',
-)
 _log = logging.getLogger("agglo")
 
 
@@ -50,6 +41,8 @@ def write_vtu(
     hierarchy: Hierarchy | None,
     level_values: LevelValues | None = None,
     tell: Tell = to_nobody,
+    *,
+    compress: bool = False,
 ) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.vtu``, ….
 
@@ -73,6 +66,9 @@ def write_vtu(
     hierarchy : Hierarchy or None
     level_values : sequence of mappings of name to (k,) float, optional
         What was measured on the k agglomerates of each level, finest first; NaN and infinities are kept.
+    tell : callable
+    compress : bool
+        Store zlib of the arrays instead of the arrays.
 
     Raises
     ------
@@ -88,21 +84,20 @@ def write_vtu(
     taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
         own = part(tell, 0, 1 + len(levels))
-        (folder / path.name).write_bytes(_document(mesh, tags, {}, own))
+        write_document(folder / path.name, _piece(mesh, tags, {}), compress=compress, tell=own)
         for i, labels in enumerate(levels):
             own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
             coarse = mesh.coarsen(labels)
             kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
             derived = under_free_names(about_agglomerates(levels, i, coarse, values[i]), taken)
             name = f"{path.stem}_level{i}{path.suffix}"
-            (folder / name).write_bytes(_document(coarse, kept, derived, own))
+            write_document(folder / name, _piece(coarse, kept, derived), compress=compress, tell=own)
     if levels:
         _remove_stale(path, len(levels))
 
 
 def _remove_stale(path: Path, count: int) -> None:
     """Remove the coarse meshes of an earlier, deeper hierarchy, which would pass for levels of this one."""
-    head = "\n".join(_HEAD).encode()
     pattern = re.compile(re.escape(f"{path.stem}_level") + r"(0|[1-9]\d*)" + re.escape(path.suffix), re.ASCII)
     for file in sorted(path.parent.iterdir()):
         found = pattern.fullmatch(file.name)
@@ -110,7 +105,7 @@ def _remove_stale(path: Path, count: int) -> None:
             continue
         try:
             with open(file, "rb") as stream:
-                ours = stream.read(len(head)) == head
+                ours = stream.read(max(map(len, HEADS))).startswith(HEADS)
             if ours:
                 file.unlink()
                 _log.info("removed %s, a level of an earlier hierarchy", file)
@@ -118,79 +113,47 @@ def _remove_stale(path: Path, count: int) -> None:
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 
-def _document(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[Any]], tell: Tell) -> bytes:
+def _piece(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[Any]]) -> Piece:
     cells, data = cells_of(mesh), dict(tags)
     if (cells.loops > 1).any():
         data[BRIDGES] = cells.loops
     points, number = _used(mesh)
-    lines = [
-        *_HEAD,
-        "<UnstructuredGrid>",
-        f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{mesh.n_cells}">',
-        "<Points>",
-        _array("Points", points, components=3),
-        "</Points>",
-        "<Cells>",
-        *_arrays(_cell_arrays(cells, number), part(tell, 1, 4)),
-        "</Cells>",
-        "<CellData>",
-        *_arrays(data, part(tell, 2, 4)),
-        *_arrays(derived, part(tell, 3, 4), DERIVED),
-        "</CellData>",
-        "</Piece>",
-        "</UnstructuredGrid>",
-        "</VTKFile>",
-        "",
-    ]
-    return "\n".join(lines).encode()
+    return Piece(points, _cell_arrays(cells, number), {}, data, derived, DERIVED)
 
 
-def _used(mesh: Mesh) -> tuple[Float, Int]:
-    """Points that faces use (a coarse mesh keeps all) as ``(n, 3)``, and the new number of each point."""
+def _used(mesh: Mesh) -> tuple[Float, Int | None]:
+    """Points that faces use (a coarse mesh keeps all), and the new number of each point unless all stay."""
     used = np.zeros(mesh.n_points, bool)
     used[mesh.face_vertices] = True
-    points = np.zeros((int(used.sum()), 3))
-    points[:, : mesh.dim] = mesh.points[used]
-    return points, frozen_int(np.cumsum(used) - 1)
+    if used.all():
+        return mesh.points, None
+    return frozen_float(mesh.points[used]), frozen_int(np.cumsum(used) - 1)
 
 
-def _cell_arrays(cells: Cells, number: Int) -> dict[str, NDArray[Any]]:
+def _cell_arrays(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     faces = _face_stream(cells, number) if (cells.types == POLYHEDRON).any() else {}
-    corners = {"connectivity": number[cells.vertices], "offsets": cells.offsets[1:]}
+    corners = {"connectivity": _numbered(cells.vertices, number), "offsets": cells.offsets[1:]}
     return {**corners, "types": cells.types, **faces}
 
 
-def _face_stream(cells: Cells, number: Int) -> dict[str, NDArray[Any]]:
+def _numbered(vertices: Int, number: Int | None) -> Int:
+    return vertices if number is None else frozen_int(number[vertices])
+
+
+def _face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     """Per polyhedron: number of faces, then each face's size and vertices, seen from outside the cell.
 
     Other cells end nowhere in the stream, which is -1.
     """
     own = np.flatnonzero(cells.types == POLYHEDRON)
     offsets, loop_offsets, vertices = take_cells(cells.solids, frozen_int(own))
-    with_sizes = np.insert(number[vertices], loop_offsets[:-1], np.diff(loop_offsets))
-    face_starts = loop_offsets[offsets] + offsets  # places in the stream that has the sizes
+    counts, sizes = np.diff(offsets), np.diff(loop_offsets)
+    starts = loop_offsets[offsets] + offsets + np.arange(len(offsets))  # of each cell, and the end
+    loops = loop_offsets[:-1] + np.arange(len(sizes)) + np.repeat(np.arange(1, len(counts) + 1), counts)
+    stream = np.empty(starts[-1], np.int64)
+    rest = np.ones(len(stream), bool)
+    rest[starts[:-1]] = rest[loops] = False
+    stream[starts[:-1]], stream[loops], stream[rest] = counts, sizes, _numbered(vertices, number)
     ends = np.full(len(cells.types), -1)
-    ends[own] = face_starts[1:] + np.arange(1, len(own) + 1)
-    return {"faces": np.insert(with_sizes, face_starts[:-1], np.diff(offsets)), "faceoffsets": ends}
-
-
-def _arrays(arrays: Mapping[str, NDArray[Any]], tell: Tell, mark: str = "") -> Iterator[str]:
-    for place, (name, values) in enumerate(arrays.items()):
-        part(tell, place, len(arrays), name)
-        yield _array(name, values, mark=mark)
-
-
-def _array(name: str, values: NDArray[Any], components: int = 1, mark: str = "") -> str:
-    kind = _NAMES[values.dtype.str[1:]]
-    more = (f' NumberOfComponents="{components}"' if components > 1 else "") + (mark and f" {mark}")
-    content = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
-    head = f'<DataArray type="{kind}" Name={quoteattr(name)}{more} format="binary">'
-    return f"{head}{_encode(content)}</DataArray>"
-
-
-def _encode(content: bytes) -> str:
-    """Blocks of zlib data behind a header of their number and sizes, both in base64."""
-    blocks = [zlib.compress(content[i : i + _BLOCK], 6) for i in range(0, len(content), _BLOCK)]
-    sizes = (len(blocks), _BLOCK, len(content) % _BLOCK, *(len(block) for block in blocks))
-    header = np.array(sizes, "<u8").tobytes()
-    return (base64.b64encode(header) + base64.b64encode(b"".join(blocks))).decode()
+    ends[own] = starts[1:]
+    return {"faces": stream, "faceoffsets": ends}

@@ -48,7 +48,7 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
             for q in range(n):
                 x[own + q] += step[q]
             for k in range(indptr[i], indptr[i + 1]):
-                at = indices[k] * n
+                at = np.uint32(indices[k]) * n  # unsigned: no test whether it counts from the end
                 for c in range(n):
                     t = step[c]
                     for q in range(n):
@@ -69,12 +69,11 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
             first = indptr[i] if order > 0 else indptr[i + 1] - 1  # memory is read in one direction
             for h in range(indptr[i + 1] - indptr[i]):
                 k = first + order * h
-                at = indices[k] * n
-                for q in range(n):
-                    t = x[at] * 0
-                    for c in range(n):
-                        t += data[k, q, c] * x[at + c]
-                    left[q] -= t
+                at = np.uint32(indices[k]) * n
+                for c in range(n):
+                    t = x[at + c]
+                    for q in range(n):
+                        left[q] -= data[k, q, c] * t
             for c in range(n):
                 t = left[c]
                 for q in range(n):

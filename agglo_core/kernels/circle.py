@@ -1,70 +1,31 @@
 """Largest circles inside agglomerates: even-odd rule over their edges, best-first branch and bound.
 
 Holes, several loops and pinch vertices need no special case. Works in coordinates relative to the
-agglomerate's centroid.
+agglomerate's centroid and along its principal axes, so that boxes around thin agglomerates are thin.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.kernels.circle_edges import (
+    ROWS,
+    apart,
+    bounding_box,
+    gathered,
+    is_inside,
+    nearest_edge,
+    offset,
+    shortened,
+    signed_distance,
+)
 from agglo_core.kernels.compiling import kernel
 
 __all__ = ["circles"]
 
-_SQRT2 = float(np.sqrt(2.0))
 _NEAREST = 12  # contacts looked at when polishing
-_BUDGET = 5000  # squares per agglomerate; only needles thinner than 1/200 come near it
-
-
-@kernel
-def _gather(points, start, stop, faces, face_vertices, x0, y0, edges):
-    """Copy the edges ab of one agglomerate, relative to (x0, y0): rows ax, ay, ux, uy, 1/|u|², by; 1 free.
-
-    The end ``by`` stands beside u = b − a because the even-odd rule needs it without rounding. Edges are
-    columns, so that loops over them run in vector registers.
-    """
-    if edges.shape[1] < stop - start:
-        edges = np.empty((7, 2 * (stop - start)))
-    m = 0
-    for h in range(start, stop):
-        p, q = face_vertices[faces[h], 0], face_vertices[faces[h], 1]
-        ax, ay = points[p, 0] - x0, points[p, 1] - y0
-        bx, by = points[q, 0] - x0, points[q, 1] - y0
-        square = (bx - ax) ** 2 + (by - ay) ** 2
-        if square > 0.0:
-            edges[0, m], edges[1, m], edges[2, m], edges[3, m] = ax, ay, bx - ax, by - ay
-            edges[4, m], edges[5, m] = 1.0 / square, by
-            m += 1
-    return edges, m
-
-
-@kernel
-def _offset(edges, i, x, y):
-    """Vector to (x, y) from the nearest point of edge i."""
-    wx, wy = x - edges[0, i], y - edges[1, i]
-    t = min(max((wx * edges[2, i] + wy * edges[3, i]) * edges[4, i], 0.0), 1.0)
-    return wx - t * edges[2, i], wy - t * edges[3, i]
-
-
-@kernel
-def _distance(edges, m, x, y):
-    """Distance from (x, y) to the boundary, negative outside, and the nearest boundary point."""
-    ay, ux, uy, by, squares = edges[1], edges[2], edges[3], edges[5], edges[6]
-    crossings = 0
-    for i in range(m):  # without branches
-        wx, wy = x - edges[0, i], y - ay[i]
-        crosses = ((ay[i] > y) != (by[i] > y)) & ((wx * uy[i] < wy * ux[i]) == (uy[i] > 0.0))
-        crossings += 1 if crosses else 0
-        dx, dy = _offset(edges, i, x, y)
-        squares[i] = dx * dx + dy * dy
-    nearest = 0
-    for i in range(m):
-        if squares[i] < squares[nearest]:
-            nearest = i
-    dx, dy = _offset(edges, nearest, x, y)
-    best = np.sqrt(squares[nearest])
-    return (best if crossings & 1 else -best), x - dx, y - dy
+_SHORT = 32  # edges in a list that is not worth shortening
+_THIN = 3.0  # ratio of the sides of a box from which on the axis along which it is halved matters
 
 
 @kernel
@@ -77,22 +38,24 @@ def _polished(edges, m, x, y, radius, trio, weight):
     """
     d, gx, gy = np.empty(_NEAREST + 1), np.empty(_NEAREST + 1), np.empty(_NEAREST + 1)
     edge = np.empty(_NEAREST + 1, np.int64)
+    squares = edges[ROWS]
     for _ in range(3):
         n = 0
+        if squares[nearest_edge(edges, np.int64(0), m, x, y)] == 0.0:
+            return x, y, radius
         for i in range(m):  # the nearest contacts, by insertion
-            dx, dy = _offset(edges, i, x, y)
-            length = np.sqrt(dx * dx + dy * dy)
-            if length == 0.0:
-                return x, y, radius
             j = n
-            while j > 0 and d[j - 1] > length:
-                d[j], gx[j], gy[j], edge[j] = d[j - 1], gx[j - 1], gy[j - 1], edge[j - 1]
+            while j > 0 and squares[edge[j - 1]] > squares[i]:
+                edge[j] = edge[j - 1]
                 j -= 1
             if j < _NEAREST:
-                d[j], gx[j], gy[j], edge[j] = length, dx / length, dy / length, i
+                edge[j] = i
                 n = min(n + 1, _NEAREST)
         least, sx, sy = np.inf, 0.0, 0.0
         for i in range(n):
+            dx, dy = offset(edges, edge[i], x, y)
+            d[i] = np.sqrt(dx * dx + dy * dy)
+            gx[i], gy[i] = dx / d[i], dy / d[i]
             for j in range(i):
                 third = gx[i] * gy[j] - gy[i] * gx[j]
                 for k in range(j):
@@ -110,7 +73,7 @@ def _polished(edges, m, x, y, radius, trio, weight):
                         sy = ((value - d[j]) * gx[i] - (value - d[i]) * gx[j]) / third
         if least == np.inf:
             return x, y, radius
-        better = _distance(edges, m, x + sx, y + sy)[0]
+        better = signed_distance(edges, m, x + sx, y + sy)
         if better <= radius:
             return x, y, radius
         x, y, radius = x + sx, y + sy, better
@@ -118,31 +81,50 @@ def _polished(edges, m, x, y, radius, trio, weight):
 
 
 @kernel
-def _ceiling(edges, trio, weight, x, y, s):
-    """Largest weighted average of the distances to three edges over a square: no circle there is larger."""
-    highest = 0.0
-    for corner in range(4):  # the average is convex: largest at a corner
-        cx, cy = x + (s if corner & 1 else -s), y + (s if corner & 2 else -s)
-        average = 0.0
-        for n in range(3):
-            dx, dy = _offset(edges, trio[n], cx, cy)
-            average += weight[n] * np.sqrt(dx * dx + dy * dy)
-        highest = max(highest, average)
-    return highest
+def _average(edges, some, weight, x, y):
+    """Weighted average of the distances from (x, y) to some edges."""
+    average = 0.0
+    for n in range(len(some)):
+        dx, dy = offset(edges, some[n], x, y)
+        average += weight[n] * np.sqrt(dx * dx + dy * dy)
+    return average
+
+
+@kernel
+def _decided(edges, some, weight, x, y, sx, sy, enough):
+    """Whether no average of the distances to some edges exceeds ``enough`` in a box: so does no circle.
+
+    The average is convex, hence largest at a corner; the centre refutes it most often.
+    """
+    if _average(edges, some, weight, x, y) > enough:
+        return False
+    for corner in range(4):
+        cx, cy = x + (sx if corner & 1 else -sx), y + (sy if corner & 2 else -sy)
+        if _average(edges, some, weight, cx, cy) > enough:
+            return False
+    return True
+
+
+@kernel
+def _steeper(edges, some, weight, x, y, sx, sy):
+    """The axis along which the average of ``_decided`` rises more from the centre of a box to its sides."""
+    one = max(_average(edges, some, weight, x - sx, y), _average(edges, some, weight, x + sx, y))
+    two = max(_average(edges, some, weight, x, y - sy), _average(edges, some, weight, x, y + sy))
+    return 0 if one > two else 1
 
 
 @kernel
 def _move(source, i, target, j):
     """Copy a row number by number: slices take numba a second longer to compile."""
-    for k in range(4):
+    for k in range(9):
         target[j, k] = source[i, k]
 
 
 @kernel
-def _pop(heap, size):
-    """Take the first square (x, y, half side) off the heap of ``size``; its largest bound is on top."""
-    x, y, s = heap[0, 1], heap[0, 2], heap[0, 3]
-    i, j = 0, 1
+def _pop(heap, size, box):
+    """Move the box with the largest bound, on top, off the heap of ``size``."""
+    i, j = np.int64(0), np.int64(1)  # as constants they would have a version of every kernel compiled
+    _move(heap, i, box, i)
     while j < size - 1:  # the last entry takes the first place and sinks
         if j + 1 < size - 1 and heap[j + 1, 0] > heap[j, 0]:
             j += 1
@@ -151,109 +133,121 @@ def _pop(heap, size):
         _move(heap, j, heap, i)
         i, j = j, 2 * j + 1
     _move(heap, size - 1, heap, i)
-    return x, y, s
 
 
 @kernel
-def _push(heap, size, bound, x, y, s):
-    """Put a square on the heap of ``size``, in a longer copy if it is full."""
+def _push(heap, size, box):
+    """Put a box on the heap of ``size``, in a longer copy if it is full."""
     if size == len(heap):
-        grown = np.empty((2 * size, 4))
+        grown = np.empty((2 * size, 9))
         for i in range(size):
             _move(heap, i, grown, i)
         heap = grown
     i = size
-    while i > 0 and heap[(i - 1) // 2, 0] < bound:
+    while i > 0 and heap[(i - 1) // 2, 0] < box[0, 0]:
         _move(heap, (i - 1) // 2, heap, i)
         i = (i - 1) // 2
-    heap[i, 0], heap[i, 1], heap[i, 2], heap[i, 3] = bound, x, y, s
+    _move(box, np.int64(0), heap, i)
     return heap
 
 
 @kernel
-def _bounding_square(edges, m):
-    """Centre and half side of a square around the edges."""
-    x_low, x_high, y_low, y_high = np.inf, -np.inf, np.inf, -np.inf
-    for i in range(m):
-        x, y = edges[0, i], edges[1, i]
-        x_low, x_high = min(x_low, x, x + edges[2, i]), max(x_high, x, x + edges[2, i])
-        y_low, y_high = min(y_low, y, y + edges[3, i]), max(y_high, y, y + edges[3, i])
-    return 0.5 * (x_low + x_high), 0.5 * (y_low + y_high), 0.5 * max(x_high - x_low, y_high - y_low)
-
-
-@kernel
 def _largest(edges, m, diameter, best, heap):
-    """Radius of the largest circle, at least ``best`` (that about the origin); and the heap to reuse."""
-    best_x, best_y = 0.0, 0.0
+    """Radius of the largest circle, at least ``best`` (that about the origin); edges and heap to reuse."""
+    best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0
     trio, weight = np.zeros(3, np.int64), np.zeros(3)
-    x0, y0, s = _bounding_square(edges, m)
-    parts, size, opened, polish, polished = 1, 0, 0, 4, 0.0
-    while opened < _BUDGET:
+    pair, halves = np.zeros(2, np.int64), np.full(2, 0.5)
+    box = np.empty((1, 9))
+    x0, y0, sx, sy = bounding_box(edges, m)
+    start, stop, top = np.int64(0), m, m  # edges of the open box; end of those in use
+    axis, parts, size, opened, polish = np.int64(0), 1, np.int64(0), 0, 4
+    done = False
+    while not done:
         slack = min(1e-4 * diameter, max(1e-3 * best, 1e-5 * diameter))
+        reach, thin = np.sqrt(sx * sx + sy * sy), max(sx, sy) > _THIN * min(sx, sy)
         for part in range(parts):
             x, y = x0, y0
-            if parts == 4:
-                x += s if part & 1 else -s
-                y += s if part & 2 else -s
-            d, qx, qy = _distance(edges, m, x, y)
-            if d > best:
-                best, best_x, best_y = d, x, y
-            bound = d + s * _SQRT2
-            if weight[0] > 0.0 and bound > best + slack:
-                bound = min(bound, _ceiling(edges, trio, weight, x, y, s))
-            if d > 0.0 and bound > best + slack:
-                _, px, py = _distance(edges, m, 2.0 * x - qx, 2.0 * y - qy)
-                mx, my = 0.5 * (qx + px), 0.5 * (qy + py)
-                square = 0.25 * ((qx - px) ** 2 + (qy - py) ** 2)
-                reach = np.sqrt((x - mx) ** 2 + (y - my) ** 2) + s * _SQRT2
-                bound = min(bound, np.sqrt(reach * reach + square))
-                if square > best * best:
-                    d, _, _ = _distance(edges, m, mx, my)
+            if parts == 2:
+                x += (2 * part - 1) * (1 - axis) * sx
+                y += (2 * part - 1) * axis * sy
+            pair[0] = nearest_edge(edges, start, stop, x, y)
+            d = np.sqrt(edges[ROWS, pair[0]])
+            inside = is_inside(edges, m, start, stop, axis, x0, y0, above, 1e-12 * diameter, x, y)
+            signed = d if inside else -d
+            if signed > best:
+                best, best_x, best_y = signed, x, y
+            if signed + reach <= best + slack:
+                continue
+            if thin and not inside and apart(edges, start, stop, x, y, sx, sy):
+                continue
+            if weight[0] > 0.0 and _decided(edges, trio, weight, x, y, sx, sy, best + slack):
+                continue
+            first, last = start, stop
+            if stop - start > _SHORT:
+                limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
+                edges, first, last = shortened(edges, start, stop, limit, top)
+            dx, dy = offset(edges, pair[0], x, y)
+            pair[1] = nearest_edge(edges, first, last, x + dx, y + dy)
+            if inside:  # the middle of both nearest points may be a better centre
+                px, py = offset(edges, pair[1], x + dx, y + dy)
+                gap = (2.0 * dx - px) ** 2 + (2.0 * dy - py) ** 2
+                px, py = x - 0.5 * px, y - 0.5 * py
+                if gap > 4.0 * best**2 and edges[ROWS, nearest_edge(edges, first, last, px, py)] > best**2:
+                    d = signed_distance(edges, m, px, py)
                     if d > best:
-                        best, best_x, best_y = d, mx, my
-            if bound > best + slack:
-                heap = _push(heap, size, bound, x, y, s)
-                size += 1
-        if size == 0 or heap[0, 0] <= best + slack:
-            break
-        x0, y0, s = _pop(heap, size)
-        s *= 0.5
-        size -= 1
-        parts = 4
-        opened += 1
+                        best, best_x, best_y = d, px, py
+            if _decided(edges, pair, halves, x, y, sx, sy, best + slack):
+                continue
+            along = 0 if sx >= sy else 1
+            if thin and min(sx, sy) > slack:
+                along = _steeper(edges, pair, halves, x, y, sx, sy)
+            box[0, 0], box[0, 1], box[0, 2], box[0, 3], box[0, 4] = signed + reach, x, y, sx, sy
+            box[0, 5], box[0, 6], box[0, 7], box[0, 8] = signed, first, last, along
+            heap = _push(heap, size, box)
+            size += 1
+            top = max(top, last)
+        done = size == 0 or heap[0, 0] <= best + slack
+        if (done or opened == polish) and best > polished:
+            best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight)
+            polished = best
         if opened == polish:
             polish *= 2
-            if best > polished:
-                best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight)
-                polished = best
-    if best > polished:
-        best = _polished(edges, m, best_x, best_y, best, trio, weight)[2]
-    return best, heap
+        if not done:
+            _pop(heap, size, box)
+            x0, y0, sx, sy, above = box[0, 1], box[0, 2], box[0, 3], box[0, 4], box[0, 5]
+            start, stop, axis = np.int64(box[0, 6]), np.int64(box[0, 7]), np.int64(box[0, 8])
+            sx, sy = (0.5 * sx, sy) if axis == 0 else (sx, 0.5 * sy)
+            size -= 1
+            opened += 1
+            parts = 2
+    return best, edges, heap
 
 
 @kernel
 def circles(points, offsets, faces, face_vertices, centroids, diameters, anywhere):
     """Radius of the largest circle inside each agglomerate: anywhere, or about the centroid (else 0).
 
-    Anywhere: squares are quartered, best bound first, until no bound exceeds the best radius by 1e-4
-    diameters (or by 1e-3 of the radius if that is less, down to 1e-5 diameters); a few Newton steps
-    then make the radius exact where three edges touch the circle. Let c be the centre of a square, s
-    its half side, q1 the boundary point nearest to c, at distance d. In that square no radius exceeds
-    d + s√2; nor, with m the middle of q1 and any other boundary point q2, √(r² + |q1 − q2|²/4) where
-    r = |c − m| + s√2. Taking q2 nearest to the mirror image of q1 in c, the second bound decides long
-    strips, where the first would open every square along the axis.
+    Anywhere: boxes are halved, best bound first, until no bound exceeds the best radius by 1e-4 diameters
+    (or by 1e-3 of the radius if that is less, down to 1e-5 diameters); a few Newton steps then make the
+    radius exact where three edges touch the circle. Let c be the centre of a box, R half its diagonal and d
+    the distance from c to the boundary. No radius in the box exceeds d + R, nor the largest Σ λ_i d_i there,
+    d_i the distances to any edges, λ >= 0, Σ λ = 1. Two such choices are tried. The edge nearest to c and
+    that nearest to the mirror image, in c, of the nearest point, half each, decide long strips. The three
+    edges of a polished circle are exact at its centre and O(R²) above nearby, so that boxes around the
+    largest circle are discarded early. Thin boxes are halved along the axis along which the first choice
+    rises more, and discarded if they are outside and meet no edge.
 
-    A third bound comes from three edges and weights λ (λ >= 0, Σ λ = 1): no radius in the square exceeds
-    the largest Σ λ_i d_i there. With those of a polished circle it is exact at the circle's centre and
-    O(s²) above nearby, so that squares around the largest circle are discarded early.
+    Only edges within d + 2R of c can be nearest to a point of the box: they alone are handed down to its
+    halves, so that many edges cost little more than few. Whether a centre is inside follows from that of
+    the box it was halved from and the edges between the two.
     """
     radius = np.zeros(len(offsets) - 1)
-    edges = np.empty((7, 64))
-    heap = np.empty((256, 4))  # bound, x, y, half side
+    edges = np.empty((ROWS + 1, 64))
+    heap = np.empty((256, 9))  # bound, x, y, half sides, signed distance, first and last column of its edges
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]
-        edges, m = _gather(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
-        radius[c] = max(_distance(edges, m, 0.0, 0.0)[0], 0.0)
+        edges, m = gathered(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
+        radius[c] = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
         if anywhere:
-            radius[c], heap = _largest(edges, m, diameters[c], radius[c], heap)
+            radius[c], edges, heap = _largest(edges, m, diameters[c], radius[c], heap)
     return radius

@@ -9,6 +9,7 @@ from agglo_core.kernels.compiling import kernel
 __all__ = ["cell_faces", "chain_loops", "check_polygons", "match_half_edges"]
 
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
+FEW = 24  # edges among which the next one is found by looking at each
 
 
 @kernel
@@ -200,33 +201,63 @@ def _next_edge(points, start, end, first, other, used, h, seed):
 
 
 @kernel
+def _around(start, end, size, walk):
+    """Whether the edges are one loop that meets no vertex twice: then ``walk`` is its vertices."""
+    h = 0
+    for k in range(size):
+        walk[k] = start[h]
+        v, h = end[h], 0
+        while h < size and start[h] != v:
+            h += 1
+        if h == size or h == 0:
+            return h == 0 and k == size - 1
+    return False
+
+
+@kernel
 def chain_loops(points, offsets, faces, face_vertices, face_cells):
     """Closed loops of each cell, the cell on their left; no loop meets a vertex twice.
 
     Returns loop counts per cell (n + 1,) as offsets, vertex offsets per loop, and vertices.
     """
     n = len(offsets) - 1
-    first = np.full(len(points), -1, np.int64)  # latest edge of this cell that starts at a vertex
-    other = np.empty(len(faces), np.int64)  # the one before it
-    start, end = np.empty(len(faces), np.int64), np.empty(len(faces), np.int64)
-    used = np.zeros(len(faces), np.bool_)
-    place = np.full(len(points), -1, np.int64)  # where in the walk a vertex stands
-    walk = np.empty(len(faces), np.int64)
+    most = 0
+    for c in range(n):
+        most = max(most, offsets[c + 1] - offsets[c])
+    start, end = np.empty(most, np.int64), np.empty(most, np.int64)
+    other = np.empty(most, np.int64)  # the edge before that starts at the same vertex
+    used = np.empty(most, np.bool_)
+    walk = np.empty(most, np.int64)
+    first = np.empty(0, np.int64)  # latest edge of this cell that starts at a vertex
+    place = np.empty(0, np.int64)  # where in the walk a vertex stands
     cell_loops = np.zeros(n + 1, np.int64)
     loop_ends = np.zeros(len(faces) + 1, np.int64)
     loops = np.empty(len(faces), np.int64)
     n_loops, filled = 0, 0
     for c in range(n):
-        for h in range(offsets[c], offsets[c + 1]):
-            f = faces[h]
+        size = offsets[c + 1] - offsets[c]
+        for h in range(size):
+            f = faces[offsets[c] + h]
             flip = 0 if face_cells[f, 0] == c else 1
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
+            used[h] = False
+        if size <= FEW and _around(start, end, size, walk):
+            for k in range(size):
+                loops[filled + k] = walk[k]
+            filled += size
+            n_loops += 1
+            loop_ends[n_loops] = filled
+            cell_loops[c + 1] = n_loops
+            continue
+        if len(first) == 0:  # most meshes need neither
+            first, place = np.empty(len(points), np.int64), np.full(len(points), -1, np.int64)
+        for h in range(size):
             first[start[h]] = -1
             first[end[h]] = -1
-        for h in range(offsets[c], offsets[c + 1]):
+        for h in range(size):
             other[h] = first[start[h]]
             first[start[h]] = h
-        for seed in range(offsets[c], offsets[c + 1]):
+        for seed in range(size):
             h, length = seed, 0
             while h >= 0 and (not used[h] or (h == seed and length > 0)):
                 v = start[h]

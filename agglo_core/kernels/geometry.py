@@ -1,4 +1,4 @@
-"""Measures, centroids and diameters."""
+"""Diameters."""
 
 from __future__ import annotations
 
@@ -6,36 +6,9 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["block_diameters", "compare_diameters", "polygon_moments"]
+__all__ = ["block_diameters", "box", "compare_diameters", "octagon", "widest"]
 
-
-@kernel
-def polygon_moments(points, offsets, faces, face_vertices, face_cells):
-    """Area and centroid of each 2-D cell by the divergence theorem over its faces.
-
-    Coordinates are taken relative to a vertex of the cell, so small cells far out lose no digits.
-    """
-    n = len(offsets) - 1
-    area = np.empty(n)
-    centroid = np.empty((n, 2))
-    for c in range(n):
-        v = face_vertices[faces[offsets[c]], 0]
-        x0, y0 = points[v, 0], points[v, 1]
-        a, mx, my = 0.0, 0.0, 0.0
-        for h in range(offsets[c], offsets[c + 1]):
-            f = faces[h]
-            flip = 0 if face_cells[f, 0] == c else 1
-            p, q = face_vertices[f, flip], face_vertices[f, 1 - flip]
-            px, py = points[p, 0] - x0, points[p, 1] - y0
-            qx, qy = points[q, 0] - x0, points[q, 1] - y0
-            cross = px * qy - qx * py
-            a += cross
-            mx += (px + qx) * cross
-            my += (py + qy) * cross
-        area[c] = 0.5 * a
-        centroid[c, 0] = x0 + mx / (3.0 * a)
-        centroid[c, 1] = y0 + my / (3.0 * a)
-    return area, centroid
+_MANY = 64  # vertices from which on not every pair of them is compared
 
 
 @kernel
@@ -73,7 +46,46 @@ def _farthest(m, unique, x, points):
 
 
 @kernel
-def _widest(m, unique, centre, points):
+def _sort_along_x(m, unique, points):
+    """Sort the vertices ``unique[:m]`` by their first coordinate (Shell's sort)."""
+    gap = m // 2
+    while gap > 0:
+        for i in range(gap, m):
+            v, j = unique[i], i
+            while j >= gap and points[unique[j - gap], 0] > points[v, 0]:
+                unique[j] = unique[j - gap]
+                j -= gap
+            unique[j] = v
+        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
+
+
+@kernel
+def _widest_of_many(m, unique, centre, points, reach, widest):
+    """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
+
+    Let r be the largest distance from the centre c, ``reach`` its square. Of a pair p, q at distance w or
+    more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law): on round shapes hardly
+    any vertex does. The vertices are sorted along x, and q is sought among those near the image in x.
+    """
+    _sort_along_x(m, unique, points)
+    last = m - 1
+    for i in range(m):
+        image = 2.0 * centre[0] - points[unique[i], 0]
+        around = np.sqrt(max(4.0 * reach - widest, 0.0) + 1e-12 * reach)
+        while last >= 0 and points[unique[last], 0] > image + around:
+            last -= 1
+        j = min(last, i - 1)
+        while j >= 0 and points[unique[j], 0] >= image - around:
+            s = 0.0
+            for k in range(len(centre)):
+                s += (points[unique[i], k] - points[unique[j], k]) ** 2
+            widest = max(widest, s)
+            j -= 1
+    return widest
+
+
+@kernel
+def widest(m, unique, centre, points):
     """Largest distance between any two of ``unique[:m]``, which get another order.
 
     A farthest pair must lie outside the ball where distance to the centre is below
@@ -97,6 +109,8 @@ def _widest(m, unique, centre, points):
             if s >= inner:
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
+        if far > _MANY:
+            return np.sqrt(_widest_of_many(far, unique, centre, points, reach, widest))
     for i in range(1, far):
         widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
     return np.sqrt(widest)
@@ -111,12 +125,12 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
         m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
-        result[b] = _widest(m, unique, centre, points)
+        result[b] = widest(m, unique, centre, points)
     return result
 
 
 @kernel
-def _octagon(cells, vertex_offsets, vertices, points, enough):
+def octagon(cells, vertex_offsets, vertices, points, enough):
     """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
     Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
@@ -136,7 +150,7 @@ def _octagon(cells, vertex_offsets, vertices, points, enough):
 
 
 @kernel
-def _box(cells, vertex_offsets, vertices, points, low, high):
+def box(cells, vertex_offsets, vertices, points, low, high):
     """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
     lower, upper = 0.0, 0.0
     for k in range(len(low)):
@@ -164,13 +178,13 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
         if points.shape[1] == 2:
-            lower, upper = _octagon(own, vertex_offsets, vertices, points, enough)
+            lower, upper = octagon(own, vertex_offsets, vertices, points, enough)
         else:
-            lower, upper = _box(own, vertex_offsets, vertices, points, low, high)
+            lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
                 m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
-                result[b] = _widest(m, unique, centre, points)
+                result[b] = widest(m, unique, centre, points)
                 break
     return result

@@ -9,19 +9,27 @@ from agglo_core.kernels.compiling import kernel
 __all__ = ["keeps_whole", "relax_interface", "sort_by_key"]
 
 _REACH = 64  # cells visited before two neighbours count as not connected around a cell
+_MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
 _SWEEPS = 10
 _TIE = 1e-9
 
 
 @kernel
-def _best_move(graph, parts, i, pairs):
+def _best_move(graph, parts, i, pairs, lengths):
     """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
 
-    Target −1 if nothing is saved. A pair pays where neither cell does alone.
+    Target −1 if nothing is saved. A pair pays where neither cell does alone. ``lengths`` has room for a
+    number for each part.
     """
     indptr, indices, interface = graph
     home, own, total = parts[i], 0.0, 0.0
     target, length = -1, 0.0
+    many = indptr[i + 1] - indptr[i] > _MANY
+    if many:
+        for h in range(indptr[i], indptr[i + 1]):
+            lengths[parts[indices[h]]] = 0.0
+        for h in range(indptr[i], indptr[i + 1]):
+            lengths[parts[indices[h]]] += interface[h]
     for h in range(indptr[i], indptr[i + 1]):
         p = parts[indices[h]]
         total += interface[h]
@@ -29,8 +37,8 @@ def _best_move(graph, parts, i, pairs):
             own += interface[h]
         if p in (home, target):
             continue
-        shared = 0.0
-        for g in range(indptr[i], indptr[i + 1]):
+        shared = lengths[p] if many else 0.0
+        for g in range(indptr[i], indptr[i] if many else indptr[i + 1]):
             if parts[indices[g]] == p:
                 shared += interface[g]
         if shared > length:
@@ -187,12 +195,12 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
 
 
 @kernel
-def _paying(graph, parts, cells, m, pairs, axis, centroids, keys, chosen):
+def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
     """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
     found = 0
     for c in range(m):
         i = cells[c]
-        if _best_move(graph, parts, i, pairs)[0] >= 0:
+        if _best_move(graph, parts, i, pairs, lengths)[0] >= 0:
             chosen[found] = i
             found += 1
             keys[i] = 0.0
@@ -230,6 +238,7 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
     search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
     floors, moments, axis = np.empty(n_parts), np.empty((n_parts, d)), np.empty(d)
+    lengths = np.empty(n_parts)
     keys, now, later, boundary = (
         np.empty(n),
         np.empty(n, np.int64),
@@ -252,12 +261,12 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
                     break
         candidates, pairs, paired = edge, False, False
         for _ in range(_SWEEPS):
-            m = _paying(graph, parts, later, candidates, pairs, axis, centroids, keys, now)
+            m = _paying(graph, parts, later, candidates, pairs, lengths, axis, centroids, keys, now)
             sweep += 1
             candidates = 0
             for c in range(m):
                 i, own = now[c], parts[now[c]]
-                target, partner, _gained = _best_move(graph, parts, i, pairs)
+                target, partner, _gained = _best_move(graph, parts, i, pairs, lengths)
                 stamp += 2
                 if target < 0 or not _leave(graph, measures, tally, floors, i, target, search, stamp):
                     continue

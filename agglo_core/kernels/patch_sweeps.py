@@ -6,7 +6,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["border_residual", "patch_borders", "patch_inverses", "patch_sum", "patch_sweep"]
+__all__ = ["patch_borders", "patch_inverses", "patch_sum", "patch_sweep"]
 
 _TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes with denormal numbers
 
@@ -158,28 +158,6 @@ def patch_sweep(offsets, parts, inverse_starts, inverses, starts, stops, blocks,
             for r in range(n):
                 x[row + r] = better[(a - first) * n + r]
     return x
-
-
-@kernel(reorder_sums=True)
-def border_residual(parts, starts, firsts, blocks, columns, data, x):
-    """−A x of the blocks ``firsts[a]:starts[a + 1]`` of the rows of each part, which comes once in ``parts``.
-
-    With ``known`` of :func:`patch_borders` for ``firsts`` this is the residual after a sweep from zero
-    through patches that do not overlap: it was 0 on each when that was solved, until later ones changed it.
-    """
-    n = data.shape[1]
-    residual = np.empty_like(x)
-    for a in range(len(parts)):
-        own = residual[parts[a] * n : (parts[a] + 1) * n]
-        for r in range(n):
-            own[r] = 0.0
-        for h in range(firsts[a], starts[a + 1]):
-            block, column = data[blocks[h]], columns[h] * n
-            for c in range(n):
-                value = x[column + c]
-                for r in range(n):
-                    own[r] -= block[c, r] * value
-    return residual
 
 
 @kernel(reorder_sums=True)

@@ -1,4 +1,7 @@
-"""Sweeps over the rows of a CSR matrix with sorted columns: Gauss–Seidel, forward from zero and backward."""
+"""Sweeps over the rows of a symmetric CSR matrix: Gauss–Seidel, forward from zero and backward.
+
+Entries are numbered by unsigned integers: a signed index costs a test whether it counts from the end.
+"""
 
 from __future__ import annotations
 
@@ -6,37 +9,24 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["backward_sweep", "diagonal_places", "first_sweep"]
+__all__ = ["backward_sweep", "first_sweep"]
 
 
 @kernel
-def diagonal_places(indptr, indices):
-    """Where the diagonal entry of each row stands, −1 if it is not stored."""
-    n = len(indptr) - 1
-    places = np.full(n, -1, np.int64)
-    for i in range(n):
-        for k in range(indptr[i], indptr[i + 1]):
-            if indices[k] == i:
-                places[i] = k
-    return places
+def first_sweep(indptr, indices, data, inverse, b):
+    """x = (D + L)⁻¹ b, a forward sweep from zero, and b − A x; each entry of A is read once.
 
-
-@kernel(reorder_sums=True)
-def first_sweep(indptr, indices, data, places, inverse, b):
-    """x = (D + L)⁻¹ b, a forward sweep from zero, and b − A x = −U x: each entry of A is read once."""
+    Row i is used as column i: as soon as x_i is known, the residuals of the neighbours are.
+    """
     n = len(indptr) - 1
     x = np.empty_like(b)
-    r = np.empty_like(b)
+    r = b.copy()
     for i in range(n):
-        s = b[i]
-        for k in range(indptr[i], places[i]):
-            s -= data[k] * x[indices[k]]
-        x[i] = s * inverse[i]
-    for i in range(n):
-        s = data[0] * 0
-        for k in range(places[i] + 1, indptr[i + 1]):
-            s -= data[k] * x[indices[k]]
-        r[i] = s
+        t = r[i] * inverse[i]
+        x[i] = t
+        for k in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            r[np.uint64(indices[k])] -= data[k] * t
+        r[i] = 0  # but for rounding it is
     return x, r
 
 
@@ -45,6 +35,6 @@ def backward_sweep(indptr, indices, data, inverse, b, x):
     """A backward sweep of A x = b, in place."""
     for i in range(len(indptr) - 2, -1, -1):
         s = b[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            s -= data[k] * x[indices[k]]
+        for k in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            s -= data[k] * x[np.uint64(indices[k])]
         x[i] += s * inverse[i]

@@ -38,6 +38,7 @@ def classical_stack(
     *,
     labels: Sequence[ArrayLike] | None = None,
     near_null: ArrayLike | None = None,
+    guide: Any = None,
     theta: float = 0.25,
     dtype: Any = np.float64,
     coarsest: int = 500,
@@ -58,6 +59,10 @@ def classical_stack(
         A vector that A takes to nearly nothing, of positive entries. By default ones; where they are not
         such a vector, as after a scaling of the unknowns, what Gauss–Seidel leaves of them. The levels are
         then those of the matrix scaled by it, and the stack has the ``scaling``.
+    guide : (n, n) sparse, optional
+        A symmetric matrix of the same energy, within factors, whose couplings are negative where those of A
+        are not: it says in place of A which unknowns stay and how the others interpolate. Matrices of levels
+        are Galerkin products of A all the same.
     theta : float
         Unknown i depends on j if −a_ij ≥ θ max_k −a_ik; between 0 and 1.
     dtype : numpy dtype
@@ -91,12 +96,17 @@ def classical_stack(
     scale = _scale(matrix, None if near_null is None else vectors)
     D = None if scale is None else sparse.diags_array(scale)
     matrix = matrix if D is None else canonical(D @ matrix @ D)
+    if guide is not None:
+        guide, *_ = checked_system(guide, None, None)
+        if guide.shape != matrix.shape:
+            raise OptionError(f"guide has shape {guide.shape}; expected that of A, {matrix.shape}")
+        guide = guide if D is None else canonical(D @ guide @ D)
     given = checked_labels(labels, matrix.shape[0])
     if not 0.0 < theta <= 1.0:
         raise OptionError(f"theta must be between 0 and 1; given {theta!r}")
     levels: list[Level] = []
     while matrix.shape[0] > coarsest and not (levels and given):
-        P, stays = _interpolation(matrix, theta)
+        P, stays = _interpolation(matrix if guide is None else guide, theta)
         if stays.sum() > _SLOW * len(stays):
             break
         below = _galerkin(matrix, P)
@@ -106,6 +116,7 @@ def classical_stack(
         smoother = CoarseFirst(matrix, stays, dtype)
         levels.append(Level(matrix.astype(dtype), own, P.astype(dtype), smoother))
         matrix, given = below, [each[stays] for each in given]
+        guide = None if guide is None else _galerkin(guide, P)
     rest = aggregation_stack(matrix, labels=given or None, dtype=dtype, coarsest=coarsest)
     unlabelled = [Level(each.A, each.block_offsets, each.P, each.smoother) for each in rest.levels]
     return LevelStack([*levels, *unlabelled], rest.coarse, dtype, None if D is None else sparse.csr_array(D))

@@ -15,13 +15,9 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.patch_sweeps import (
-    border_residual,
-    patch_borders,
-    patch_inverses,
-    patch_sum,
-    patch_sweep,
-)
+from agglo_core.kernels.block_sweeps import UNROLLED
+from agglo_core.kernels.group_sweeps import group_sweeps
+from agglo_core.kernels.patch_sweeps import patch_borders, patch_inverses, patch_sum, patch_sweep
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
@@ -100,19 +96,24 @@ class VertexPatches:
         self._inverses = _Inverses(A, patches, dtype)
         self.A = rounded(A, dtype)
         own = self._inverses
+        self._apart = len(own.parts) == self.A.shape[0] // own.width  # patches do not overlap
+        if self._apart:
+            self._kernels = group_sweeps(own.width if own.width <= UNROLLED else 0)
+            self._rows = (frozen_int(A.indptr), frozen_index(A.indices), frozen(self.A.data, dtype))
+            return
         starts, known, blocks, columns = patch_borders(own.offsets, own.parts, *_pattern(A))
         self._starts, self._known = frozen_int(starts), frozen_int(known)
         self._border = frozen_index(blocks), frozen_index(columns)
         self._data = frozen(np.swapaxes(self.A.data, 1, 2), dtype)
-        self._apart = len(own.parts) == self.A.shape[0] // own.width  # patches do not overlap
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
-        x = self._swept(b, np.zeros_like(b), self._known, back=False)
-        if not self._apart:
-            return x, b - self.A @ x
-        border = (self._starts, self._known, *self._border, self._data)
-        return x, border_residual(self._inverses.parts, *border, frozen(x, self._data.dtype))
+        if self._apart:
+            x, r = np.zeros(len(b), self.A.dtype), np.array(b, self.A.dtype)
+            self._kernels[0](*self._inverses.arrays, *self._rows, r, x)
+            return x, r
+        x = self._overlapping(b, np.zeros_like(b), self._known, back=False)
+        return x, b - self.A @ x
 
     def after(self, b: Real, x: Real) -> Real:
         """Return x after a sweep backwards."""
@@ -120,9 +121,14 @@ class VertexPatches:
 
     def sweep(self, b: Real, x: Real, *, back: bool = False) -> Real:
         """Return x ``(n,)`` after a sweep through the patches, the last first if ``back``."""
-        return self._swept(b, x, frozen_int(self._starts[1:]), back)
+        if not self._apart:
+            return self._overlapping(b, x, frozen_int(self._starts[1:]), back)
+        x = np.array(x, self.A.dtype)
+        order = -1 if back else 1
+        self._kernels[1](*self._inverses.arrays, *self._rows, frozen(b, self.A.dtype), x, order)
+        return x
 
-    def _swept(self, b: Real, x: Real, stops: Int, back: bool) -> Real:
+    def _overlapping(self, b: Real, x: Real, stops: Int, back: bool) -> Real:
         dtype = self._data.dtype
         given = (frozen(each, dtype) for each in (b, x))
         swept: Real = patch_sweep(

@@ -9,7 +9,7 @@ from scipy import sparse
 
 from agglo_core.arrays import frozen
 from agglo_core.errors import OptionError
-from agglo_core.kernels.scalar_sweeps import backward_sweep, diagonal_places, first_sweep
+from agglo_core.kernels.scalar_sweeps import backward_sweep, first_sweep
 from agglo_core.multigrid.stack import Real
 
 __all__ = ["ScalarGaussSeidel"]
@@ -60,12 +60,11 @@ class ScalarGaussSeidel:
         indptr, indices = frozen(rows.indptr, rows.indices.dtype), frozen(rows.indices, rows.indices.dtype)
         self._A = (indptr, indices, frozen(rows.data, dtype))
         self.matrix = sparse.csr_array((self._A[2], indices, indptr), shape=rows.shape)
-        self._places = frozen(diagonal_places(indptr, indices), np.int64)
         self._inverse = frozen(1.0 / diagonal, dtype)
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)``, by a forward sweep from 0, and b − A x."""
-        x, r = first_sweep(*self._A, self._places, self._inverse, frozen(b, self._dtype))
+        x, r = first_sweep(*self._A, self._inverse, frozen(b, self._dtype))
         return x, r
 
     def after(self, b: Real, x: Real) -> Real:

@@ -1,141 +1,150 @@
-"""The kernel of batched 2-means: every block of a graph, several starting axes each."""
+"""The kernels of 2-means: the blocks of a graph once, and pieces of a graph again and again."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import kernel, piece_splits
+from agglo_kmeans.points import load_points, means_room
+from agglo_kmeans.separator import separator
 
-__all__ = ["two_means"]
-
-_TIE = 1e-8  # of the block's size: a cell this close to the separator is on side 0
-_ROUND = 0.8  # ratio of principal moments above which no axis stands out
-_ITERATIONS = 100
-
-
-@kernel(reorder_sums=True)
-def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
-    """Weight and first moments of the points with normal · point > t."""
-    a, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
-    if planar:
-        for i in range(n):
-            m = w[i] if nx * x[i] + ny * y[i] > t else 0.0
-            a += m
-            sx += m * x[i]
-            sy += m * y[i]
-    else:
-        for i in range(n):
-            m = w[i] if nx * x[i] + ny * y[i] + nz * z[i] > t else 0.0
-            a += m
-            sx += m * x[i]
-            sy += m * y[i]
-            sz += m * z[i]
-    return a, sx, sy, sz
+__all__ = ["split_by_means", "two_means"]
 
 
 @kernel
-def _lloyd(x, y, z, w, n, planar, total, tie, nx, ny, nz):
-    """Lloyd's iteration from the plane through the centre; the points are centred.
+def _units(centroids, weights):
+    """Factors that make lengths and weights of order 1."""
+    extent, total = 0.0, 0.0
+    for k in range(centroids.shape[1]):
+        low, high = np.inf, -np.inf
+        for i in range(len(centroids)):
+            low, high = min(low, centroids[i, k]), max(high, centroids[i, k])
+        extent = max(extent, high - low)
+    for i in range(len(weights)):
+        total += weights[i]
+    return (1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0)
 
-    Then both means lie on one line through the centre, so the separator follows from the sums of one
-    side. Returns the between-cluster inertia (−1 if a side is empty) and the separator.
+
+@kernel
+def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count, reach, near):
+    """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
+
+    Writes the cells no further from the plane than ``reach`` to ``near``; returns how many.
     """
-    t, inertia = tie, -1.0
-    before_a, before_s = -1.0, -1.0
-    for _ in range(_ITERATIONS):
-        a, sx, sy, sz = _side_sums(x, y, z, w, n, planar, nx, ny, nz, t)
-        b = total - a
-        s = np.sqrt(sx * sx + sy * sy + sz * sz)
-        if not (a > 0.0 and b > 1e-14 * total and s > 0.0):
-            return -1.0, nx, ny, nz, t
-        inertia = s * s * (1.0 / a + 1.0 / b)
-        if a == before_a and s == before_s and nx * sx + ny * sy + nz * sz >= s * (1.0 - 1e-15):
-            break
-        before_a, before_s = a, s
-        nx, ny, nz = sx / s, sy / s, sz / s
-        t = 0.5 * s * (1.0 / a - 1.0 / b) + tie
-    return inertia, nx, ny, nz, t
+    left, right = piece_splits.side_tags(lo, hi)
+    best, nx, ny, nz, t = plane
+    x, y, z = points[0], points[1], points[2]
+    ones, below, above, m = 0, 0.0, 0.0, 0
+    for k in range(hi - lo):
+        i = cells[lo + k]
+        height = nx * x[k] + ny * y[k] + nz * z[k] - t
+        side = np.int64(height > 0.0)
+        tag[i] = right if side else left
+        above += side * measures[i]
+        below += (1 - side) * measures[i]
+        ones += side
+        near[m] = i
+        m += abs(height) * extent <= reach[i]
+    if not best > 0.0 or ones == 0 or ones == hi - lo:  # coincident centroids: any halving will do
+        ones, below, above, m = (hi - lo) // 2, 0.0, 0.0, hi - lo
+        for k in range(m):
+            i = cells[lo + k]
+            side = np.int64(k >= m - ones)
+            tag[i], near[k] = right if side else left, i
+            above += side * measures[i]
+            below += (1 - side) * measures[i]
+    size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
+    return m
 
 
 @kernel
-def _planar_axes(x, y, w, n, axes):
-    """Fill ``axes`` with the directions to try in 2-D; return how many."""
-    xx, xy, yy = 0.0, 0.0, 0.0
-    for i in range(n):
-        xx += w[i] * x[i] * x[i]
-        xy += w[i] * x[i] * y[i]
-        yy += w[i] * y[i] * y[i]
-    mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-    count, angle = 1, 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    if mean - radius > _ROUND * (mean + radius):
-        # no axis stands out: eight, from the orientation of the fourth moment, which a square has
-        re, im = 0.0, 0.0
-        for i in range(n):
-            u, v = x[i] * x[i] - y[i] * y[i], 2.0 * x[i] * y[i]
-            re += w[i] * (u * u - v * v)
-            im += w[i] * 2.0 * u * v
-        count, angle = 8, 0.25 * np.arctan2(im, re)
-    for c in range(count):
-        axes[c, 0], axes[c, 1], axes[c, 2] = np.cos(angle + c * np.pi / 8), np.sin(angle + c * np.pi / 8), 0.0
-    return count
-
-
-@kernel
-def two_means(offsets, centroids, weights, given_axes):
-    """Side of each node: the 2-means split of its block of least energy over the starting axes.
-
-    ``given_axes (B, C, 3)`` are the axes to try; with C = 0 (2-D) they are found here.
-    """
-    n_blocks, d = len(offsets) - 1, centroids.shape[1]
-    planar = d == 2
-    largest = 0
-    for b in range(n_blocks):
+def two_means(offsets, centroids, weights):
+    """Side of each node: the 2-means split of its block of least energy over the starting axes."""
+    n, planar, largest = len(weights), centroids.shape[1] == 2, np.int64(0)
+    for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])
-    x, y, z, w = np.empty(largest), np.empty(largest), np.zeros(largest), np.empty(largest)
-    axes = np.empty((max(8, given_axes.shape[1]), 3))
-    sides = np.zeros(len(weights), np.int64)
-    for b in range(n_blocks):
-        start, n = offsets[b], offsets[b + 1] - offsets[b]
-        total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
-        for i in range(n):
-            w[i] = weights[start + i]
-            total += w[i]
-        if not total > 0.0:
-            total = float(n)
-            for i in range(n):
-                w[i] = 1.0
-        for i in range(n):
-            cx += w[i] * (centroids[start + i, 0] - centroids[start, 0])
-            cy += w[i] * (centroids[start + i, 1] - centroids[start, 1])
-            if not planar:
-                cz += w[i] * (centroids[start + i, 2] - centroids[start, 2])
-        cx, cy, cz = cx / total, cy / total, cz / total
-        size = 0.0
-        for i in range(n):
-            x[i] = centroids[start + i, 0] - centroids[start, 0] - cx
-            y[i] = centroids[start + i, 1] - centroids[start, 1] - cy
-            if not planar:
-                z[i] = centroids[start + i, 2] - centroids[start, 2] - cz
-            size += w[i] * (x[i] * x[i] + y[i] * y[i] + z[i] * z[i])
-        tie = _TIE * np.sqrt(size / total)
-        if planar:
-            count = _planar_axes(x, y, w, n, axes)
-        else:
-            count = given_axes.shape[1]
-            for c in range(count):
-                for k in range(3):
-                    axes[c, k] = given_axes[b, c, k]
-        best, nx, ny, nz, t = -1.0, 1.0, 0.0, 0.0, 0.0
-        for c in range(count):
-            trial = _lloyd(x, y, z, w, n, planar, total, tie, axes[c, 0], axes[c, 1], axes[c, 2])
-            if trial[0] > best + 1e-9 * abs(best):
-                best, nx, ny, nz, t = trial
-        ones = 0
-        for i in range(n):
-            if best > 0.0 and nx * x[i] + ny * y[i] + nz * z[i] > t:
-                sides[start + i] = 1
-                ones += 1
-        if n > 1 and (ones == 0 or ones == n):  # coincident centroids: any halving will do
-            for i in range(n):
-                sides[start + i] = 1 if 2 * i >= n else 0
+    room, units = means_room(largest), _units(centroids, weights)
+    size, count, near = np.empty(2), np.empty(2, np.int64), np.empty(largest + 1, np.int32)
+    reach = np.zeros(n, np.float32)
+    cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
+    for i in range(n):
+        cells[i] = i
+    for b in range(len(offsets) - 1):
+        lo, hi = offsets[b], offsets[b + 1]
+        extent = load_points(cells, lo, hi, centroids, weights, units, room[0])
+        plane = separator(room, hi - lo, planar)
+        _tag_sides(cells, lo, hi, room[0], extent, plane, tag, weights, size, count, reach, near)
+    sides = np.empty(n, np.int64)
+    for i in range(n):
+        sides[i] = tag[i] & 1
     return sides
+
+
+@kernel
+def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
+    """Cut a piece by 2-means and refine the sides; returns the cells along the cut, and the next stamp."""
+    indptr, indices, interface, centroids, measures, _, reach = graph
+    size, count, axis = sums
+    plane = separator(means, hi - lo, centroids.shape[1] == 2)
+    edge = _tag_sides(cells, lo, hi, means[0], extent, plane, tag, measures, size, count, reach, room[0])
+    left, right = piece_splits.side_tags(lo, hi)
+    edge = piece_splits.cut_cells(indptr, indices, tag, left, right, room[0], edge)
+    if floor < 0.0:
+        return edge, stamp
+    sign = 1.0 if size[1] < size[0] else -1.0
+    axis[0], axis[1], axis[2] = sign * plane[1], sign * plane[2], sign * plane[3]
+    structure, sides = (indptr, indices, interface), (size, count)
+    return piece_splits.refine_sides(
+        structure, centroids, measures, tag, left, right, axis, sides, floor, edge, room, stamp
+    )
+
+
+@kernel
+def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
+    """Split pieces, the last in ``todo`` first; the arguments are those of ``PieceGrowth``."""
+    indptr, indices, _, centroids, measures, weights, _ = graph
+    limit, floor, small = goal
+    waiting, put_off, stamp, largest = counts[0], counts[1], counts[2], np.int64(0)
+    for k in range(waiting):
+        largest = max(largest, todo[k, 1] - todo[k, 0])
+    room, means, units = (
+        piece_splits.piece_room(largest, marks),
+        means_room(largest),
+        _units(centroids, weights),
+    )
+    size, count, axis = np.empty(2), np.empty(2, np.int64), np.empty(3)
+    sums = (size, count, axis)
+    while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
+        waiting -= 1
+        lo, hi, quota, depth = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
+        if quota == 1 or hi - lo == 1:
+            leaf[lo] = True
+            continue
+        if hi - lo <= small:
+            for k in range(4):
+                ready[put_off, k] = todo[waiting, k]
+            put_off += 1
+            continue
+        if counts[3] == 0:
+            extent = load_points(cells, lo, hi, centroids, weights, units, means[0])
+            if limit > 0.0 and extent <= limit and piece_splits.is_narrow(cells[lo:hi], shape, limit):
+                leaf[lo] = True
+                continue
+            edge, stamp = _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp)
+            stamp += 2
+            if not piece_splits.sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):
+                waiting += 1
+                counts[3] = 1  # somebody else is to mend them
+                break
+        tally[min(depth, len(tally) - 1), 2] += counts[3]
+        counts[3] = 0
+        middle = piece_splits.part_list(tag, measures, cells, lo, hi, room[0], size)
+        first = piece_splits.quota_of_left(quota, size, middle - lo, hi - middle)
+        tally[min(depth, len(tally) - 1), 0] += 1
+        tally[min(depth, len(tally) - 1), 1] += hi - lo
+        work -= hi - lo
+        todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
+        todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
+        todo[waiting, 3], todo[waiting + 1, 3] = depth + 1, depth + 1
+        waiting += 2
+    counts[0], counts[1], counts[2] = waiting, put_off, stamp

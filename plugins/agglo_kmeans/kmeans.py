@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from itertools import product
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from agglo_core.authoring import (
-    Float,
     Graph,
     Int,
     OptionError,
+    PieceGrowth,
     Target,
     UInt64,
     curve_order,
-    frozen_float,
     frozen_int,
 )
 
@@ -45,9 +45,14 @@ class KMeans:
         """Side of each node ``(n,)``; ``seeds`` are not used."""
         from agglo_kmeans.kernel import two_means
 
-        axes = np.empty((level.n_blocks, 0, 3)) if level.dim == 2 else _axes_3d(level)
-        sides: Int = two_means(level.offsets, level.centroids, level.weights, frozen_float(axes))
+        sides: Int = two_means(level.offsets, level.centroids, level.weights)
         return sides
+
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
+        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer."""
+        from agglo_kmeans.kernel import split_by_means
+
+        return PieceGrowth.for_components(graph, pieces, split_by_means, refiners, fixer)
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
         """Labels ``(n,)`` of a direct k-means with ``target.parts`` means.
@@ -67,20 +72,3 @@ class KMeans:
             means = [np.bincount(labels, weights * x) / total for x in graph.centroids.T]
             labels = cKDTree(np.stack(means, axis=1)).query(graph.centroids)[1]
         return frozen_int(labels)
-
-
-def _axes_3d(level: Graph) -> Float:
-    """Three principal and four diagonal axes of each block ``(B, 7, 3)``."""
-    first = level.offsets[:-1]
-    w = level.weights[:, None]
-    total = np.add.reduceat(w, first, axis=0)
-    if not total.all():  # a block without weight: its cells count alike
-        w = w + (total == 0)[level.block_ids]
-        total = np.add.reduceat(w, first, axis=0)
-    centre = np.add.reduceat(w * level.centroids, first, axis=0) / total
-    x = level.centroids - centre[level.block_ids]
-    outer = (w * x)[:, :, None] * x[:, None, :]
-    frame = np.linalg.eigh(np.add.reduceat(outer, first, axis=0))[1]
-    principal = frame.transpose(0, 2, 1)[:, ::-1]
-    signs = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=2)]) / np.sqrt(3.0)
-    return np.ascontiguousarray(np.concatenate((principal, signs @ principal), axis=1))

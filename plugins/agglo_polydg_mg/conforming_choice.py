@@ -15,6 +15,10 @@ _STRONG = 3.0
 _BAD = 0.06
 _JOINED = 2.0
 """Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
+_WEAK = 0.1
+_LAYERS = 0.02
+"""A mesh has layers if this part of its inner faces is weak: in both cells a jump costs less than 0.1 of what
+it may cost at another face."""
 _CONTRAST = 1e8
 _SMOOTH = 100.0
 """Up to this ratio of the largest to the smallest κ aggregates serve as well as classical levels."""
@@ -33,6 +37,8 @@ class Difficulty:
         Whether the continuous space is to have bubbles.
     vertices : "aggregates" or "classical"
         How the problem on vertices is coarsened.
+    layers : bool
+        Whether classical levels need a guide: in flat cells couplings of vertices have either sign.
     kind : "V" or "W"
         Cycle: W solves each coarse level twice.
     dtype : numpy dtype
@@ -46,6 +52,7 @@ class Difficulty:
     smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
     vertices: Literal["aggregates", "classical"]
+    layers: bool
     kind: Literal["V", "W"]
     dtype: Any
     strong: float
@@ -61,9 +68,10 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     * Bad meshes: groups of cells; from degree 3 on vertex patches.
     * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 3 on
       groups of cells.
-    * Degree 1 on a mesh that is not bad, with κ of about one size: aggregates of vertices, in the W-cycle.
-      They are cheap, and alone slow. Classical levels elsewhere, in the V-cycle: they hold where couplings
-      jump or point one way, and their matrices are fuller.
+    * Layers of flat triangles or quadrilaterals: classical levels, guided by the couplings in the cells.
+    * Degree 1 on another mesh that is not bad, with κ of about one size: aggregates of vertices, in the
+      W-cycle. They are cheap, and alone slow. Classical levels elsewhere, in the V-cycle: they hold where
+      couplings jump or point one way, and their matrices are fuller.
     * Double precision where κ spans more than eight decades.
 
     Parameters
@@ -86,10 +94,12 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     '0 % strong faces, at most 4 faces a cell'
     """
     strong = _strong_part(mesh, sigma)
-    bad, faces = strong > _BAD, int(np.diff(mesh.cell_faces[0]).max())
+    sides = np.diff(mesh.cell_faces[0])
+    bad, faces = strong > _BAD, int(sides.max())
+    layers = bool(np.mean(sides > 4) < 0.5) and _weak_part(mesh, sigma) > _LAYERS
     polygons = faces > 4
     contrast = float(kappa.max() / kappa.min())
-    easy = degree == 1 and not bad and contrast <= _SMOOTH
+    easy = degree == 1 and not (bad or layers) and contrast <= _SMOOTH
     smoother: Literal["cells", "groups", "patches"] = "cells"
     if bad or (polygons and degree > 2):
         smoother = "patches" if bad and degree > 2 else "groups"
@@ -99,6 +109,7 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
         smoother,
         bubbles=bad or not polygons,
         vertices="aggregates" if easy else "classical",
+        layers=layers,
         kind="W" if easy else "V",
         dtype=dtype,
         strong=strong,
@@ -124,6 +135,14 @@ def strong_pairs(mesh: Mesh, sigma: Float) -> Int:
 def _strong_part(mesh: Mesh, sigma: Float) -> float:
     strength = _strength(mesh, sigma)
     return float(np.mean(strength > _STRONG)) if len(strength) else 0.0
+
+
+def _weak_part(mesh: Mesh, sigma: Float) -> float:
+    """Part of the inner faces at which a jump costs little, in both cells, next to their other faces."""
+    jump, inner = sigma * mesh.face_measures, mesh.face_cells[:, 1] >= 0
+    offsets, faces = mesh.cell_faces
+    most = np.maximum.reduceat(jump[faces], offsets[:-1])[mesh.face_cells[inner]].min(axis=1)
+    return float(np.mean(jump[inner] < _WEAK * most)) if inner.any() else 0.0
 
 
 def _strength(mesh: Mesh, sigma: Float) -> Float:

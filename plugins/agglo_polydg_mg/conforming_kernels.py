@@ -171,16 +171,18 @@ def _solve(normal, right, n, count):
 
 @kernel
 def fit_traces(
-    points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles,
+    points, offsets, faces, face_vertices, face_cells, ends, starts, unknowns, bubbles, held, orthogonal,
     boxes, scale, degree, nodes, weights, regularisation, squares, room,
 ):  # fmt: skip
     """Unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and coefficients ``(·, m)`` of each.
 
     They are those of the polynomial next to the trace on the cell's boundary, in the mean square over the
     bounding box turned to a square. The trace is linear between the corners of a face, plus the bubbles
-    4t(1 − t)(2t − 1)^k numbered from ``bubbles (F,)`` on, if that is not negative. Of a cell with more
-    than ``squares²`` corners one in each square of a grid on its box counts, for all of them: the polynomial
-    fits the values there. ``nodes`` and ``weights`` are on [0, 1]; ``room`` is the most that may be needed.
+    4t(1 − t)(2t − 1)^k numbered from ``bubbles (F,)`` on, if that is not negative; on faces that are ``held
+    (F,)`` row k of ``orthogonal`` times the functions at the ends and the bubbles is added to bubble k. Of a
+    cell with more than ``squares²`` corners one in each square of a grid on its box counts, for all of them:
+    the polynomial fits the values there. ``nodes`` and ``weights`` are on [0, 1]; ``room`` is the most that
+    may be needed.
     """
     n, most, extra = (degree + 1) * (degree + 2) // 2, squares * squares, degree - 1
     counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
@@ -247,6 +249,21 @@ def fit_traces(
                 normal[k, k] += regularisation * total * total if total > 1 else 0.0
                 k += 1
         _solve(normal, right, n, count)
+        column = corners
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            if many or bubbles[f] < 0:
+                continue
+            if held[f]:
+                side = 0 if face_cells[f, 0] == c else 1
+                first, last = ends[f, side, 0] - starts[c], ends[f, side, 1] - starts[c]
+                for k in range(extra - 1, -1, -1):
+                    for j in range(n):
+                        right[column + k, j] += orthogonal[k, 0] * right[first, j]
+                        right[column + k, j] += orthogonal[k, 1] * right[last, j]
+                        for i in range(k):
+                            right[column + k, j] += orthogonal[k, 2 + i] * right[column + i, j]
+            column += extra
         for i in range(count):
             for j in range(n):
                 fitted[position + i, j] = right[i, j] / scale[c]

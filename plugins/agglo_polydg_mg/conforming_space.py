@@ -18,7 +18,7 @@ from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen_float, fr
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.quadrature import gauss
 
-__all__ = ["ConformingSpace", "conforming_space"]
+__all__ = ["ConformingSpace", "conforming_space", "directions"]
 
 _SHORT = 0.5
 """A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
@@ -28,6 +28,8 @@ _COMPARABLE = 3.0
 """A cell unites two groups whose stiffness is at most this many times its own."""
 _SQUARES = 6
 """Cells with more corners than the square of this depend on one corner in each square of a grid only."""
+_DIRECTION = (1.0, 0.618)
+"""Bubbles of odd order have the sign that belongs to faces which run this way."""
 _REGULARISATION = 1e-4
 """Times the squared degree: keeps polynomials small that vanish on the boundary."""
 
@@ -45,6 +47,13 @@ class ConformingSpace:
         Coefficients in the cell of the function that belongs to the unknown.
     n_vertices, n : int
         Unknowns of vertices, and all.
+    ends : (n_faces, 2, 2) int
+        Unknowns at both ends of each face, of the cells on both sides; −1 for none.
+    bubbles : (n_faces,) int
+        First bubble of each face, −1 if it has none.
+    bubbles_of_a_face : int
+    jumps : (n_faces,) float
+        What a jump of 1 across each face costs.
     """
 
     offsets: Int
@@ -52,6 +61,10 @@ class ConformingSpace:
     fitted: Float
     n_vertices: int
     n: int
+    ends: Int
+    bubbles: Int
+    bubbles_of_a_face: int
+    jumps: Float
 
     def prolongation(self, dtype: Any = np.float64) -> sparse.csr_array:
         """P ``(n_cells · n_local, n)``, entries that are nothing but rounding being 0."""
@@ -92,6 +105,9 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
     where the penalty is small and smoothing slow. Where κ jumps the weaker cell follows the stronger,
     but does not tie together two stronger ones that touch at the vertex only.
 
+    On the long faces of flat cells, whose ends belong to the cells beside them alone, bubbles are orthogonal
+    to linear functions: constants along such cells would else be mixtures of both.
+
     A cell with more than 36 corners (a large cell among small ones, one with many holes) depends on at most
     36 of them and on no bubbles, so that time and memory grow with the number of edges, not its square.
 
@@ -117,7 +133,9 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
     parts = offsets, faces, mesh.face_cells, ends, starts, coupling, stiffness, order
     found = corner_unknowns(*parts, _WEAK, _COMPARABLE)
     unknowns, n_vertices = frozen_int(found[0]), int(found[1])
-    first, n = _bubbles(mesh, starts, short, n_vertices, p - 1 if bubbles else 0)
+    extra = p - 1 if bubbles else 0
+    first, n = _bubbles(mesh, starts, short, n_vertices, extra)
+    at_ends = np.where(ends < 0, -1, unknowns[ends])
     nodes, weights = gauss(p + 1)
     room = len(unknowns) + 2 * (n - n_vertices)
     cells, indices, fitted = fit_traces(
@@ -127,6 +145,8 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
         starts,
         unknowns,
         first,
+        _held_by_a_face(mesh, at_ends, np.bincount(unknowns, minlength=n_vertices)),
+        frozen_float(_orthogonal(extra)),
         basis.boxes,
         basis.scale,
         p,
@@ -138,9 +158,63 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
     )
     used = np.zeros(n, bool)
     used[indices] = True  # of cells with many corners not all are
-    places = np.cumsum(used) - 1
+    places = np.where(used, np.cumsum(used) - 1, -1)
     counts = int(used[:n_vertices].sum()), int(used.sum())
-    return ConformingSpace(frozen_int(cells), frozen_index(places[indices]), frozen_float(fitted), *counts)
+    fitted *= _signs(mesh, first, extra, n)[indices, None]
+    return ConformingSpace(
+        frozen_int(cells),
+        frozen_index(places[indices]),
+        frozen_float(fitted),
+        *counts,
+        frozen_int(np.where(at_ends < 0, -1, places[at_ends])),
+        frozen_int(np.where(first < 0, -1, places[first])),
+        extra,
+        coupling,
+    )
+
+
+def directions(mesh: Mesh) -> Float:
+    """Vectors ``(n_faces, 2)`` along the faces, all to one side."""
+    a, b = mesh.face_pairs.T
+    vectors = mesh.local_points[b] - mesh.local_points[a]
+    return frozen_float(np.where(vectors @ _DIRECTION < 0.0, -1.0, 1.0)[:, None] * vectors)
+
+
+def _signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
+    """Sign ``(n,)`` of each unknown's function: bubbles of odd order change it as a face is turned."""
+    signs, on = np.ones(n), bubbles >= 0
+    a, b = mesh.face_pairs[on].T
+    turned = (mesh.local_points[b] - mesh.local_points[a]) @ _DIRECTION < 0.0
+    for k in range(1, extra, 2):
+        signs[bubbles[on] + k] = np.where(turned, -1.0, 1.0)
+    return frozen_float(signs)
+
+
+def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int) -> Mask:
+    """Whether the unknowns at both ends of a face ``(n_faces, 2, 2)`` belong to the cells beside it alone.
+
+    ``corners (n_vertices,)`` is the number of cells that each belongs to.
+    """
+    inner = mesh.face_cells[:, 1] >= 0
+    other = np.where(inner[:, None], ends[:, 1], ends[:, 0])
+    apart = ends[:, 0, 0] != ends[:, 0, 1]
+    alone = (corners[ends[:, 0]] == 1 + inner[:, None]).all(axis=1)
+    return np.asarray((other == ends[:, 0]).all(axis=1) & alone & apart)
+
+
+def _orthogonal(extra: int) -> Float:
+    """What of linear functions ((1 − s)/2, (1 + s)/2) and of the bubbles (1 − s²) s^k before to add to each.
+
+    ``(extra, 2 + extra)``, so that the bubbles are orthogonal on −1..1 to all of these.
+    """
+    nodes, weights = gauss(extra + 2)
+    values = [0.5 * (1.0 - nodes), 0.5 * (1.0 + nodes), *((1.0 - nodes**2) * nodes**k for k in range(extra))]
+    rows = np.array(values)
+    table = np.zeros((extra, 2 + extra))
+    for k in range(extra):
+        before, own = rows[: 2 + k], rows[2 + k]
+        table[k, : 2 + k] = -np.linalg.solve((before * weights) @ before.T, (before * weights) @ own)
+    return frozen_float(table)
 
 
 def _clusters(mesh: Mesh) -> tuple[Mask, Int]:

@@ -15,6 +15,7 @@ from scipy import sparse
 from agglo_core.authoring import Float, Int, MultigridLevel, System, frozen_int, multigrid
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
+from agglo_polydg_mg.coupling_network import coupling_network
 
 __all__ = ["conforming_stack", "labels_of_vertices"]
 
@@ -36,13 +37,15 @@ def conforming_stack(
     smoother: Callable[[Any, Int, Any], multigrid.LevelSmoother] | None = None,
     bubbles: bool = True,
     vertices: Literal["aggregates", "classical"] = "aggregates",
+    layers: bool = False,
     dtype: Any = np.float32,
 ) -> multigrid.LevelStack:
     """Set up the levels for a system of symmetric interior penalty.
 
     The first is the system itself. The second has the vertices and the bubbles of
-    :func:`~agglo_polydg_mg.conforming_space.conforming_space`, the third the vertices alone (the second is
-    that where there are no bubbles), the others are smoothed aggregation or classical multigrid.
+    :func:`~agglo_polydg_mg.conforming_space.conforming_space`, the third the vertices alone (where there are
+    no bubbles the second is that; in layers there is none), the others are smoothed aggregation or classical
+    multigrid.
 
     Parameters
     ----------
@@ -65,6 +68,10 @@ def conforming_stack(
     vertices : "aggregates" or "classical"
         Smoothed aggregation below the vertices, or classical levels: then agglomerates of ``labels`` come
         after a first classical step.
+    layers : bool
+        Whether classical levels are to be guided by the
+        :func:`~agglo_polydg_mg.coupling_network.coupling_network`. Without labels these have vertices and
+        bubbles, side by side.
     dtype : float32 or float64
         Precision of the cycle; matrices are set up in double precision.
     """
@@ -73,12 +80,16 @@ def conforming_stack(
     C = space.galerkin(system.A, _SMALL if inner else _ROUNDING, _SMALL_BUBBLES)
     relaxed = (smoother or cell_sweeps)(system.A, system.block_offsets, dtype)
     levels = [multigrid.Level(system.A, system.block_offsets, space.prolongation(dtype), relaxed)]
+    guide = coupling_network(space, basis.mesh, kappa) if layers and vertices == "classical" else None
+    if inner and guide is not None and labels is None:
+        inner = False  # bubbles are unknowns like those of vertices
     if inner:
         levels.append(_with_bubbles(C, space, dtype))
-        C = sparse.csr_array(C[: space.n_vertices, : space.n_vertices])
+        C, guide = (_of_vertices(space, each) for each in (C, guide))
     of_vertices = None if labels is None else [labels_of_vertices(space, each) for each in labels]
     if vertices == "classical":
-        rest = multigrid.classical_stack(C, labels=of_vertices, near_null=np.ones(C.shape[0]), dtype=dtype)
+        ones = np.ones(C.shape[0])
+        rest = multigrid.classical_stack(C, labels=of_vertices, near_null=ones, guide=guide, dtype=dtype)
     else:
         rest = multigrid.aggregation_stack(C, labels=of_vertices, dtype=dtype)
     return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)
@@ -97,6 +108,12 @@ def labels_of_vertices(space: ConformingSpace, labels: Int) -> Int:
     found = np.empty(space.n, np.int64)
     found[space.unknowns[::-1]] = cells
     return frozen_int(found[: space.n_vertices])
+
+
+def _of_vertices(space: ConformingSpace, matrix: Any) -> Any:
+    """The part of a matrix, if there is one, that belongs to vertices."""
+    n = space.n_vertices
+    return None if matrix is None else sparse.csr_array(matrix[:n, :n])
 
 
 def _with_bubbles(C: Any, space: ConformingSpace, dtype: Any) -> multigrid.Level:

@@ -30,6 +30,7 @@ def grouped_stack(
     labels: Sequence[Int] | None = None,
     bubbles: bool = True,
     vertices: Literal["aggregates", "classical"] = "aggregates",
+    layers: bool = False,
     dtype: Any = np.float32,
     overlap: bool = False,
 ) -> multigrid.LevelStack:
@@ -60,6 +61,7 @@ def grouped_stack(
         smoother=lambda *_: smoother,
         bubbles=bubbles,
         vertices=vertices,
+        layers=layers,
         dtype=dtype,
     )
     first, *below = stack.levels

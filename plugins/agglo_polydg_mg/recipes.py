@@ -49,6 +49,7 @@ class Plan:
     smoother: Literal["cells", "groups", "patches"]
     bubbles: bool
     vertices: Literal["aggregates", "classical"]
+    layers: bool
     reason: str
 
     @property
@@ -73,6 +74,7 @@ class Plan:
             "labels": labels or None,
             "bubbles": self.bubbles,
             "vertices": self.vertices,
+            "layers": self.layers,
             "dtype": self.dtype,
         }
         if self.smoother == "cells":
@@ -102,7 +104,7 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     below = "its aggregates" if found.vertices == "aggregates" else "classical levels"
     space = "smoothed agglomerates" if recipe == "patches" else f"continuous space and {below}"
     reason = f"{space}, {smoother}, {kind}-cycle, {np.dtype(dtype).name} ({found.reason})"
-    return Plan(recipe, kind, dtype, smoother, found.bubbles, found.vertices, reason)
+    return Plan(recipe, kind, dtype, smoother, found.bubbles, found.vertices, found.layers, reason)
 
 
 def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[Int]:

@@ -200,9 +200,9 @@ def test_levels_that_are_none_are_noted(agglo: Agglo) -> None:
     code, out, err = agglo("quality", "in.vtu", "--json")
     assert (code, json.loads(out)["levels"][0]["level"]) == (0, "cells")
     assert "note: level_1 not taken for levels: there is no level_0" in err
-    text = Path("in.vtu").read_text()
-    real = '<CellData><DataArray type="Float64" Name="level_0" format="ascii">0 0 1 1</DataArray>'
-    Path("in.vtu").write_text(text.replace("<CellData>", real))
+    content = Path("in.vtu").read_bytes()
+    real = b'<CellData><DataArray type="Float64" Name="level_0" format="ascii">0 0 1 1</DataArray>'
+    Path("in.vtu").write_bytes(content.replace(b"<CellData>", real))
     assert "note: cell data that are not integers left out: level_0" in agglo("quality", "in.vtu").err
 
 

@@ -26,13 +26,13 @@ PROGRAM = "from agglo_core.cli import main; main()"
 STOPPED = """
 import os, signal, time
 from agglo_core.cli import main
-from agglo_core.io import vtu_write
+from agglo_core.io import vtu_document
 
 def stopped(*_):
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(20)
 
-vtu_write._document = stopped
+vtu_document._xml = stopped
 main()
 """
 

@@ -55,6 +55,7 @@ def test_in_tree_components_are_called_by_their_full_name(monkeypatch):
     monkeypatch.setattr(
         "agglo_kmeans.kmeans.KMeans.bisect_level", lambda self, level, seeds: np.zeros(level.n)
     )
+    monkeypatch.setattr("agglo_kmeans.kmeans.KMeans.grow", lambda *_: None)
     with pytest.raises(PluginError, match=r"bisector 'kmeans' \(plugin 'kmeans', distribution agglo"):
         agglo.agglomerate(GRID, n_parts=2)
 

@@ -15,11 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from vtu_by_hand import replace_bytes
 
 import agglo_core
 from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.io import check_writable, read, read_hierarchy, write
+from agglo_core.io import check_writable, read, read_hierarchy, vtu_document, write
 from agglo_core.io.bridges import single_loops
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import polyhedra_from_elements
@@ -305,7 +306,7 @@ def test_hole_is_bridged(tmp_path: Path) -> None:
     assert np.diff(back.boundary_loops.cell_offsets).tolist() == [1, 2]
     assert back.cell_tags == {}
     assert back.repairs == {}
-    assert 'Name="agglo_loops"' in (tmp_path / "ring.vtu").read_text()
+    assert b'Name="agglo_loops"' in (tmp_path / "ring.vtu").read_bytes()
 
 
 @settings(max_examples=60, deadline=None)
@@ -386,11 +387,10 @@ def test_a_tag_named_loops_is_a_tag(tmp_path: Path) -> None:
 
 def test_cell_data_that_are_no_tags_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     write(tmp_path / "o.vtu", replace(squares(2), cell_tags={"id": np.arange(4)}))
-    text = (tmp_path / "o.vtu").read_text()
-    more = """<DataArray type="Float64" Name="pressure" format="ascii">1 2 3 4.5</DataArray>
+    more = b"""<DataArray type="Float64" Name="pressure" format="ascii">1 2 3 4.5</DataArray>
 <DataArray type="Int32" Name="pair" NumberOfComponents="2" format="ascii">1 2 3 4 5 6 7 8</DataArray>
 <DataArray type="Int32" format="ascii">1 2 3 4</DataArray></CellData>"""
-    (tmp_path / "o.vtu").write_text(text.replace("</CellData>", more))
+    replace_bytes(tmp_path / "o.vtu", b"</CellData>", more)
     with caplog.at_level("INFO", "agglo"):
         mesh = read(tmp_path / "o.vtu")
     assert list(mesh.cell_tags) == ["id"]
@@ -402,7 +402,7 @@ def test_cell_data_that_are_no_tags_are_counted(tmp_path: Path, caplog: pytest.L
 def test_tags_beyond_int64_are_refused(tmp_path: Path, value: int, fits: bool) -> None:
     write(tmp_path / "o.vtu", squares(1))
     more = f'<DataArray type="UInt64" Name="big" format="ascii">{value}</DataArray></CellData>'
-    (tmp_path / "o.vtu").write_text((tmp_path / "o.vtu").read_text().replace("</CellData>", more))
+    replace_bytes(tmp_path / "o.vtu", b"</CellData>", more.encode())
     if fits:
         assert read(tmp_path / "o.vtu").cell_tags["big"].tolist() == [value]
     else:
@@ -584,10 +584,10 @@ def test_nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert (tmp_path / "out.vtu").read_text() == "old"
     assert sorted(os.listdir(tmp_path)) == ["out.vtu", "out_level0.vtu"]
 
-    def full(self: Path, data: bytes) -> int:
+    def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr(vtu_document, "_store", full)
     with pytest.raises(FileError, match=r"out.vtu: No space left"):
         write(tmp_path / "out.vtu", mesh)
     assert (tmp_path / "out.vtu").read_text() == "old"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
+from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 from shapely.affinity import scale
@@ -107,6 +108,51 @@ def test_l_shape_is_exact() -> None:
     shape = Mesh.from_polygons([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)], [range(6)])
     radius = 2 - 2**0.5  # touches both outer sides and the inner corner
     assert _measure(CircleRatio(), shape)[0] == pytest.approx(2 * radius / 18**0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_thin_cells_have_their_incircles(angle: float) -> None:
+    wide = samples.voronoi(40, seed=5)
+    points = (
+        wide.points * [1000, 1] @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    )
+    loops = wide.boundary_loops
+    thin = Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices))
+    ratio = _measure(CircleRatio(), thin)
+    for cell in range(thin.n_cells):  # convex: the largest circle is a linear program
+        corners = points[loops.vertices[loops.loop_offsets[cell] : loops.loop_offsets[cell + 1]]]
+        edge = np.roll(corners, -1, axis=0) - corners
+        normal = np.stack((edge[:, 1], -edge[:, 0]), axis=1) / np.linalg.norm(edge, axis=1)[:, None]
+        rows = np.column_stack((normal, np.ones(len(edge))))
+        best = linprog([0, 0, -1], rows, (normal * corners).sum(axis=1), bounds=[(None, None)] * 3).x[2]
+        assert ratio[cell] == pytest.approx(2 * best / thin.cell_diameters[cell], abs=2.1e-5)
+
+
+def _outline(radii: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    return np.stack((radii * np.cos(angles), radii * np.sin(angles)), axis=1)
+
+
+def test_many_edges() -> None:
+    half, turn = np.pi * np.linspace(0, 1, 1000), 2 * np.pi * np.arange(4000) / 4000
+    crescent = np.concatenate((_outline(np.ones(1000), half), _outline(np.full(1000, 0.95), half[::-1])))
+    ellipse = _outline(np.ones(4000), turn) * [1, 0.01]
+    for outline, radius in ((crescent, 0.025), (ellipse, 0.01)):
+        cell = Mesh.from_polygons(outline, [range(len(outline))])
+        assert _measure(CircleRatio(), cell)[0] * cell.h / 2 == pytest.approx(radius, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ragged_outlines_agree_with_shapely(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.random(150)) * 2 * np.pi
+    winding = np.linspace(0, 12, 150)
+    inner = _outline(1 + winding, winding)
+    outer = _outline(1 + winding + rng.uniform(0.1, 0.4, 150), winding)
+    star = _outline(rng.uniform(0.2, 1, 150), angle)
+    for outline in (star, star * [1, 0.03], np.concatenate((outer, inner[::-1]))):
+        cell = Mesh.from_polygons(outline + 100, [range(len(outline))])
+        exact = shapely.maximum_inscribed_circle(shapely.Polygon(outline), tolerance=3e-5 * cell.h).length
+        assert _measure(CircleRatio(), cell)[0] / 2 == pytest.approx(exact / cell.h, abs=1.3e-4)
 
 
 def test_needle_stays_cheap_and_close() -> None:

@@ -79,7 +79,9 @@ def test_statistics_are_plain_data_that_say_how_it_went():
     assert statistics["bisections"] == 9 - 1
     assert statistics["fallbacks"] == 0
     assert statistics["depth"] >= 4
-    assert {"bisect", "refine", "fix", "split"} <= set(statistics["seconds"])
+    assert {"order", "grow"} <= set(statistics["seconds"])
+    by_depth = run(bisector="inertial").statistics
+    assert {"bisect", "refine", "fix", "split"} <= set(by_depth["seconds"])
     assert all(seconds >= 0 for seconds in statistics["seconds"].values())
 
 

@@ -120,7 +120,7 @@ def test_a_run_that_is_measured_and_written_tells_every_phase(
     how: dict[str, Any], expected: list[str], tmp_path: Path, unhurried: None
 ) -> None:
     told: list[Progress] = []
-    hierarchy = agglo.agglomerate(MESH, progress=told.append, **how)
+    hierarchy = agglo.agglomerate(MESH, progress=told.append, **({"bisector": "inertial"} | how))
     measure_levels(MESH, hierarchy, progress=told.append)
     for suffix in (".vtu", ".npz"):
         agglo.write(tmp_path / f"a{suffix}", MESH, hierarchy, progress=told.append)
@@ -284,8 +284,8 @@ def test_verbose_writes_lines_where_there_is_no_terminal(capsys: pytest.CaptureF
     lines = err.splitlines()
     assert out == ""
     assert all(line.startswith("agglo: ") for line in lines)
-    assert re.fullmatch(r"agglo: agglomerating 100% depth \d+, \d+ pieces", lines[-1])
-    assert len(lines) == 2 * len(assert_whole(told))
+    assert re.fullmatch(r"agglo: agglomerating 100% level 2 of 2: \d+ parts", lines[-1])
+    assert len(lines) == 2 * len(assert_whole(told)) + 2  # of two levels, one after the other
     agglo.agglomerate(MESH, **SIZES)
     assert capsys.readouterr() == ("", "")  # a library does not print by itself
     with shown(lines=False) as listen:

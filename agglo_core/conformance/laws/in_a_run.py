@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.cases import stripes
@@ -13,7 +11,11 @@ from agglo_core.conformance.running import runs_both_ways, runs_with
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError
+from agglo_core.graph import functionals
 from agglo_core.measure.agglomerates import quality
+
+_LONGER = 1.25
+"""Interface of parts that are grown over that of the usual ones: on meshes this small it varies a little."""
 
 
 @law("bisector", "refiner", "fixer", "metric")
@@ -40,14 +42,18 @@ def _grows(subject: Subject) -> bool:
 
 @law("bisector", when=_grows)
 def grows_alike(subject: Subject) -> None:
-    """A bisector that grows makes the parts that its own splits make depth by depth."""
+    """The parts that a bisector grows are as good as those that its own splits make depth by depth."""
     try:
         for asked, one, other in runs_both_ways(subject):
-            for labels, wanted in zip(one.levels, other.levels, strict=True):
+            for labels, usual in zip(one.levels, other.levels, strict=True):
+                cut, wanted = (
+                    functionals.cut(one.graph, each, edge_weights=one.graph.interface)
+                    for each in (labels, usual)
+                )
                 require(
-                    np.array_equal(labels, wanted),
-                    f"{asked}: grow made other parts than are made depth by depth, with the same components: "
-                    "decide ties alike, and return None for components it does not know",
+                    cut <= _LONGER * wanted,
+                    f"{asked}: the interface of the parts that grow made is {cut:.4g} long, of those "
+                    f"made depth by depth {wanted:.4g}: cut alike, and decline components that are not known",
                 )
     except AggloError as error:
         raise Broken(f"a run with it failed: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 from conformance.mutants.mutant import Mutant
@@ -31,11 +32,12 @@ class LevelHalves:
         return halves(level)
 
 
-class GrowsOtherwise(LevelHalves):
-    """Its growth cuts the longest side, its splits x."""
+class GrowsStripes(CoordinateBisection):
+    """Its splits cut the longest side, its growth always the same one."""
 
     def grow(self, graph, pieces, refiners, fixer):
-        return CoordinateBisection().grow(graph, pieces, refiners, fixer)
+        turned = replace(graph, centroids=graph.centroids * ([1.0] + [1e-6] * (graph.dim - 1)))
+        return CoordinateBisection().grow(turned, pieces, (), fixer)
 
 
 class Probable(Halves):
@@ -309,7 +311,7 @@ MUTANTS = [
     Mutant("a_level_is_its_blocks", RemembersFirstBlock, "nothing from the block before"),
     Mutant("space_served_or_refused", PlaneOnly, "only for 2-D"),
     Mutant("works_in_a_run", FailsInSmallPieces, "a piece this small"),
-    Mutant("grows_alike", GrowsOtherwise, "decide ties alike"),
+    Mutant("grows_alike", GrowsStripes, "cut alike"),
     Mutant("kway_said", Halves, "no method partition", {"kway": True}),
     Mutant("kway_declared", Component("bisector", "quiet", f"{__name__}:OnlyPartition"), "promise it"),
     Mutant("deterministic", RandomCut, "does not promise deterministic", {"deterministic": True}),

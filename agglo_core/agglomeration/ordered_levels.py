@@ -1,0 +1,46 @@
+"""The levels of a run, found with the cells along a curve: neighbours are near in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from agglo_core.agglomeration.goals import Goal
+from agglo_core.agglomeration.kway import kway_levels
+from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.recursion import recursive_levels
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.graph.ordering import curve_order
+from agglo_core.hierarchy import by_first_cell
+from agglo_core.progress import phase
+
+__all__ = ["ordered_levels"]
+
+
+def ordered_levels(
+    graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
+) -> list[Int]:
+    """Labels ``(n,)`` of each level, finest first, numbered by first cell."""
+    with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
+        order = curve_order(graph.centroids)
+        ordered = graph.subgraph(order, frozen_int([0, graph.n]))
+    result = []
+    for labels in _levels(ordered, goals, run, post, kway=kway, nested=nested):
+        given = labels.copy()
+        given[order] = labels
+        result.append(by_first_cell(given))
+    return result
+
+
+def _levels(
+    graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass, *, kway: bool, nested: bool
+) -> list[Int]:
+    if kway:
+        return kway_levels(graph, goals, nested, run, post)
+    if nested:
+        return recursive_levels(graph, goals, run, post)
+    return [
+        recursive_levels(graph, [goal], run.on_level(place, len(goals)), post)[0]
+        for place, goal in enumerate(goals)
+    ]

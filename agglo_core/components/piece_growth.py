@@ -1,0 +1,196 @@
+"""All splits of a run made in place by one kernel, without a graph for each depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, TypeVar
+
+import numpy as np
+
+from agglo_core.arrays import Int, Mask, UInt64, frozen_int
+from agglo_core.components.fixers import ConnectivityFixer
+from agglo_core.components.refiners import InterfaceRefiner
+from agglo_core.graph import Graph
+from agglo_core.progress import Tell
+from agglo_core.threads import thread_count
+
+__all__ = ["PieceGrowth"]
+
+_T = TypeVar("_T")
+
+_WORK = 4_000_000
+"""Cells handled, each once for every split, between two reports: about 0.1 s."""
+
+_SMALL = 16_384
+"""Pieces of at most so many cells are split to the end by themselves: they fit a cache."""
+
+_HALVINGS = 10.0
+"""Depths of small pieces, roughly: for the share of the work that is done."""
+
+_ROOM = 256
+"""Rows by which lists of pieces grow."""
+
+_DEPTHS = 256
+"""Depths that are counted; in a long chain there may be more."""
+
+
+class PieceGrowth:
+    """Pieces of a graph that a kernel halves, refines and connects, in place, until they are finished.
+
+    Large pieces are split one after the other; those below some thousand cells each to the end, by
+    themselves.
+
+    Parameters
+    ----------
+    graph : Graph
+    pieces : (n,) int
+        Connected pieces 0..k−1 to start from.
+    kernel : callable
+        ``kernel(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work)``: splits
+        the pieces ``todo (K, 4)``, of which each row has the first place, the last place plus 1, the quota (0
+        for a size) and the depth, the last first, until ``work`` cells were handled or no room is left.
+        ``cells`` is the list of cells, each piece a slice of it; ``leaf (n,)`` marks where finished pieces
+        start; pieces of at most ``goal[2]`` cells go to ``ready`` instead; ``goal`` is
+        (largest diameter or 0, floor of the refinement or −1, that number); ``counts`` the rows of ``todo``
+        and ``ready`` in use, the next stamp, and whether the piece next to be split is tagged and has to be
+        connected first, or has been; ``tally`` counts pieces, cells and mended pieces by depth.
+        Kernels of the module ``piece_splits`` do all but the cut.
+    floor : float
+        Of the refinement; negative for none.
+    """
+
+    def __init__(self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float) -> None:
+        from agglo_core.kernels.piece_splits import reach_of_cells
+
+        self._graph = (
+            graph.indptr,
+            graph.indices,
+            graph.interface,
+            graph.centroids,
+            graph.measures,
+            graph.weights,
+            reach_of_cells(graph.indptr, graph.indices, graph.centroids),
+        )
+        self._shape = (graph.vertex_offsets, graph.vertices, graph.points)
+        self._kernel, self._floor = kernel, floor
+        self._cells = np.argsort(pieces, kind="stable").astype(np.int32)
+        stops = np.cumsum(np.bincount(pieces))
+        self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
+        self._tag = np.full(graph.n, -2, np.int32)
+        self._marks = np.zeros((graph.n, 4), np.int32)
+        self._local = np.zeros(graph.n, np.int32)
+        self._stamp = 1
+
+    @classmethod
+    def for_components(
+        cls, graph: Graph, pieces: Int, kernel: Callable[..., None], refiners: Sequence[Any], fixer: Any
+    ) -> PieceGrowth | None:
+        """Growth that does what these components do; None unless they are the built-in ones."""
+        known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
+        if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
+            return None
+        return cls(graph, pieces, kernel, known[0] if known else -1.0)
+
+    def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+        """Split piece i into ``quotas[i]`` connected pieces; see Growth."""
+        return self._split(quotas, 0.0, tell)
+
+    def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+        """Split the pieces until none but single cells is wider than ``limit``."""
+        return self._split(np.zeros(len(self._slices), np.int64), limit, tell)
+
+    def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
+        leaf, tally = np.zeros(len(self._cells), np.bool_), np.zeros((_DEPTHS, 3), np.int64)
+        todo = np.zeros((len(quotas), 4), np.int64)
+        todo[:, :2], todo[:, 2] = self._slices, quotas
+        large = todo[:, 1] - todo[:, 0] > _SMALL
+        halvings = np.log2((todo[:, 1] - todo[:, 0]).max() / _SMALL) if large.any() else 0.0
+        share = halvings / (halvings + _HALVINGS)  # of the work, in pieces that are large
+
+        def told(done: float) -> None:
+            tell(done, f"{np.count_nonzero(leaf):,} parts")
+
+        def handled(cells: int) -> None:
+            told(share * min(1.0, cells / (len(leaf) * halvings)))
+
+        goal, threads, done = (limit, self._floor), thread_count(), share
+        small = max(_SMALL, len(leaf) // (4 * threads)) if threads > 1 else _SMALL
+        put_off, stamp = self._advance(todo[large], leaf, tally, (*goal, small), handled)
+
+        def finish(batch: Int) -> tuple[Int, Int, int]:
+            own = np.zeros_like(tally)
+            return batch, own, self._advance(batch, leaf, own, (*goal, 0), lambda cells: None)[1]
+
+        self._stamp = stamp
+        for batch, own, last in _mapped(finish, _batches(np.concatenate((todo[~large], put_off))), threads):
+            tally += own
+            stamp = max(stamp, last)
+            done += (1.0 - share) * int((batch[:, 1] - batch[:, 0]).sum()) / len(leaf)
+            told(min(done, 1.0))
+        self._stamp = stamp
+        return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
+
+    def _advance(
+        self,
+        todo: Int,
+        leaf: Mask,
+        tally: Int,
+        goal: tuple[float, float, int],
+        handled: Callable[[int], None],
+    ) -> tuple[Int, int]:
+        """Split the pieces until all are finished or put off; returns those, and the next stamp."""
+        counts = np.array([len(todo), 0, self._stamp, 0])
+        todo, ready = _enlarged(todo), np.zeros((_ROOM, 4), np.int64)
+        lists = (self._cells, self._tag, self._marks)
+        while counts[0]:
+            self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, goal, _WORK)
+            if counts[3]:
+                self._mend(*todo[counts[0] - 1, :2].tolist())
+            if counts[0] + 2 > len(todo):
+                todo = _enlarged(todo)
+            if counts[1] == len(ready):
+                ready = _enlarged(ready)
+            handled(int(tally[:, 1].sum()))
+        return ready[: counts[1]], int(counts[2])
+
+    def _mend(self, lo: int, hi: int) -> None:
+        """Connect both sides of a piece, as the built-in fixer does."""
+        from agglo_core.kernels.repair import mend_piece
+
+        indptr, indices, interface, centroids, measures, _, _ = self._graph
+        cells = self._cells[lo:hi]
+        sides = (self._tag[cells] & 1).astype(np.int64)
+        sides = mend_piece(cells, sides, 2, indptr, indices, interface, centroids, measures, self._local)
+        self._tag[cells] = np.where(sides, 2 * hi - 1, 2 * lo)
+
+    def _numbered(self, leaf: Mask) -> Int:
+        """Labels of the finished pieces, by their first cells; they become the pieces."""
+        starts = np.flatnonzero(leaf)
+        stops = np.append(starts[1:], len(leaf))
+        order = np.argsort(self._cells[starts])
+        number = np.empty(len(starts), np.int64)
+        number[order] = np.arange(len(starts))
+        self._slices = np.stack((starts, stops), axis=1)[order]
+        labels = np.empty(len(leaf), np.int64)
+        labels[self._cells] = np.repeat(number, stops - starts)
+        return frozen_int(labels)
+
+
+def _enlarged(rows: Int) -> Int:
+    return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), 4), np.int64)))
+
+
+def _mapped(call: Callable[[Int], _T], batches: list[Int], threads: int) -> Iterator[_T]:
+    """Results of the calls, in order; kernels run at the same time in several threads."""
+    if threads == 1 or len(batches) < 2:
+        yield from map(call, batches)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(call, batches)
+
+
+def _batches(todo: Int) -> list[Int]:
+    """Rows of pieces, cut where some ten thousand cells are full."""
+    full = np.cumsum(todo[:, 1] - todo[:, 0]) // (4 * _SMALL)
+    return np.split(todo, np.flatnonzero(np.diff(full)) + 1)

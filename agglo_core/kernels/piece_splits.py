@@ -1,0 +1,166 @@
+"""Pieces of a graph in place: two sides cut, connected and parted.
+
+A piece is a slice of a list of cells, ``cells[lo:hi]``, which rise. Each cell carries the ``tag`` of its
+side: twice the first place of the piece on the left, twice the last place plus 1 on the right. So no two
+pieces share a tag, and no graph is made for a piece. What costs time is the cut, not the piece.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.geometry import box, octagon, widest
+from agglo_core.kernels.piece_refinement import connected, refine_sides
+
+__all__ = [
+    "cut_cells",
+    "is_narrow",
+    "part_list",
+    "piece_room",
+    "quota_of_left",
+    "reach_of_cells",
+    "refine_sides",
+    "side_tags",
+    "sides_connected",
+]
+
+
+@kernel
+def side_tags(lo, hi):
+    """Tags of the left and the right side of the piece ``lo:hi``."""
+    return np.int64(2 * lo), np.int64(2 * hi - 1)
+
+
+@kernel
+def piece_room(m, marks):
+    """Work arrays of pieces of at most m cells, and with them the ``marks (n, 4)`` of cells, zeros at first.
+
+    ``boundary, now, later, queue, root, keys, marks``; the marks say when a cell was last reached, from
+    where, when it was seen, and when listed.
+    """
+    size = m + 1
+    return (
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size),
+        marks,
+    )
+
+
+@kernel
+def reach_of_cells(indptr, indices, centroids):
+    """Distance of each cell from the furthest of its neighbours, rounded up."""
+    reach = np.empty(len(indptr) - 1, np.float32)
+    for i in range(len(reach)):
+        largest = 0.0
+        for h in range(indptr[i], indptr[i + 1]):
+            square = 0.0
+            for k in range(centroids.shape[1]):
+                square += (centroids[indices[h], k] - centroids[i, k]) ** 2
+            largest = max(largest, square)
+        reach[i] = 1.0001 * np.sqrt(largest)
+    return reach
+
+
+@kernel
+def cut_cells(indptr, indices, tag, left, right, cells, m):
+    """Keep those of ``cells[:m]`` that are beside the other side of their piece; returns how many."""
+    found = 0
+    for k in range(m):
+        i = cells[k]
+        other = left + right - tag[i]
+        beside = False
+        for h in range(indptr[i], indptr[i + 1]):
+            beside |= tag[indices[h]] == other  # no branch: it would be mispredicted
+        cells[found] = i
+        found += beside
+    return found
+
+
+@kernel
+def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
+    """Whether both sides of a connected piece are, ``edge`` cells along the cut standing in ``room``.
+
+    Every component of a side touches the other side: if the cells along the cut are connected within
+    their side, the side is. So mostly nothing far from the cut is looked at.
+    """
+    boundary, _, _, queue, root, _, marks = room
+    left, right = side_tags(lo, hi)
+    whole, everything = True, np.int64(len(tag))
+    for side in range(2):
+        own = right if side else left
+        filled = np.int64(0)
+        for c in range(edge):
+            queue[filled] = boundary[c]
+            filled += tag[boundary[c]] == own
+        whole &= connected(indptr, indices, tag, own, queue, root, filled, marks, stamp + side, everything)
+    return whole
+
+
+@kernel
+def part_list(tag, measures, cells, lo, hi, spare, size):
+    """Put the cells of the left side before the others, the order kept; returns where the others start.
+
+    ``size`` becomes the measures of both sides.
+    """
+    middle, right, left_size, right_size = lo, np.int64(0), 0.0, 0.0
+    for k in range(lo, hi):
+        i = cells[k]
+        on_right = tag[i] & 1
+        right_size += on_right * measures[i]
+        left_size += (1 - on_right) * measures[i]
+        cells[middle] = i  # no branch: it would be mispredicted half the time
+        spare[right] = i
+        middle += 1 - on_right
+        right += on_right
+    for k in range(right):
+        cells[middle + k] = spare[k]
+    size[0], size[1] = left_size, right_size
+    return middle
+
+
+@kernel
+def quota_of_left(quota, size, cells_left, cells_right):
+    """Parts that the left side becomes: its share by measure, rounded, at least 1 and at most its cells.
+
+    A quota of 0, for pieces that are to meet a size, stays 0.
+    """
+    if quota == 0:
+        return 0
+    left, right = size[0], size[1]
+    if not left + right > 0.0:
+        left, right = float(cells_left), float(cells_right)
+    least, most = max(1.0, quota - cells_right), min(quota - 1.0, float(cells_left))
+    share = np.rint(quota * (left / (left + right)) - 1e-9)  # halves go down, whatever the rounding of sums
+    return np.int64(min(max(share, least), most))
+
+
+@kernel
+def is_narrow(cells, shape, limit):
+    """Whether no two vertices of the cells are further apart than ``limit``."""
+    vertex_offsets, vertices, points = shape
+    d, m = points.shape[1], np.int64(0)
+    if d == 2:
+        lower, upper = octagon(cells, vertex_offsets, vertices, points, limit)
+    else:
+        low, high = np.empty(d), np.empty(d)
+        lower, upper = box(cells, vertex_offsets, vertices, points, low, high)
+    if lower > limit * (1.0 + 1e-12):
+        return False
+    if upper < limit * (1.0 - 1e-12):
+        return True
+    for i in range(len(cells)):
+        m += vertex_offsets[cells[i] + 1] - vertex_offsets[cells[i]]
+    own, centre = np.empty(m, np.int64), np.zeros(d)
+    m = np.int64(0)
+    for i in range(len(cells)):
+        for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
+            own[m] = vertices[h]
+            m += 1
+            for k in range(d):
+                centre[k] += points[vertices[h], k] / len(own)
+    return widest(m, own, centre, points) <= limit

@@ -1,0 +1,229 @@
+"""Sets of points that are to be split: loaded, the axes to try, and binned if they are many."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import kernel
+
+__all__ = ["axes_to_try", "binned", "load_points", "means_room", "moments"]
+
+_ROUND = 0.8  # ratio of principal moments above which no axis stands out
+_BINS_2D, _BINS_3D = 32, 12  # along each axis; even: the middle is a border
+_BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
+_AXES = 8
+
+
+@kernel
+def means_room(m):
+    """Work arrays for sets of at most m points: coordinates and weights, bins, axes."""
+    bins = max(_BINS_2D**2, _BINS_3D**3)
+    return (
+        np.zeros((4, m), np.float32),
+        np.empty((bins, 4)),
+        np.zeros((4, bins), np.float32),
+        np.empty((_AXES, 3)),
+        np.empty((3, 3)),
+    )
+
+
+@kernel
+def _gather(cells, lo, n, centroids, weights, units, points):
+    """Write centroids, as seen from the first one, and weights to ``points``; their sums and extents."""
+    x, y, z, w = points[0], points[1], points[2], points[3]
+    d, first, length, weight = centroids.shape[1], cells[lo], units[0], units[1]
+    x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, d - 1]
+    total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
+    x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if d == 2:
+        for k in range(n):
+            i = cells[lo + k]
+            a, b, m = (
+                (centroids[i, 0] - x0) * length,
+                (centroids[i, 1] - y0) * length,
+                weights[i] * weight,
+            )
+            x[k], y[k], w[k] = a, b, m
+            total += m
+            cx += m * a
+            cy += m * b
+            x1, x2, y1, y2 = min(x1, a), max(x2, a), min(y1, b), max(y2, b)
+    else:
+        for k in range(n):
+            i = cells[lo + k]
+            a, b, m = (
+                (centroids[i, 0] - x0) * length,
+                (centroids[i, 1] - y0) * length,
+                weights[i] * weight,
+            )
+            c = (centroids[i, 2] - z0) * length
+            x[k], y[k], z[k], w[k] = a, b, c, m
+            total += m
+            cx += m * a
+            cy += m * b
+            cz += m * c
+            x1, x2, y1, y2 = min(x1, a), max(x2, a), min(y1, b), max(y2, b)
+            z1, z2 = min(z1, c), max(z2, c)
+    return total, cx, cy, cz, max(max(x2 - x1, y2 - y1), z2 - z1)
+
+
+@kernel
+def load_points(cells, lo, hi, centroids, weights, units, points):
+    """Write the centroids of ``cells[lo:hi]``, centred and of order 1, and their weights of mean 1.
+
+    ``units``: factors that make lengths and weights of the whole graph of order 1. Returns the largest
+    extent of the centroids along an axis, in their own unit.
+    """
+    n, d = hi - lo, centroids.shape[1]
+    total, cx, cy, cz, extent = _gather(cells, lo, n, centroids, weights, units, points)
+    x, y, z, w = points[0], points[1], points[2], points[3]
+    if not total > 1e-30:  # no weight in single precision: all alike
+        total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
+        for k in range(n):
+            w[k] = 1.0
+            cx += x[k]
+            cy += y[k]
+            cz += z[k]
+    cx, cy, cz = np.float32(cx / total), np.float32(cy / total), np.float32(cz / total)
+    scale, share = np.float32(1.0 / extent if extent > 0.0 else 1.0), np.float32(n / total)
+    for k in range(n):
+        x[k] = (x[k] - cx) * scale
+        y[k] = (y[k] - cy) * scale
+        w[k] *= share
+    if d == 3:
+        for k in range(n):
+            z[k] = (z[k] - cz) * scale
+    return extent / units[0]
+
+
+@kernel(reorder_sums=True)
+def moments(x, y, z, w, n):
+    """Weight and second moments of points, in double precision."""
+    a, xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        u, v, t, m = float(x[i]), float(y[i]), float(z[i]), float(w[i])
+        a += m
+        xx += m * u * u
+        xy += m * u * v
+        xz += m * u * t
+        yy += m * v * v
+        yz += m * v * t
+        zz += m * t * t
+    return a, xx, xy, xz, yy, yz, zz
+
+
+@kernel(reorder_sums=True)
+def _fourth(x, y, w, n):
+    """The fourth moment of points in the plane, as a complex number of four times the angle."""
+    re, im = 0.0, 0.0
+    for i in range(n):
+        u, v = float(x[i]), float(y[i])
+        p, q = u * u - v * v, 2.0 * u * v
+        re += w[i] * (p * p - q * q)
+        im += w[i] * 2.0 * p * q
+    return re, im
+
+
+@kernel
+def _planar_axes(x, y, w, n, second, frame, axes):
+    """Fill ``axes`` with the directions to try in 2-D, and ``frame``; returns how many."""
+    xx, xy, yy = second[1], second[2], second[4]
+    mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    count, angle = 1, 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    if mean - radius > _ROUND * (mean + radius):
+        # no axis stands out: eight, from the orientation of the fourth moment, which a square has
+        re, im = _fourth(x, y, w, n)
+        count, angle = _AXES, 0.25 * np.arctan2(im, re)
+    for c in range(count):
+        turned = angle + c * np.pi / _AXES
+        axes[c, 0], axes[c, 1], axes[c, 2] = np.cos(turned), np.sin(turned), 0.0
+    for k in range(3):
+        frame[0, k] = axes[0, k]
+        frame[1, k], frame[2, k] = 0.0, 0.0
+    frame[1, 0], frame[1, 1] = -axes[0, 1], axes[0, 0]
+    return count
+
+
+@kernel
+def _spatial_axes(second, frame, axes):
+    """Fill ``axes`` with three principal and four diagonal directions, by Jacobi's rotations."""
+    a = np.empty((3, 3))
+    a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
+    a[1, 0], a[1, 1], a[1, 2] = second[2], second[4], second[5]
+    a[2, 0], a[2, 1], a[2, 2] = second[3], second[5], second[6]
+    for i in range(3):
+        for j in range(3):
+            frame[i, j] = 1.0 if i == j else 0.0
+    for _ in range(8):
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if abs(a[p, q]) <= 1e-15 * (abs(a[p, p]) + abs(a[q, q])):
+                    continue
+                angle = 0.5 * np.arctan2(2.0 * a[p, q], a[p, p] - a[q, q])
+                c, s = np.cos(angle), np.sin(angle)
+                for k in range(3):
+                    a[k, p], a[k, q] = c * a[k, p] + s * a[k, q], c * a[k, q] - s * a[k, p]
+                for k in range(3):
+                    a[p, k], a[q, k] = c * a[p, k] + s * a[q, k], c * a[q, k] - s * a[p, k]
+                    frame[p, k], frame[q, k] = (
+                        c * frame[p, k] + s * frame[q, k],
+                        c * frame[q, k] - s * frame[p, k],
+                    )
+    most = 0
+    for p in range(3):
+        most = p if a[p, p] > a[most, most] else most
+    for p in range(3):
+        for k in range(3):
+            axes[p, k] = frame[(most + p) % 3, k]
+    for c in range(4):
+        one, other = 1.0 - 2.0 * (c >> 1), 1.0 - 2.0 * (c & 1)
+        for k in range(3):
+            axes[3 + c, k] = (axes[0, k] + one * axes[1, k] + other * axes[2, k]) / np.sqrt(3.0)
+    return 7
+
+
+@kernel(reorder_sums=True)
+def _reach(x, y, z, n, frame):
+    """Largest distance of the points from the centre, along any axis of the frame."""
+    reach = np.float32(1e-30)
+    for k in range(3):
+        a, b, c = np.float32(frame[k, 0]), np.float32(frame[k, 1]), np.float32(frame[k, 2])
+        for i in range(n):
+            reach = max(reach, abs(a * x[i] + b * y[i] + c * z[i]))
+    return float(reach)
+
+
+@kernel
+def binned(x, y, z, w, n, frame, planar, sums, few):
+    """Write the means of the points in each cell of a grid along the frame to ``few``; returns how many."""
+    steps, layers = (_BINS_2D, 1) if planar else (_BINS_3D, _BINS_3D)
+    count = steps * steps * layers
+    reach = _reach(x, y, z, n, frame)
+    rate = 0.5 * steps / reach
+    for b in range(count):
+        for k in range(4):
+            sums[b, k] = 0.0
+    for i in range(n):
+        found = 0
+        for k in range(2 if planar else 3):
+            along = frame[k, 0] * x[i] + frame[k, 1] * y[i] + frame[k, 2] * z[i]
+            place = np.int64((along + reach) * rate - _BIN_TIE)
+            found = found * steps + min(max(place, 0), steps - 1)
+        sums[found, 0] += w[i] * x[i]
+        sums[found, 1] += w[i] * y[i]
+        sums[found, 2] += w[i] * z[i]
+        sums[found, 3] += w[i]
+    m = 0
+    for b in range(count):
+        if sums[b, 3] > 0.0:
+            for k in range(3):
+                few[k, m] = sums[b, k] / sums[b, 3]
+            few[3, m] = sums[b, 3]
+            m += 1
+    return m
+
+
+@kernel
+def axes_to_try(x, y, w, n, second, planar, frame, axes):
+    """Fill ``axes`` with the directions to try and ``frame`` with an orthogonal frame; returns how many."""
+    return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, frame, axes)

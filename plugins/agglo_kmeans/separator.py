@@ -1,0 +1,89 @@
+"""The 2-means split of one set of points: Lloyd's steps from several axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import kernel
+from agglo_kmeans.points import axes_to_try, binned, moments
+
+__all__ = ["separator"]
+
+_TIE = 4e-6  # of the size: a point this close to the separator is on side 0; single precision
+_ITERATIONS = np.int64(100)
+_TRIED = np.int64(2)  # of Lloyd's steps from each axis; the best one goes on
+_MANY = 2048  # points beyond which they are binned
+
+
+@kernel(reorder_sums=True)
+def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
+    """Weight and first moments of the points with normal · point > t."""
+    zero = np.float32(0.0)
+    a, sx, sy, sz = zero, zero, zero, zero
+    if planar:
+        for i in range(n):
+            m = w[i] if nx * x[i] + ny * y[i] > t else zero
+            a += m
+            sx += m * x[i]
+            sy += m * y[i]
+    else:
+        for i in range(n):
+            m = w[i] if nx * x[i] + ny * y[i] + nz * z[i] > t else zero
+            a += m
+            sx += m * x[i]
+            sy += m * y[i]
+            sz += m * z[i]
+    return a, sx, sy, sz
+
+
+@kernel
+def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
+    """At most so many of Lloyd's steps from a plane; the points are centred.
+
+    Then both means lie on one line through the centre, so the separator follows from the sums of one
+    side. Returns the between-cluster inertia (−1 if a side is empty) and the separator.
+    """
+    inertia, nx, ny, nz, t = plane
+    before_a, before_s = -1.0, -1.0
+    for _ in range(steps):
+        sums = _side_sums(
+            x, y, z, w, n, planar, np.float32(nx), np.float32(ny), np.float32(nz), np.float32(t)
+        )
+        a, sx, sy, sz = float(sums[0]), float(sums[1]), float(sums[2]), float(sums[3])
+        b = total - a
+        s = np.sqrt(sx * sx + sy * sy + sz * sz)
+        if not (a > 0.0 and b > 1e-6 * total and s > 0.0):
+            return -1.0, nx, ny, nz, t
+        inertia = s * s * (1.0 / a + 1.0 / b)
+        if a == before_a and s == before_s:
+            break
+        before_a, before_s = a, s
+        nx, ny, nz = sx / s, sy / s, sz / s
+        t = 0.5 * s * (1.0 / a - 1.0 / b) + tie
+    return inertia, nx, ny, nz, t
+
+
+@kernel
+def separator(room, n, planar):
+    """The plane ``normal · point > t`` of the 2-means split of least energy of the loaded points.
+
+    Returns its inertia, not positive if there is none, the normal (3 numbers) and t.
+    """
+    points, sums, few, axes, frame = room
+    x, y, z, w = points[0], points[1], points[2], points[3]
+    second = moments(x, y, z, w, n)
+    total = second[0]
+    tie = _TIE * np.sqrt((second[1] + second[4] + second[6]) / total)
+    count = axes_to_try(x, y, w, n, second, planar, frame, axes)
+    if n > _MANY:
+        n = binned(x, y, z, w, n, frame, planar, sums, few)
+        x, y, z, w = few[0], few[1], few[2], few[3]
+    best = (-1.0, 1.0, 0.0, 0.0, tie)
+    for c in range(count):
+        start = (0.0, axes[c, 0], axes[c, 1], axes[c, 2], tie)
+        trial = _lloyd(x, y, z, w, n, planar, total, tie, start, _TRIED if count > 1 else _ITERATIONS)
+        if trial[0] > best[0] * (1.0 + 1e-5):
+            best = trial
+    if count > 1 and best[0] > 0.0:
+        best = _lloyd(x, y, z, w, n, planar, total, tie, best, _ITERATIONS)
+    return best

@@ -1,0 +1,235 @@
+"""Recursions made in place by one kernel: guarantees, thread counts, and shapes as good as depth by depth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agglo_core as agglo
+from agglo_core import Graph, Mesh, OptionError, samples
+from agglo_core.arrays import frozen_int
+from agglo_core.components.fixers import ConnectivityFixer
+from agglo_core.components.refiners import InterfaceRefiner
+from agglo_core.graph import functionals
+from agglo_core.kernels.piece_refinement import refine_sides
+from agglo_core.kernels.piece_splits import cut_cells, piece_room, reach_of_cells, sides_connected
+from agglo_core.threads import thread_count, using_threads
+from agglo_kmeans.kmeans import KMeans
+
+SEEDS = st.integers(0, 10**6)
+
+
+class DepthByDepth:
+    """2-means, which the driver asks for one depth after the other."""
+
+    def bisect_level(self, level, seeds):
+        return KMeans().bisect_level(level, seeds)
+
+
+def grown(given: Mesh | Graph, **options: Any) -> agglo.Hierarchy:
+    hierarchy = agglo.agglomerate(given, **options)
+    assert "grow" in hierarchy.statistics["seconds"]
+    return hierarchy
+
+
+def length(graph: Graph, labels) -> float:
+    """Interface between the parts."""
+    return functionals.cut(graph, frozen_int(labels), edge_weights=graph.interface)
+
+
+def assert_kept(hierarchy: agglo.Hierarchy) -> None:
+    """Every part connected, every level a coarsening of the one before."""
+    network = nx.from_scipy_sparse_array(hierarchy.graph.to_scipy())
+    for labels, count in zip(hierarchy.levels, hierarchy.parts, strict=True):
+        assert np.array_equal(np.unique(labels), np.arange(count))
+        for part in range(count):
+            assert nx.is_connected(network.subgraph(np.flatnonzero(labels == part).tolist()))
+    for level in range(len(hierarchy.levels) - 1):
+        assert np.array_equal(hierarchy.parents(level)[hierarchy.levels[level]], hierarchy.levels[level + 1])
+
+
+def lumpy_graph(n: int, dim: int, seed: int) -> Graph:
+    """A few connected pieces; many coordinates agree, some measures and weights are zero."""
+    rng = np.random.default_rng(seed)
+    network = nx.Graph()
+    network.add_nodes_from(range(n))
+    for nodes in np.array_split(rng.permutation(n), rng.integers(1, 4)):
+        for place in range(1, len(nodes)):
+            for other in nodes[rng.integers(max(0, place - 6), place, 2)]:
+                network.add_edge(int(nodes[place]), int(other), weight=float(rng.random()))
+    matrix = nx.to_scipy_sparse_array(network, nodelist=range(n), format="csr")
+    return Graph.from_arrays(
+        matrix.indptr,
+        matrix.indices,
+        rng.integers(0, rng.integers(1, 9), (n, dim)) + 1e-9 * rng.random((n, dim)),
+        interface=matrix.data,
+        measures=rng.integers(0, rng.integers(1, 4), n),
+        weights=rng.integers(0, rng.integers(1, 4), n),
+    )
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(3, 90), st.sampled_from([2, 3]), SEEDS, st.booleans(), st.data())
+def test_counts_are_exact_on_any_graph(
+    n: int, dim: int, seed: int, refined: bool, data: st.DataObject
+) -> None:
+    graph = lumpy_graph(n, dim, seed)
+    least = int(graph.components().max()) + 1
+    parts = data.draw(st.lists(st.integers(least, n), min_size=1, max_size=3))
+    hierarchy = grown(graph, refiners=("interface",) if refined else (), n_parts=parts)
+    assert hierarchy.parts == sorted(parts, reverse=True)
+    assert_kept(hierarchy)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(["voronoi", "random_triangles"]), st.integers(20, 400), SEEDS, st.data())
+def test_no_part_is_wider_than_asked(kind: str, n: int, seed: int, data: st.DataObject) -> None:
+    mesh = getattr(samples, kind)(n, seed=seed)
+    factors = data.draw(st.lists(st.floats(0.5, 6.0), min_size=1, max_size=3, unique=True))
+    hierarchy = grown(mesh, h_factor=sorted(factors))
+    assert_kept(hierarchy)
+    for labels, target in zip(hierarchy.levels, hierarchy.targets, strict=True):
+        wide = mesh.graph.part_diameters(labels) > target["h_star"] * (1 + 1e-9)
+        assert (np.bincount(labels)[wide] == 1).all()
+    widths = mesh.graph.part_diameters(np.arange(mesh.n_cells))
+    finest = hierarchy.targets[0]["h_star"] * (1 + 1e-9)
+    assert hierarchy.statistics["oversized_cells"] == (widths > finest).sum()
+
+
+@pytest.mark.parametrize("mesh", [samples.boxes(5), samples.tetrahedra(4)], ids=lambda mesh: mesh.name)
+def test_space(mesh: Mesh) -> None:
+    hierarchy = grown(mesh, n_parts=(25, 5))
+    assert hierarchy.parts == [25, 5]
+    assert_kept(hierarchy)
+    assert_kept(grown(mesh, h_factor=(2.0, 4.0)))
+
+
+MESHES = {
+    "triangles": lambda seed: samples.random_triangles(3000, seed=seed),
+    "voronoi": lambda seed: samples.voronoi(5000, seed=seed),
+    "tetrahedra": lambda seed: samples.tetrahedra(10),
+}
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_shapes_are_as_good_as_depth_by_depth(kind: str) -> None:
+    """On pieces of more cells than are looked at one by one, too."""
+    for target in ({"cells_per_part": 16}, {"h_factor": 4.0}):
+        mesh = MESHES[kind](7)
+        one, other = (agglo.agglomerate(mesh, bisector=each, **target) for each in ("kmeans", DepthByDepth()))
+        cuts = [length(mesh.graph, each.levels[0]) for each in (one, other)]
+        assert cuts[0] == pytest.approx(cuts[1], rel=0.02)
+        assert one.parts[0] == pytest.approx(other.parts[0], rel=0.03)
+
+
+def test_labels_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = samples.squares(210)
+    found = []
+    for count in (1, 2, 5):
+        with using_threads(count):
+            found.append(grown(mesh, cells_per_part=(20, 200)).levels)
+    for levels in found[1:]:
+        for labels, wanted in zip(levels, found[0], strict=True):
+            assert np.array_equal(labels, wanted)
+    monkeypatch.setenv("AGGLO_THREADS", "3")
+    assert thread_count() == 3
+    with using_threads(2):
+        assert thread_count() == 2
+    for wrong in ("0", "two", ""):
+        monkeypatch.setenv("AGGLO_THREADS", wrong)
+        with pytest.raises(OptionError, match="AGGLO_THREADS must be a whole number, 1 or more"):
+            thread_count()
+    with pytest.raises(OptionError, match="threads must be"), using_threads(0):
+        pass
+
+
+def test_progress_is_told_of_large_meshes() -> None:
+    told: list[float] = []
+    agglo.agglomerate(
+        samples.squares(280),
+        cells_per_part=30,
+        progress=lambda now: told.append(now.fraction) if now.phase == "agglomerating" else None,
+    )
+    assert told[0] == 0.0
+    assert told[-1] == 1.0
+    assert len(told) >= 3
+    assert told == sorted(told)
+
+
+def test_who_it_is_not_made_for_goes_depth_by_depth() -> None:
+    class Refiner(InterfaceRefiner):
+        """Who knows what it does."""
+
+    class Fixer(ConnectivityFixer):
+        """Or this one."""
+
+    def grows(**options: Any) -> bool:
+        hierarchy = agglo.agglomerate(samples.voronoi(60, seed=1), cells_per_part=6, **options)
+        return "grow" in hierarchy.statistics["seconds"]
+
+    assert grows()
+    assert grows(refiners=(("interface", {"floor": 0.5}),))
+    assert not grows(refiners=(Refiner(),))
+    assert not grows(refiners=("interface", "interface"))
+    assert not grows(fixer=Fixer())
+
+
+# --- the kernels, against obvious references --------------------------------------------------------------
+
+
+def tagged(graph: Graph, sides: np.ndarray) -> np.ndarray:
+    return np.where(sides, 2 * graph.n - 1, 0).astype(np.int32)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(8, 150), SEEDS)
+def test_refinement_shortens_the_interface_and_breaks_nothing(n: int, seed: int) -> None:
+    mesh = samples.voronoi(n, seed=seed)
+    graph, rng = mesh.graph, np.random.default_rng(seed)
+    height = graph.centroids @ rng.standard_normal(2)
+    sides = height + 0.1 * rng.standard_normal(n) > np.median(height)
+    tag, room = tagged(graph, sides), piece_room(n, np.zeros((n, 4), np.int32))
+    cells, left, right = np.arange(n, dtype=np.int32), 0, 2 * n - 1
+    room[0][:n] = cells
+    edge = cut_cells(graph.indptr, graph.indices, tag, left, right, room[0], n)
+    dense = graph.to_scipy().toarray()
+    beside = ((dense > 0) & (sides[:, None] != sides)).any(axis=1)
+    assert np.array_equal(room[0][:edge], np.flatnonzero(beside))
+    size = np.bincount(sides, graph.measures, minlength=2)
+    floor = 0.85 * size.min()
+    sums = (size, np.bincount(sides, minlength=2).astype(np.int64))
+    structure = (graph.indptr, graph.indices, graph.interface)
+    edge, stamp = refine_sides(
+        structure, graph.centroids, graph.measures, tag, left, right, np.ones(3), sums, 0.85, edge, room, 1
+    )  # fmt: skip
+    after = tag == right
+    network = nx.from_scipy_sparse_array(graph.to_scipy())
+
+    def pieces(mask: np.ndarray) -> list[int]:
+        parts = (network.subgraph(np.flatnonzero(mask == side).tolist()) for side in (False, True))
+        return [nx.number_connected_components(part) for part in parts]
+
+    assert length(graph, after) <= length(graph, sides) * (1 + 1e-12)
+    assert all(now <= before for now, before in zip(pieces(after), pieces(sides), strict=True))
+    found = np.bincount(after, graph.measures, minlength=2)
+    assert found.min() >= floor * (1 - 1e-12)
+    np.testing.assert_allclose(size, found, rtol=1e-9)
+    beside = ((dense > 0) & (after[:, None] != after)).any(axis=1)
+    assert set(np.flatnonzero(beside)) <= set(room[0][:edge].tolist())
+    assert sides_connected(graph.indptr, graph.indices, tag, 0, n, edge, room, stamp) == (
+        pieces(after) == [1, 1]
+    )
+
+
+def test_reach_is_the_distance_of_the_furthest_neighbour() -> None:
+    graph = samples.voronoi(80, seed=3).graph
+    reach = reach_of_cells(graph.indptr, graph.indices, graph.centroids)
+    for cell in range(graph.n):
+        near = graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]]
+        furthest = np.linalg.norm(graph.centroids[near] - graph.centroids[cell], axis=1).max()
+        assert furthest <= reach[cell] <= 1.001 * furthest
