@@ -7,11 +7,15 @@ import numpy as np
 from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
-from agglo_core.graph.moves import SHORTNESS
+from agglo_core.graph.functionals import ratio
+from agglo_core.graph.moves import SHORTNESS, part_sums
 from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import Target
 
 __all__ = ["CompactnessRefiner"]
+
+_FLAT = 1e-6
+"""A third moment below this share of its bound is rounding."""
 
 
 class CompactnessRefiner:
@@ -68,22 +72,41 @@ class CompactnessRefiner:
         """Labels ``(n,)`` after the sweeps; part p may trade cells with parts of ``block[p]`` alone."""
         from agglo_core.kernels.shape_sweeps import relax_shapes
 
+        axes, places = _axes(graph, block[labels], int(block.max(initial=-1)) + 1)
         return frozen_int(
             relax_shapes(
-                graph.indptr,
-                graph.indices,
-                graph.interface,
-                graph.centroids,
-                graph.weights,
+                (graph.indptr, graph.indices, graph.interface),
+                (graph.centroids, graph.weights),
                 graph.measures,
                 labels,
                 block,
+                axes,
+                places,
                 SHORTNESS,
                 self.floor,
                 np.inf if target.h_star is None else float(target.h_star),
                 (graph.vertex_offsets, graph.vertices, graph.points, *_directions(graph.dim)),
             )
         )
+
+
+def _axes(graph: Graph, block: Int, count: int) -> tuple[Float, Float]:
+    """An axis of each of ``count`` blocks ``(B, d)``, and the place of each cell along it ``(n,)``.
+
+    It is the third moment about the centre, which turns with the block and is not zero unless there is
+    symmetry; then it is one fixed direction.
+    """
+    w, x = graph.weights, graph.centroids
+    centres = [ratio(part_sums(block, w * each, count), part_sums(block, w, count)) for each in x.T]
+    offsets = x - np.stack(centres, axis=1)[block]
+    offsets = np.ldexp(
+        offsets, -np.frexp(np.abs(offsets).max(initial=0.0))[1]
+    )  # cubes of any unit are finite
+    square = (offsets**2).sum(axis=1)
+    axes = np.stack([part_sums(block, w * square * each, count) for each in offsets.T], axis=1)
+    flat = np.linalg.norm(axes, axis=1) <= _FLAT * part_sums(block, w * square**1.5, count)
+    axes[flat] = 1.0 / (1.0 + np.sqrt(2.0) * np.arange(graph.dim))
+    return frozen_float(axes), frozen_float((axes[block] * x).sum(axis=1))
 
 
 def _directions(dim: int) -> tuple[Float, float]:

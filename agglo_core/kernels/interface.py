@@ -8,6 +8,7 @@ from agglo_core.kernels.compiling import kernel
 
 __all__ = ["keeps_whole", "relax_interface", "sort_by_key"]
 
+_CROWD = 256  # neighbours from which on a cell is not searched from: each of them would read them all
 _REACH = 64  # cells visited before two neighbours count as not connected around a cell
 _MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
 _SWEEPS = 10
@@ -68,7 +69,8 @@ def keeps_whole(graph, parts, i, search, stamp):
     """Whether the neighbours of cell i in its part stay connected near it once it has left.
 
     Complete rings of cells are grown around all of them at once until they meet; the search ends
-    between rings, so that its outcome does not depend on the order of the neighbours.
+    between rings, so that its outcome does not depend on the order of the neighbours. Rings do not grow
+    from cells with very many neighbours.
     """
     indptr, indices, _ = graph
     mark, queue, source, root = search
@@ -85,6 +87,8 @@ def keeps_whole(graph, parts, i, search, stamp):
         while apart > 0 and done < ring:
             node = queue[done]
             done += 1
+            if indptr[node + 1] - indptr[node] > _CROWD:
+                continue
             for h in range(indptr[node], indptr[node + 1]):
                 j = indices[h]
                 if parts[j] != parts[i] or j == i:

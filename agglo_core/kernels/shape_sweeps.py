@@ -12,7 +12,6 @@ __all__ = ["relax_shapes"]
 
 _SWEEPS = 12
 _TIE = 1e-9
-_FLAT = 1e-6  # third moments below this share of their bound are rounding
 
 
 @kernel
@@ -37,51 +36,6 @@ def _inertia(graph_cells, tally, owner, energy):
 
 
 @kernel
-def _axes(graph_cells, tally, owner, axes):
-    """The third moment of each block about its centre; one fixed direction where symmetry leaves none."""
-    centroids, weights = graph_cells
-    parts, mass, _, centres = tally
-    d = centroids.shape[1]
-    total, bound = np.zeros(len(axes)), np.zeros(len(axes))
-    middle, offset = np.zeros(axes.shape), np.empty(d)
-    for p in range(len(owner)):
-        total[owner[p]] += mass[p]
-        for k in range(d):
-            middle[owner[p], k] += mass[p] * centres[p, k]
-    for i in range(len(weights)):
-        b, square = owner[parts[i]], 0.0
-        for k in range(d):
-            offset[k] = centroids[i, k] - (middle[b, k] / total[b] if total[b] > 0.0 else 0.0)
-            square += offset[k] ** 2
-        bound[b] += weights[i] * square * np.sqrt(square)
-        for k in range(d):
-            axes[b, k] += weights[i] * square * offset[k]
-    for b in range(len(axes)):
-        length = 0.0
-        for k in range(d):
-            length += axes[b, k] ** 2
-        if np.sqrt(length) <= _FLAT * bound[b]:
-            for k in range(d):
-                axes[b, k] = 1.0 / (1.0 + np.sqrt(2.0) * k)
-
-
-@kernel
-def _square_distance(x, i, centres, p):
-    square = 0.0
-    for k in range(x.shape[1]):
-        square += (x[i, k] - centres[p, k]) ** 2
-    return square
-
-
-@kernel
-def _along(axes, b, x, i):
-    place = 0.0
-    for k in range(x.shape[1]):
-        place += axes[b, k] * x[i, k]
-    return place
-
-
-@kernel
 def _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch):
     """The part that cell i should move to, or −1, and what that adds to inertia and interface.
 
@@ -102,23 +56,31 @@ def _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch):
                 found += 1
             share[p] += interface[h]
             total += interface[h]
-    own, rest = share[home], mass[home] - weights[i]
-    lost = weights[i] * _square_distance(centroids, i, centres, home)
-    lost = lost * mass[home] / rest if rest > 1e-12 * mass[home] else 0.0
+    own, rest, lost = share[home], mass[home] - weights[i], 0.0
+    if rest > 1e-12 * mass[home]:
+        for k in range(centroids.shape[1]):
+            lost += (centroids[i, k] - centres[home, k]) ** 2
+        lost *= weights[i] * mass[home] / rest
     target, best, inertia, cut = -1, 0.0, 0.0, 0.0
     for m in range(found):
         p = met[m]
         shared, share[p] = share[p], 0.0
         if p == home:
             continue
-        won = weights[i] * _square_distance(centroids, i, centres, p)
-        won = won * mass[p] / (mass[p] + weights[i]) if mass[p] > 0.0 else 0.0
+        won = 0.0
+        if mass[p] > 0.0:
+            for k in range(centroids.shape[1]):
+                won += (centroids[i, k] - centres[p, k]) ** 2
+            won *= weights[i] * mass[p] / (mass[p] + weights[i])
         change = length[b] * (won - lost) + alpha * energy[b] * (own - shared)
         tie = _TIE * (length[b] * (won + lost) + alpha * energy[b] * total)
         if change >= (best if target >= 0 else 0.0) - tie:
             if target < 0 or change > best + tie:
                 continue
-            if _along(axes, b, centres, p) >= _along(axes, b, centres, target):
+            ahead = 0.0
+            for k in range(centroids.shape[1]):
+                ahead += axes[b, k] * (centres[p, k] - centres[target, k])
+            if ahead >= 0.0:
                 continue
         target, best, inertia, cut = p, change, won - lost, own - shared
     return target, inertia, cut
@@ -126,15 +88,13 @@ def _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch):
 
 @kernel
 def _paying(graph, graph_cells, tally, blocks, alpha, scratch, cells, m, keys, chosen):
-    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along their axes; return how many."""
-    parts, found = tally[0], 0
-    owner, axes = blocks[0], blocks[3]
+    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, by ``keys``; return how many."""
+    found = 0
     for c in range(m):
         i = cells[c]
         if _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch)[0] >= 0:
             chosen[found] = i
             found += 1
-            keys[i] = _along(axes, owner[parts[i]], graph_cells[0], i)
     sort_by_key(chosen, keys, found)
     return found
 
@@ -157,28 +117,24 @@ def _put(graph_cells, tally, i, target):
 
 
 @kernel
-def relax_shapes(
-    indptr, indices, interface, centroids, weights, measures, labels, owner, alpha, floor, limit, corners
-):
+def relax_shapes(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
     """Sweeps of single-cell moves that lower, in each block, inertia times interface to the power ``alpha``.
 
     Parts are numbered through all blocks; part p belongs to block ``owner[p]`` and trades cells with parts
     of that block only. No part is emptied or disconnected, none falls below ``floor`` times its measure at
     entry, and none that is at most ``limit`` wide becomes wider. In each sweep the cells worth moving are
-    taken along an axis of their block, so that their numbering does not matter.
+    taken by their ``places (n,)`` along the axis of their block, so that their numbering does not matter.
     """
-    n, k, d = len(weights), len(owner), centroids.shape[1]
-    parts = labels.copy()
-    graph, graph_cells = (indptr, indices, interface), (centroids, weights)
-    tally = (parts, np.zeros(k), np.zeros(k, np.int64), np.zeros((k, d)))
-    n_blocks = owner.max() + 1 if k else 0
-    blocks = (owner, np.zeros(n_blocks), np.zeros(n_blocks), np.zeros((n_blocks, d)))
+    n, k = len(labels), len(owner)
+    indptr, indices, interface = graph
+    parts, keys = labels.copy(), places.copy()  # to be of types that callees are compiled for already
+    tally = (parts, np.zeros(k), np.zeros(k, np.int64), np.zeros((k, axes.shape[1])))
+    blocks = (owner, np.zeros(len(axes)), np.zeros(len(axes)), axes)
     _inertia(graph_cells, tally, owner, blocks[1])
-    _axes(graph_cells, tally, owner, blocks[3])
     room, floors = np.zeros(k), np.zeros(k)
     now, later, seen = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, -1, np.int64)
     search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
-    scratch, keys = (np.zeros(k), np.empty(n, np.int64)), np.empty(n)
+    scratch = (np.zeros(k), np.empty(n, np.int64))
     candidates, stamp = 0, 0
     for i in range(n):
         p, edge = parts[i], False

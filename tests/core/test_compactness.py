@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
+import click
 import networkx as nx
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agglo_core import Graph, OptionError, agglomerate, samples
+from agglo_core import Graph, Mesh, OptionError, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.cli.arguments import agglomeration_options
 from agglo_core.components.compactness import CompactnessRefiner, _directions
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
@@ -214,3 +219,42 @@ def test_cells_without_measure_or_weight_are_no_harm() -> None:
 def test_floor_is_a_share(floor: object) -> None:
     with pytest.raises(OptionError, match="floor must be a number in"):
         CompactnessRefiner(floor)  # type: ignore[arg-type]
+
+
+def test_levels_are_polished_unless_told_otherwise(tmp_path: Path) -> None:
+    mesh = samples.voronoi(300, seed=4)
+    how = {"n_parts": (40, 10)}
+    plain = agglomerate(mesh, **how, post_refiners=()).levels
+    polished = agglomerate(mesh, **how).levels
+    assert all((one != other).any() for one, other in zip(plain, polished, strict=True))
+    file = tmp_path / "run.toml"
+    file.write_text("polish = false\nn_parts = [40, 10]\n")
+    for levels in (agglomerate(mesh, **how, polish=False).levels, agglomerate(mesh, config=file).levels):
+        np.testing.assert_array_equal(levels, plain)
+    np.testing.assert_array_equal(agglomerate(mesh, config=file, polish=True).levels, polished)
+    with pytest.raises(OptionError, match="polish must be true or false, given 'no'"):
+        agglomerate(mesh, polish="no")  # type: ignore[arg-type]
+
+
+def test_the_command_line_may_leave_the_polish_out() -> None:
+    given = []
+
+    @click.command()
+    @agglomeration_options(bisector="one")
+    def command(agglomeration: dict[str, object]) -> None:
+        given.append(agglomeration)
+
+    for arguments in (["--no-polish"], ["--polish"], []):
+        assert CliRunner().invoke(command, arguments).exit_code == 0
+    assert given == [{"polish": False}, {"polish": True}, {}]
+
+
+@pytest.mark.parametrize("make", [samples.voronoi, samples.random_triangles])
+def test_no_polished_part_is_wider_than_its_size(make: Callable[..., Mesh]) -> None:
+    mesh = make(600, seed=12)
+    for merge in (False, True):
+        hierarchy = agglomerate(mesh, h_factor=(2, 4), merge=merge)
+        widest = [mesh.graph.part_diameters(level) for level in hierarchy.levels]
+        single = [np.bincount(level) == 1 for level in hierarchy.levels]
+        for factor, widths, alone in zip((2, 4), widest, single, strict=True):
+            assert widths[~alone].max() <= factor * mesh.h * (1 + 1e-9)

@@ -101,7 +101,7 @@ def own():
 @pytest.mark.parametrize("bisector", ["halving", "lazy"])
 def test_names_are_looked_up_in_the_registry_given(own, bisector):
     registry, told = own
-    options = {"bisector": bisector, "refiners": (), "fixer": "mend", "n_parts": 4}
+    options = {"bisector": bisector, "refiners": (), "polish": False, "fixer": "mend", "n_parts": 4}
     hierarchy = agglo.agglomerate(GRID, **options, registry=registry)
     assert hierarchy.parts == [4]
     assert len(told) == hierarchy.statistics["depth"] > 0  # who listens there has been told of each depth

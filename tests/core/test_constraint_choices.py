@@ -56,7 +56,8 @@ def own_parts(**others):
     from agglo_core.components.fixers import ConnectivityFixer
     from agglo_core.components.geometric import CoordinateBisection
 
-    return {"bisector": CoordinateBisection(), "refiners": (), "fixer": ConnectivityFixer(), **others}
+    own = {"bisector": CoordinateBisection(), "refiners": (), "polish": False, "fixer": ConnectivityFixer()}
+    return own | others
 
 
 def tagged(graph):
