@@ -36,7 +36,7 @@ def _is_convex(points, loop):
     m = len(loop)
     sign, previous, flips = 0.0, 0.0, 0
     for i in range(m):
-        p, v, w = loop[i - 1], loop[i], loop[(i + 1) % m]
+        p, v, w = loop[i - 1], loop[i], loop[i + 1 if i + 1 < m else 0]  # a division costs more
         ux, uy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
         vx, vy = points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]
         turn = ux * vy - uy * vx
@@ -48,8 +48,7 @@ def _is_convex(points, loop):
         else:
             sign = turn
         step = vx if vx != 0.0 else vy  # its sign changes twice in one turn around
-        if previous * step < 0.0:
-            flips += 1
+        flips += previous * step < 0.0
         previous = step
     return flips <= 2
 
@@ -87,14 +86,16 @@ def check_polygons(points, offsets, vertices, weak):
         loop = vertices[offsets[c] : offsets[c + 1]]
         m = len(loop)
         x0, y0 = points[loop[0], 0], points[loop[0], 1]
-        extent = 0.0
+        a, extent, dx, dy = 0.0, 0.0, 0.0, 0.0
         for i in range(m):
-            v, w = loop[i], loop[(i + 1) % m]
-            if v == w:
+            w = loop[i + 1 if i + 1 < m else 0]
+            if loop[i] == w:
                 fault[c] = REPEATED
-            dx, dy = points[v, 0] - x0, points[v, 1] - y0
-            area[c] += 0.5 * (dx * (points[w, 1] - y0) - dy * (points[w, 0] - x0))
-            extent = max(extent, dx * dx + dy * dy)
+            ex, ey = points[w, 0] - x0, points[w, 1] - y0
+            a += 0.5 * (dx * ey - dy * ex)
+            extent = max(extent, ex * ex + ey * ey)
+            dx, dy = ex, ey
+        area[c] = a
         if fault[c] == OK and m > 3 and not weak and not _is_convex(points, loop):
             fault[c] = _loop_fault(points, loop)
         if (fault[c] == OK or fault[c] == FOLDED) and not abs(area[c]) > 1e-15 * extent:

@@ -54,8 +54,9 @@ def check_points(points: ArrayLike) -> Float:
         raise MeshError(f"points must be numbers of shape (n_points, d): {error}") from None
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {array.shape}")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if len(bad):
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.flatnonzero(~finite.all(axis=1))
         raise MeshError(f"point {bad[0]} is not finite: {array[bad[0]].tolist()} ({len(bad)} such points)")
     return array
 
@@ -78,8 +79,8 @@ def check_offsets(offsets: Int, total: int, what: str) -> None:
 
 def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
     """Raise MeshError unless every vertex of cell c, ``offsets[c]:offsets[c + 1]``, is in 0..n_points−1."""
-    bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
-    if len(bad):
+    if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= n_points:
+        bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
         owner = int(np.searchsorted(offsets, bad[0], side="right")) - 1
         raise MeshError(f"cell {owner} uses point {vertices[bad[0]]}, but there are {n_points} points")
 

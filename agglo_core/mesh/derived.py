@@ -72,9 +72,7 @@ class Derived:
     @cached_property
     def _moments(self) -> tuple[Float, Float]:
         if self.dim == 3:
-            return polyhedron_moments(
-                self.local_points, self.face_offsets, self.face_vertices, self.face_cells, *self.cell_faces
-            )
+            return polyhedron_moments(*self._face_moments, self.face_cells, *self.cell_faces)
         return self._plane.measures, self._plane.centroids
 
     @cached_property
@@ -82,10 +80,14 @@ class Derived:
         return plane_cells(self.local_points, self.face_pairs, self.face_cells, self.n_cells)
 
     @cached_property
+    def _face_moments(self) -> tuple[Float, Float]:
+        return face_moments(self.local_points, self.face_offsets, self.face_vertices)
+
+    @cached_property
     def _face_vectors(self) -> Float:
         """Face normals times face measures, outward from the owner ``(n_faces, d)``."""
         if self.dim == 3:
-            return face_moments(self.local_points, self.face_offsets, self.face_vertices)[0]
+            return self._face_moments[0]
         ends = self.local_points.take(self.face_pairs, axis=0)  # ten times faster than indexing
         edge = ends[:, 1] - ends[:, 0]
         return frozen_float(np.stack((edge[:, 1], -edge[:, 0]), axis=1))

@@ -86,12 +86,11 @@ def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
     check_extent(points)
-    local = frozen_float(points - box_centre(points))
-    vertices, repairs["clockwise cells reversed"] = _orient(local, offsets, vertices, weak)
+    vertices, repairs["clockwise cells reversed"] = _orient(points, offsets, vertices, weak)
     face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, weak, strict)
     repairs["overlapping edges left apart"] = overlaps
     if strict:
-        _check_coverage(points, local, offsets, vertices)
+        _check_coverage(points, offsets, vertices)
     return Faces(
         points,
         frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
@@ -101,10 +100,11 @@ def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool
     )
 
 
-def _orient(local: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int, int]:
+def _orient(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int, int]:
     """Vertices with every loop counter-clockwise, and the number of loops reversed."""
     from agglo_core.kernels.faces import check_polygons
 
+    local = frozen_float(points - box_centre(points))
     area, fault = check_polygons(local, offsets, vertices, weak)
     if fault.any():
         code = int(fault[np.argmax(fault > 0)])
@@ -169,18 +169,19 @@ def _refuse_duplicates(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int
             raise MeshError(f"cells {first} and {second} are duplicates: they have the same vertices")
 
 
-def _check_coverage(points: Float, local: Float, offsets: Int, vertices: Int) -> None:
+def _check_coverage(points: Float, offsets: Int, vertices: Int) -> None:
     """Strict check: no two cells overlap, no vertex hangs on a neighbour's edge without being listed."""
     import shapely
 
+    centre = box_centre(points)
     rings = shapely.linearrings(
-        local[_closed(offsets, vertices)],
+        (points - centre)[_closed(offsets, vertices)],
         indices=np.repeat(np.arange(len(offsets) - 1), np.diff(offsets) + 1),
     )
     wrong = shapely.coverage_invalid_edges(shapely.polygons(rings))
     cells = np.flatnonzero(~shapely.is_empty(wrong))
     if len(cells):
-        a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + box_centre(points)).tolist()
+        a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + centre).tolist()
         raise MeshError(
             f"{name_cells(cells)} overlap a neighbour or touch it at an unlisted vertex, "
             f"first along the edge from {a} to {b} of cell {cells[0]}"

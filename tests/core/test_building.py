@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from agglo_core import Mesh, samples
-from agglo_core.arrays import frozen_int
+from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.kernels.face_loops import loop_moments, repeated_points
 from agglo_core.kernels.faces import match_half_edges
 from agglo_core.kernels.pairing import number_faces, pair_half_edges
 
@@ -123,3 +124,28 @@ def test_the_meshes_above_have_what_they_are_for() -> None:
     assert sizes["triangles"].max() == 3
     assert 16 < sizes["rough"].max() < 1024 < sizes["scattered"].max()
     assert (rows["scattered"] < sizes["scattered"]).all()
+
+
+def test_moments_of_faces_are_sums_over_fans_of_triangles() -> None:
+    """Faces of boxes that were pushed out of plane, and one that is a line."""
+    rng = np.random.default_rng(5)
+    points = frozen_float(rng.random((40, 3)))
+    loops = [rng.permutation(40)[:size].tolist() for size in (3, 4, 5, 9)] + [[0, 1, 0]]
+    offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
+    total, centre = loop_moments(points, offsets, frozen_int(np.concatenate(loops)))
+    for f, loop in enumerate(loops[:-1]):
+        a, b, c = points[loop[0]], points[loop[1:-1]], points[loop[2:]]
+        parts = 0.5 * np.cross(b - a, c - a)
+        np.testing.assert_allclose(total[f], parts.sum(axis=0), rtol=1e-13)
+        share = parts @ total[f] / np.linalg.norm(total[f])
+        wanted = share @ ((a + b + c) / 3) / np.linalg.norm(total[f])
+        np.testing.assert_allclose(centre[f], wanted, rtol=1e-12)
+    assert total[-1].tolist() == [0, 0, 0]
+    assert centre[-1].tolist() == points[0].tolist()
+
+
+def test_loops_that_meet_a_point_twice_are_found() -> None:
+    loops = [[0, 1, 2], [2, 1, 3, 2], [3, 4, 0], [4, 3, 4], [0, 1, 2, 3, 4]]
+    offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
+    found = repeated_points(offsets, frozen_int(np.concatenate(loops)), 5)
+    assert found.tolist() == [len(set(loop)) < len(loop) for loop in loops]
