@@ -14,7 +14,15 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["UNROLLED", "block_sweeps", "both_products", "clear_tiny", "invert_blocks", "sweep_parts"]
+__all__ = [
+    "UNROLLED",
+    "block_product",
+    "block_sweeps",
+    "both_products",
+    "clear_tiny",
+    "invert_blocks",
+    "sweep_parts",
+]
 
 UNROLLED = 6
 """Blocks up to this size have kernels of their own, 1.5 to 4 times as fast; larger ones share one."""
@@ -80,6 +88,30 @@ def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
                     x[own + q] += inverses[i, c, q] * t
 
     return residual_sweep, sweep
+
+
+@cache
+def block_product(width: int) -> Any:
+    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of a size."""
+
+    @kernel(reorder_sums=True)
+    def product(indptr, indices, data, x):
+        n = width
+        y, row = np.empty_like(x), np.empty(n, x.dtype)
+        for i in range(len(indptr) - 1):
+            for q in range(n):
+                row[q] = 0
+            for k in range(indptr[i], indptr[i + 1]):
+                at = np.uint32(indices[k]) * n
+                for c in range(n):
+                    t = x[at + c]
+                    for q in range(n):
+                        row[q] += data[k, q, c] * t
+            for q in range(n):
+                y[i * n + q] = row[q]
+        return y
+
+    return product
 
 
 @kernel(reorder_sums=True)

@@ -53,11 +53,12 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
 
     def applied(r: Any) -> Any:
         residual = np.asarray(r, dtype=np.float64).ravel()
-        size = float(np.abs(residual).max(initial=0.0))
+        size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
         if not size > 0.0 or not np.isfinite(size):
             return residual
-        b = (residual / size).astype(stack.dtype)
-        return size * _solved(stack, 0, b, kind).astype(np.float64)
+        b = np.empty(len(residual), stack.dtype)
+        np.divide(residual, size, out=b, casting="same_kind")
+        return np.multiply(_solved(stack, 0, b, kind), size, dtype=np.float64)
 
     n = stack.levels[0].A.shape[0]
     operator = LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)

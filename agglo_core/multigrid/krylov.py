@@ -9,6 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
+from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.krylov_column import Column
 from agglo_core.multigrid.krylov_rules import Beta, Request, Rules, Steps, Stop
 from agglo_core.problems.iteration_history import History, iterated
@@ -139,7 +140,7 @@ def pcg_columns(
 
 def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     """Run the iterations of all columns side by side, each product for all that ask for it."""
-    products = {"A": _product("A", A), "M": _product("M", M)}
+    products = {"A": _product("A", swift(A)), "M": _product("M", M)}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     while running:
         asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]

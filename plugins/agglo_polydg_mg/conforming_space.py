@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen_float, frozen_index, frozen_int
+from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_float, frozen_index, frozen_int
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.quadrature import gauss
 
@@ -30,6 +30,8 @@ _SQUARES = 6
 """Cells with more corners than the square of this depend on one corner in each square of a grid only."""
 _DIRECTION = (1.0, 0.618)
 """Bubbles of odd order have the sign that belongs to faces which run this way."""
+_UNROLLED = 6
+"""Blocks up to this size have a kernel of their own for PᵀAP."""
 _REGULARISATION = 1e-4
 """Times the squared degree: keeps polynomials small that vanish on the boundary."""
 
@@ -75,21 +77,27 @@ class ConformingSpace:
         return columns.tocsr()  # scipy multiplies by it twice as fast
 
     def galerkin(
-        self, A: sparse.bsr_array, small: float = 0.0, small_bubbles: float = 0.0
+        self,
+        A: sparse.bsr_array,
+        small: float = 0.0,
+        small_bubbles: float = 0.0,
+        small_vertices: float = 0.0,
     ) -> sparse.csr_array:
         """C = Pᵀ A P ``(n, n)``, columns sorted, without small entries.
 
         Those are |c_ij| ≤ ``small`` (c_ii c_jj)^½; between two bubbles ``small_bubbles`` stands for
-        ``small``, and the diagonal takes their magnitude, so that C stays definite.
+        ``small``, and the diagonal takes their magnitude, so that C stays definite. Between two vertices the
+        diagonal takes those up to ``small_vertices``, so that C does to constants what it did.
         """
-        from agglo_polydg_mg.galerkin_kernels import galerkin, galerkin_pattern, thinned
+        from agglo_polydg_mg.galerkin_kernels import half_product, thinned
 
-        rows, columns = frozen_index(A.indptr), frozen_index(A.indices)
-        cells = self.offsets, self.unknowns
-        found = galerkin_pattern(rows, columns, *cells, self.n)
-        pattern = frozen_int(found[0]), frozen_index(found[1])
-        values = galerkin(rows, columns, frozen_float(A.data), *cells, self.fitted, *pattern)
-        starts, indices, data = thinned(*pattern, frozen_float(values), self.n_vertices, small, small_bubbles)
+        pattern = frozen_index(A.indptr), frozen_index(A.indices)
+        width = self.fitted.shape[1]
+        product = half_product(width if width <= _UNROLLED else 0)
+        half = product(*pattern, frozen_float(A.data), self.offsets, self.unknowns, self.fitted, self.n)
+        rows, columns, values = (frozen(each, each.dtype) for each in half)
+        limits = small, small_bubbles, small_vertices
+        starts, indices, data = thinned(rows, columns, values, self.n_vertices, *limits)
         return sparse.csr_array((data, indices, starts), shape=(self.n, self.n))
 
 

@@ -25,6 +25,11 @@ _SMALL_BUBBLES = 0.03
 """The same between two bubbles: on squares and triangles that halves the matrix at no iteration."""
 _ROUNDING = 1e-13
 """The same without bubbles: groups of vertices where κ is large hang on entries as small as its jumps."""
+_SMALL_VERTICES = 0.01
+"""Where single cells are smoothed, κ is of one size and there are no bubbles, entries up to this go to the
+diagonal: of polygons half, or more."""
+_ONE_SIZE = 4.0
+"""Ratio of the largest to the smallest κ up to which it is of one size."""
 
 
 def conforming_stack(
@@ -77,7 +82,9 @@ def conforming_stack(
     """
     space = conforming_space(basis, sigma, kappa, bubbles=bubbles)
     inner = space.n > space.n_vertices
-    C = space.galerkin(system.A, _SMALL if inner else _ROUNDING, _SMALL_BUBBLES)
+    even = smoother is None and not inner and kappa.max() <= _ONE_SIZE * kappa.min()
+    limits = (_SMALL if inner else _ROUNDING, _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
+    C = space.galerkin(system.A, *limits)
     relaxed = (smoother or cell_sweeps)(system.A, system.block_offsets, dtype)
     levels = [multigrid.Level(system.A, system.block_offsets, space.prolongation(dtype), relaxed)]
     guide = coupling_network(space, basis.mesh, kappa) if layers and vertices == "classical" else None

@@ -1,132 +1,178 @@
 """Kernels of C = Pᵀ A P, A in blocks, each cell having a few unknowns of C.
 
-``offsets, indices`` are the unknowns of the cells, ``fitted (·, n)`` the columns of P on the cell.
+``offsets, indices`` are the unknowns of the cells, ``fitted (·, n)`` the columns of P on the cell. C is
+symmetric: the upper half of it is computed, its rows beginning with the diagonal entry.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from agglo_core.authoring import kernel
 
-__all__ = ["galerkin", "galerkin_pattern", "thinned"]
+__all__ = ["half_product", "thinned"]
+
+_MOST_ADDED = 0.25
+"""A row whose small entries add up to more than this part of its diagonal one keeps them."""
 
 
 @kernel
-def galerkin_pattern(indptr, columns, offsets, indices, size):
-    """Rows and columns of C, not sorted: unknowns of cells that share a block of A."""
-    n = len(offsets) - 1
+def _holders(offsets, indices, size):
+    """Where each unknown stands in ``indices``, as a CSR, and the cell of each of these places."""
     starts = np.zeros(size + 1, np.int64)
     for k in indices:
         starts[k + 1] += 1
     for k in range(size):
         starts[k + 1] += starts[k]
-    holders, fill = np.empty(len(indices), np.int32), starts.copy()
-    for c in range(n):
-        for k in range(offsets[c], offsets[c + 1]):
-            holders[fill[indices[k]]] = c
-            fill[indices[k]] += 1
-    rows, seen, marked = np.zeros(size + 1, np.int64), np.full(n, -1), np.full(size, -1)
-    found, position = np.empty(32 * size, np.int32), 0
-    for v in range(size):
-        for a in range(starts[v], starts[v + 1]):
-            for k in range(indptr[holders[a]], indptr[holders[a] + 1]):
-                j = columns[k]
-                if seen[j] == v:
-                    continue
-                seen[j] = v
-                if position + offsets[j + 1] - offsets[j] > len(found):
-                    longer = np.empty(len(found) + len(found) // 2 + offsets[j + 1] - offsets[j], np.int32)
-                    longer[:position] = found[:position]
-                    found = longer
-                for q in range(offsets[j], offsets[j + 1]):
-                    w = indices[q]
-                    if marked[w] != v:
-                        marked[w] = v
-                        found[position] = w
+    fill = starts[:-1].copy()
+    places, cells = np.empty(len(indices), np.int64), np.empty(len(indices), np.int64)
+    for c in range(len(offsets) - 1):
+        for q in range(offsets[c], offsets[c + 1]):
+            at = fill[indices[q]]
+            places[at], cells[at] = q, c
+            fill[indices[q]] += 1
+    return starts, places, cells
+
+
+@cache
+def half_product(width: int) -> Callable[..., Any]:
+    """Kernel ``(indptr, columns, blocks, offsets, indices, fitted, size)`` for blocks of a size; 0: of any.
+
+    It returns rows, columns and values of the upper half of C; columns are not sorted but for the diagonal
+    entry. Row v is Pᵀ (A p), p being column v of P: A p lives on the cells of v and their neighbours.
+    """
+
+    @kernel(reorder_sums=True)
+    def galerkin_half(indptr, columns, blocks, offsets, indices, fitted, size):
+        n = width if width > 0 else fitted.shape[1]
+        starts, places, cell_of = _holders(offsets, indices, size)
+        rows, slot, position = np.zeros(size + 1, np.int64), np.full(size, -1), 0
+        found, values = np.empty(16 * size, np.int32), np.empty(16 * size)
+        turn, near, product = np.full(len(offsets) - 1, -1), np.empty(64, np.int64), np.empty(64 * n)
+        for v in range(size):
+            count, first, room = 0, position, 1
+            for h in range(starts[v], starts[v + 1]):
+                i, own = np.uint32(cell_of[h]), np.uint32(places[h])
+                for k in range(indptr[i], indptr[i + 1]):
+                    j = np.uint32(columns[k])
+                    if turn[j] < 0:
+                        if count == len(near):
+                            near, product = _longer(near), _longer(product)
+                        turn[j], near[count] = count, j
+                        room += offsets[j + 1] - offsets[j]
+                        for b in range(n):
+                            product[count * n + b] = 0.0
+                        count += 1
+                    into = np.uint32(turn[j]) * n
+                    for a in range(n):
+                        t = fitted[own, a]
+                        for b in range(n):
+                            product[into + b] += t * blocks[k, a, b]
+            while position + room > len(found):
+                found, values = _longer(found), _longer(values)
+            slot[v], found[position], values[position] = position, v, 0.0
+            position += 1
+            for s in range(count):
+                j, along = np.uint32(near[s]), np.uint32(s) * n
+                turn[j] = -1
+                for q in range(np.uint32(offsets[j]), np.uint32(offsets[j + 1])):
+                    w = np.uint32(indices[q])
+                    if w < v:
+                        continue
+                    t = 0.0
+                    for b in range(n):
+                        t += product[along + b] * fitted[q, b]
+                    if slot[w] >= first:
+                        values[slot[w]] += t
+                    else:
+                        slot[w], found[position], values[position] = position, w, t
                         position += 1
-        rows[v + 1] = position
-    return rows, found[:position]
+            rows[v + 1] = position
+        return rows, found[:position], values[:position]
 
-
-@kernel(reorder_sums=True)
-def galerkin(indptr, columns, blocks, offsets, indices, fitted, rows, found):
-    """Values of C in the pattern ``rows, found``."""
-    n, size = fitted.shape[1], len(rows) - 1
-    values = np.zeros(len(found))
-    local, place = np.full(size, -1), np.empty(size, np.int64)
-    widest = 0
-    for i in range(len(offsets) - 1):
-        count = 0
-        for k in range(indptr[i], indptr[i + 1]):
-            count += offsets[columns[k] + 1] - offsets[columns[k]]
-        widest = max(widest, count)
-    product, names, turned = np.empty((widest, n)), np.empty(widest, np.int64), np.empty((n, n))
-    for i in range(len(offsets) - 1):
-        count = 0
-        for k in range(indptr[i], indptr[i + 1]):
-            j = columns[k]
-            for a in range(n):
-                for b in range(n):
-                    turned[b, a] = blocks[k, a, b]
-            for q in range(offsets[j], offsets[j + 1]):
-                w = indices[q]
-                if local[w] < 0:
-                    local[w], names[count] = count, w
-                    for a in range(n):
-                        product[count, a] = 0.0
-                    count += 1
-                out = product[local[w]]
-                for b in range(n):
-                    t = fitted[q, b]
-                    row = turned[b]
-                    for a in range(n):
-                        out[a] += row[a] * t
-        for q in range(offsets[i], offsets[i + 1]):
-            v = indices[q]
-            for k in range(rows[v], rows[v + 1]):
-                place[found[k]] = k
-            for w in range(count):
-                t = 0.0
-                for a in range(n):
-                    t += fitted[q, a] * product[w, a]
-                values[place[names[w]]] += t
-        for w in range(count):
-            local[names[w]] = -1
-    return values
+    return galerkin_half
 
 
 @kernel
-def thinned(rows, columns, values, vertices, small, small_bubbles):
-    """A symmetric matrix with sorted columns, without entries that are small beside their diagonal ones.
+def _longer(array):
+    """The array with as much room again."""
+    longer = np.empty(2 * len(array), array.dtype)
+    for k in range(len(array)):
+        longer[k] = array[k]
+    return longer
+
+
+@kernel
+def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertices):
+    """A symmetric matrix given by its upper half, without entries that are small beside their diagonal ones.
 
     Unknowns from ``vertices`` on are bubbles. An entry is small if it is at most ``small`` times the root of
     both diagonal ones, or ``small_bubbles`` times that between two bubbles. Such a one adds its magnitude
-    times the root of their ratio to the diagonal entries: what is done to the matrix is semidefinite.
+    times the root of their ratio to the diagonal entries: what is done to the matrix is semidefinite. Between
+    two vertices entries up to ``small_vertices`` times the root are added to the diagonal ones, so that
+    rows keep their sums; not if only such entries join the groups that the vertices belong to. Columns of the
+    result are sorted.
     """
     n = len(rows) - 1
-    root, added, starts = np.zeros(n), np.zeros(n), np.zeros(n + 1, np.int32)
+    root, added, light = np.zeros(n), np.zeros(n), np.zeros(n)
     for i in range(n):
-        for k in range(rows[i], rows[i + 1]):
-            if columns[k] == i:
-                root[i] = np.sqrt(values[k])
-    kept = np.empty(len(columns), np.bool_)
+        root[i] = np.sqrt(max(values[rows[i]], 0.0))
+    group = np.arange(n)
+    for i in range(vertices if small_vertices > 0.0 else 0):
+        for k in range(rows[i] + 1, rows[i + 1]):
+            j, size = columns[k], abs(values[k])
+            if size > small_vertices * root[i] * root[j]:
+                group[_group_of(group, j)] = _group_of(group, i)
+            elif j < vertices:
+                light[i] += size
+                light[j] += size
+    kept, starts = np.empty(len(columns), np.bool_), np.zeros(n + 1, np.int32)
     for i in range(n):
+        firm = light[i] > _MOST_ADDED * root[i] ** 2
         for k in range(rows[i], rows[i + 1]):
-            j = columns[k]
-            bubbles = i >= vertices and j >= vertices
-            kept[k] = abs(values[k]) > (small_bubbles if bubbles else small) * root[i] * root[j]
-            if kept[k]:
-                starts[j + 1] += 1
-            elif bubbles and root[j] > 0.0:
-                added[i] += abs(values[k]) * root[i] / root[j]
+            j, size = columns[k], abs(values[k])
+            both = root[i] * root[j]
+            bubbles = i >= vertices
+            kept[k] = size > (small_bubbles if bubbles else small) * both or i == j
+            if bubbles and not kept[k] and both > 0.0:
+                added[i] += size * root[i] / root[j]
+                added[j] += size * root[j] / root[i]
+            elif kept[k] and i < j < vertices and size <= small_vertices * both:
+                heavy = firm or light[j] > _MOST_ADDED * root[j] ** 2
+                if not heavy and _group_of(group, i) == _group_of(group, j):
+                    kept[k] = False
+                    added[i] += values[k]
+                    added[j] += values[k]
+            starts[i + 1] += kept[k]
+            starts[j + 1] += kept[k] and i != j
     for j in range(n):
         starts[j + 1] += starts[j]
     places, sorted_columns, found = starts[:-1].copy(), np.empty(starts[n], np.int32), np.empty(starts[n])
-    for i in range(n):  # the transpose of a matrix has its columns sorted
-        for k in range(rows[i], rows[i + 1]):
+    for i in range(n):  # what lies left of the diagonal, rows being taken in their order, comes sorted
+        for k in range(rows[i] + 1, rows[i + 1]):
             if kept[k]:
                 j = columns[k]
-                sorted_columns[places[j]], found[places[j]] = i, values[k] + (added[i] if i == j else 0.0)
+                sorted_columns[places[j]], found[places[j]] = i, values[k]
                 places[j] += 1
+    for j in range(n):  # and its transpose too
+        left = places[j]
+        sorted_columns[left], found[left] = j, values[rows[j]] + added[j]
+        places[j] += 1
+        for k in range(starts[j], left):
+            i = sorted_columns[k]
+            sorted_columns[places[i]], found[places[i]] = j, found[k]
+            places[i] += 1
     return starts, sorted_columns, found
+
+
+@kernel
+def _group_of(group, i):
+    """The member of its group that stands for it; ways there become shorter."""
+    while group[i] != i:
+        group[i] = group[group[i]]
+        i = group[i]
+    return i

@@ -10,6 +10,7 @@ from scipy import sparse
 from agglo_core.errors import OptionError
 from agglo_core.kernels.block_sweeps import both_products, clear_tiny, invert_blocks
 from agglo_core.multigrid import BlockMatrix, block_inverses, block_matrix
+from agglo_core.multigrid.block_product import BlockProduct, swift
 
 EQUAL = [np.full(20, width) for width in (1, 3, 6, 10)]
 UNEQUAL = [np.array([2, 0, 5, 1, 3, 0, 4, 4])]
@@ -139,3 +140,15 @@ def test_products_both_ways_and_tiny_entries(width: int) -> None:
     values = np.array([1.0, -1e-23, 1e-21, 0.0, -2.0])
     clear_tiny(values, 1e-22)
     assert values.tolist() == [1.0, 0.0, 1e-21, 0.0, -2.0]
+
+
+@pytest.mark.parametrize("width", [1, 2, 3, 6, 7])
+def test_swift_products_are_those_of_scipy(width: int) -> None:
+    rng = np.random.default_rng(width)
+    A = sparse.random_array((8 * width, 8 * width), density=0.3, rng=rng).tobsr((width, width))
+    x = rng.standard_normal((8 * width, 2))
+    assert isinstance(swift(A), BlockProduct) == (1 < width < 7)
+    assert np.allclose(swift(A) @ x[:, 0], A @ x[:, 0], atol=1e-12)
+    assert np.allclose(swift(A) @ x, A @ x, atol=1e-12)
+    assert swift(A.tocsr()).format == "csr"
+    assert swift(A.astype(np.float32)).dtype == np.float32

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from random_diffusion import graded
+from scipy import sparse
 
 from agglo_core import Mesh, samples
 from agglo_core.multigrid import LevelStack, cycle
@@ -15,6 +16,7 @@ from agglo_polydg_mg.conforming_choice import difficulty
 from agglo_polydg_mg.conforming_kernels import cluster_vertices
 from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.conforming_stack import conforming_stack, labels_of_vertices
+from agglo_polydg_mg.galerkin_kernels import thinned
 from agglo_polydg_mg.penalty import face_penalty
 
 FRESH = np.random.SeedSequence(20).generate_state(2).tolist()
@@ -102,7 +104,35 @@ def test_constants_are_ones_at_vertices_on_any_mesh(seed: int) -> None:
             assert np.bincount(cells).max() <= 36
 
 
-@pytest.mark.parametrize("degree", [1, 2])
+def test_small_entries_between_vertices_go_to_the_diagonal() -> None:
+    mesh = samples.voronoi(200, seed=FRESH[1])
+    A = discretise(mesh, 1, Diffusion(1.0, 1.0), scaled_basis=True).A
+    _, space = space_on(mesh, 1)
+    C = space.galerkin(A).toarray()
+    thin = space.galerkin(A, small_vertices=0.01)
+    D, scale = thin.toarray(), np.sqrt(np.outer(C.diagonal(), C.diagonal()))
+    off = ~np.eye(space.n, dtype=bool)
+    small = off & (np.abs(C) <= 0.01 * scale)
+    light = np.abs(np.where(small, C, 0.0)).sum(axis=1) <= 0.25 * C.diagonal()
+    assert thin.has_sorted_indices
+    assert np.count_nonzero(C) > 1.3 * thin.nnz
+    assert np.array_equal(off & (D == 0.0), off & ((C == 0.0) | (small & light[:, None] & light)))
+    assert np.allclose(D[off & (D != 0.0)], C[off & (D != 0.0)], atol=1e-11 * scale.max())
+    assert np.allclose(D.sum(axis=1), C.sum(axis=1), atol=1e-10 * scale.max())
+    assert np.linalg.eigvalsh(D)[0] > 0.0
+
+
+def test_small_entries_stay_where_nothing_else_joins_two_groups() -> None:
+    rows, columns = np.array([0, 2, 4, 6, 7]), np.array([0, 1, 1, 2, 2, 3, 3], np.int32)
+    values = np.array([2.0, -1.0, 2.0, -0.001, 2.0, -1.0, 2.0])  # 0–1 and 2–3, joined by 1–2 alone
+    starts, found, data = thinned(rows, columns, values, 4, 0.0, 0.0, 0.01)
+    C = sparse.csr_array((data, found, starts), shape=(4, 4)).toarray()
+    assert np.array_equal(C, C.T)
+    assert C[1, 2] == -0.001
+    assert np.array_equal(C.diagonal(), np.full(4, 2.0))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
 def test_the_matrix_is_that_of_the_prolongation(degree: int) -> None:
     mesh = samples.voronoi(60, seed=FRESH[0])
     kappa = np.random.default_rng(1).choice([1.0, 1e4], mesh.n_cells)

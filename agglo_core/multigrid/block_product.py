@@ -1,0 +1,44 @@
+"""Products of vectors with matrices in small blocks, which scipy multiplies as if blocks were large."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float, frozen_index
+from agglo_core.kernels.block_sweeps import UNROLLED, block_product
+
+__all__ = ["BlockProduct", "swift"]
+
+
+class BlockProduct:
+    """A matrix in square blocks, ready for many products with vectors ``(n,)``.
+
+    Parameters
+    ----------
+    A : (n, n) bsr_array
+        In double precision, of blocks of 2 to 6 unknowns.
+    """
+
+    def __init__(self, A: Any) -> None:
+        self.shape = A.shape
+        self._A = A
+        self._arrays = frozen_index(A.indptr), frozen_index(A.indices), frozen_float(A.data)
+        self._kernel = block_product(int(A.blocksize[0]))
+
+    def __matmul__(self, x: Float) -> Float:
+        if x.ndim != 1:  # several vectors make good use of a block
+            several: Float = self._A @ x
+            return several
+        y: Float = self._kernel(*self._arrays, frozen_float(x))
+        return y
+
+
+def swift(A: Any) -> Any:
+    """A as :class:`BlockProduct` if it can be one, else A itself."""
+    if getattr(A, "format", "") != "bsr" or A.dtype != np.float64:
+        return A
+    rows, columns = A.blocksize
+    fits = rows == columns and 1 < rows <= UNROLLED and A.indptr[-1] < np.iinfo(np.int32).max
+    return BlockProduct(A) if fits else A
