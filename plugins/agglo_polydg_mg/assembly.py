@@ -225,7 +225,7 @@ def cell_means(mesh: Mesh, field: Field) -> Float:
     """Mean of κ over each cell ``(n_cells,)``."""
     if not callable(field):
         return per_cell(field, mesh.n_cells, "kappa")
-    boxes = np.tile([0.0, 0.0, 1.0, 1.0], (mesh.n_cells, 1))
+    boxes = np.tile([0.0, 0.0, 1.0, 1.0, 1.0, 0.0], (mesh.n_cells, 1))
     integrals = weighted_moments(mesh, field, boxes, 0, "kappa")[:, 0]  # of κ / 2: L₀ is the root of 1/2
     return frozen_float(2.0 * integrals / mesh.cell_measures)
 

@@ -1,4 +1,4 @@
-"""Polynomials of each cell, and the transfer between the spaces on a mesh and on its agglomerates.
+"""Polynomials of each cell.
 
 On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], (x̂, ŷ)
 running over [−1, 1]² in the bounding box of K. They need no mapping, so K may be any polygon.
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -18,7 +17,11 @@ from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, OptionError
 from agglo_polydg_mg.option_checks import require_count
 from agglo_polydg_mg.quadrature import gauss, moments, per_cell, weighted_moments
 
-__all__ = ["Basis", "block_diagonal", "legendre", "orders", "products", "project_between", "slopes"]
+__all__ = ["Basis", "block_diagonal", "legendre", "one_per_row", "orders", "products", "slopes"]
+
+
+_FILL = 0.1
+"""A cell that fills less of its bounding box may have one that is turned."""
 
 
 @cache
@@ -59,7 +62,8 @@ class Basis:
         p, 1..6.
     scaled : bool
         Divide by the square root of the box's quarter area, so that the basis is orthonormal on the
-        box itself. The paper's is not.
+        box itself, and turn the boxes of cells that fill less than a tenth of theirs: otherwise the
+        polynomials are linearly dependent, nearly. The paper's basis is neither.
 
     Raises
     ------
@@ -88,11 +92,12 @@ class Basis:
 
     @cached_property
     def boxes(self) -> Float:
-        """Centre, relative to the mesh's origin, and half sides of the bounding boxes ``(n_cells, 4)``."""
+        """Bounding boxes ``(n_cells, 6)``: centre from the mesh's origin, half sides, direction of one."""
         from agglo_polydg_mg.legendre_kernels import bounding_boxes
 
         mesh = self.mesh
-        return frozen_float(bounding_boxes(mesh.local_points, *mesh.cell_faces, mesh.face_pairs))
+        cells = (mesh.local_points, *mesh.cell_faces, mesh.face_pairs)
+        return frozen_float(bounding_boxes(*cells, mesh.cell_measures, _FILL if self.scaled else 0.0))
 
     @cached_property
     def scale(self) -> Float:
@@ -127,16 +132,23 @@ class Basis:
 
     def values(self, cells: Int, points: Float) -> Float:
         """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, 2)`` relative to the origin."""
-        box, (i, j) = self.boxes[cells], orders(self.degree).T
-        lx, ly = (legendre(x, self.degree) for x in ((points - box[:, :2]) / box[:, 2:]).T)
+        i, j = orders(self.degree).T
+        lx, ly = (legendre(x, self.degree) for x in self._inside(cells, points))
         return np.asarray((lx[i] * ly[j] * self.scale[cells]).T)
 
     def gradients(self, cells: Int, points: Float) -> Float:
         """Their gradients ``(q, 2, n_local)``."""
-        box, (i, j) = self.boxes[cells], orders(self.degree).T
-        lx, ly = (legendre(x, self.degree) for x in ((points - box[:, :2]) / box[:, 2:]).T)
+        (i, j), (c, s) = orders(self.degree).T, self.boxes[cells, 4:].T
+        lx, ly = (legendre(x, self.degree) for x in self._inside(cells, points))
         both = np.stack((slopes(lx)[i] * ly[j], lx[i] * slopes(ly)[j]))
-        return np.transpose(both * self.scale[cells] / box[:, 2:].T[:, None], (2, 0, 1))
+        along, across = both * self.scale[cells] / self.boxes[cells, 2:4].T[:, None]
+        return np.transpose(np.stack((c * along - s * across, s * along + c * across)), (2, 0, 1))
+
+    def _inside(self, cells: Int, points: Float) -> Float:
+        """Coordinates ``(2, q)`` of points in the boxes of cells, −1..1 inside."""
+        box = self.boxes[cells]
+        (x, y), (c, s) = (points - box[:, :2]).T, box[:, 4:].T
+        return np.stack((c * x + s * y, c * y - s * x)) / box[:, 2:4].T
 
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
         """Values ``(q,)`` of the function with coefficients ``x (n,)`` in a cell each.
@@ -221,51 +233,10 @@ def _triple(degree: int, derivative: int) -> Float:
 def block_diagonal(blocks: Float) -> sparse.bsr_array:
     """Matrix with the blocks ``(n, m, m)`` on its diagonal."""
     n, m, _ = blocks.shape
-    return _one_per_row(blocks, np.arange(n), (n * m, n * m))
+    return one_per_row(blocks, frozen_int(np.arange(n)), (n * m, n * m))
 
 
-def _one_per_row(blocks: Float, columns: Any, shape: tuple[int, int]) -> sparse.bsr_array:
+def one_per_row(blocks: Float, columns: Int, shape: tuple[int, int]) -> sparse.bsr_array:
+    """Matrix with one of the blocks ``(n, m, w)`` in each row of blocks, in ``columns (n,)``."""
     indptr = np.arange(len(blocks) + 1, dtype=np.int32)
     return sparse.bsr_array((blocks, np.asarray(columns, np.int32), indptr), shape=shape)
-
-
-def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array:
-    """Prolongation ``(fine.n, coarse.n)`` from agglomerates to cells: injection, so the L2 projection.
-
-    A polynomial of an agglomerate is one of each of its cells; only the box changes, and boxes differ by
-    a shift and a stretch of each axis. The shape of the cells does not enter.
-
-    Parameters
-    ----------
-    fine, coarse : Basis
-        Of a mesh and of ``mesh.coarsen(labels)``; the coarse degree must not be higher.
-    labels : (fine.mesh.n_cells,) int
-        Agglomerate of each cell.
-
-    Raises
-    ------
-    OptionError
-        If the coarse degree is higher, or the labels do not fit the meshes.
-    """
-    if coarse.degree > fine.degree:
-        raise OptionError(f"degree {coarse.degree} does not inject into degree {fine.degree}")
-    labels = np.asarray(labels)
-    if labels.shape != (fine.mesh.n_cells,) or labels.max() + 1 != coarse.mesh.n_cells:
-        raise OptionError(f"labels of shape {labels.shape} do not lead from {fine.mesh!r} to {coarse.mesh!r}")
-    outer, inner = coarse.boxes[labels], fine.boxes
-    shift = inner[:, :2] - outer[:, :2] + (fine.mesh.origin - coarse.mesh.origin)
-    along_x, along_y = (
-        _restricted(shift[:, k] / outer[:, 2 + k], inner[:, 2 + k] / outer[:, 2 + k], fine.degree)
-        for k in range(2)
-    )
-    (i, j), (k, m) = orders(coarse.degree).T, orders(fine.degree).T
-    blocks = along_x[:, k[:, None], i] * along_y[:, m[:, None], j]
-    blocks *= (coarse.scale[labels] / fine.scale)[:, None, None]
-    return _one_per_row(blocks, labels, (fine.n, coarse.n))
-
-
-def _restricted(shift: Float, stretch: Float, degree: int) -> Float:
-    """Coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
-    nodes, weights = gauss(degree + 1)
-    wide = legendre(shift[:, None] + stretch[:, None] * nodes, degree)
-    return np.triu(np.einsum("inq,kq,q->nki", wide, legendre(nodes, degree), weights))

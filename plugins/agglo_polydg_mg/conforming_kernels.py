@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
+from agglo_polydg_mg.legendre_kernels import along_box
 
 __all__ = ["cluster_vertices", "corner_unknowns", "corners_of_cells", "fit_traces"]
 
@@ -118,8 +119,9 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
 
 @kernel
 def _polynomials(x, y, box, degree, out):
-    """The polynomials of a cell, not scaled, at a point; ``box`` is its centre and half sides."""
-    x, y = (x - box[0]) / box[2], (y - box[1]) / box[3]
+    """The polynomials of a cell, not scaled, at a point."""
+    x, y = along_box(x - box[0], y - box[1], box)
+    x, y = x / box[2], y / box[3]
     k = 0
     before, value = 0.0, 1.0
     for i in range(degree + 1):  # L_i(x), at the places of (i, j) for all j
@@ -208,12 +210,14 @@ def fit_traces(
             side = 0 if face_cells[f, 0] == c else 1
             a, b = face_vertices[f, 0], face_vertices[f, 1]
             ax, ay, bx, by = points[a, 0], points[a, 1], points[b, 0], points[b, 1]
-            length = np.sqrt(((bx - ax) / box[2]) ** 2 + ((by - ay) / box[3]) ** 2)
+            ex, ey = along_box(bx - ax, by - ay, box)
+            length = np.sqrt((ex / box[2]) ** 2 + (ey / box[3]) ** 2)
             if many:
                 for k in range(2):
                     v = face_vertices[f, k]
-                    column = min(int(squares * 0.5 * (1.0 + (points[v, 0] - box[0]) / box[2])), squares - 1)
-                    row = min(int(squares * 0.5 * (1.0 + (points[v, 1] - box[1]) / box[3])), squares - 1)
+                    x, y = along_box(points[v, 0] - box[0], points[v, 1] - box[1], box)
+                    column = min(int(squares * 0.5 * (1.0 + x / box[2])), squares - 1)
+                    row = min(int(squares * 0.5 * (1.0 + y / box[3])), squares - 1)
                     s = max(row, 0) * squares + max(column, 0)
                     if place[s] < 0:
                         place[s], where[count] = count, points[v]

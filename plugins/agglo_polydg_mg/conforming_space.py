@@ -28,12 +28,12 @@ _COMPARABLE = 3.0
 """A cell unites two groups whose stiffness is at most this many times its own."""
 _SQUARES = 6
 """Cells with more corners than the square of this depend on one corner in each square of a grid only."""
-_DIRECTION = (1.0, 0.618)
-"""Bubbles of odd order have the sign that belongs to faces which run this way."""
 _UNROLLED = 6
 """Blocks up to this size have a kernel of their own for PᵀAP."""
 _REGULARISATION = 1e-4
 """Times the squared degree: keeps polynomials small that vanish on the boundary."""
+_DIRECTION = (1.0, 0.618)
+"""Bubbles of odd order have the sign that belongs to faces which run this way."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
-from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, recurrences
+from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
 __all__ = ["block_pattern", "face_blocks", "triangle_heights"]
 
@@ -247,7 +247,9 @@ def face_blocks(
                 if c < 0:
                     continue
                 wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
-                x[lane], y[lane] = (points[a, 0] - boxes[c, 0]) * wide, (points[a, 1] - boxes[c, 1]) * high
+                ex, ey = along_box(ex, ey, boxes[c])
+                px, py = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
+                x[lane], y[lane] = px * wide, py * high
                 along_x[lane], along_y[lane] = ex * wide, ey * high
                 nx[lane] = scale[c] * ey * wide / length[lane]
                 ny[lane] = -scale[c] * ex * high / length[lane]

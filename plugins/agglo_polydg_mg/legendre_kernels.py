@@ -1,8 +1,8 @@
 """Legendre polynomials in kernels, and integrals of polynomials over cells.
 
 Polynomials are products L_i(x̂) L_j(ŷ) of orthonormal Legendre polynomials on the bounding box of a
-cell, a box being its centre and half sides (cx, cy, hx, hy). They are numbered by total degree:
-(0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
+cell, a box being its centre, its half sides and the direction of the first (cx, cy, hx, hy, c, s). They
+are numbered by total degree: (0,0), (1,0), (0,1), (2,0), (1,1), (0,2), …
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from agglo_core.authoring import kernel
 __all__ = [
     "CONSTANT",
     "LANES",
+    "along_box",
     "boundary_moments",
     "bounding_boxes",
     "legendre_at",
@@ -69,17 +70,52 @@ def slopes_of(values, degree, table, out):
 
 
 @kernel
-def bounding_boxes(points, offsets, faces, face_vertices):
-    """Centre and half sides ``(n, 4)`` of the bounding box of each cell."""
-    boxes = np.empty((len(offsets) - 1, 4))
+def along_box(x, y, box):
+    """A vector in the directions of the sides of a box; itself if these are those of the axes."""
+    return box[4] * x + box[5] * y, box[4] * y - box[5] * x
+
+
+@kernel
+def _fit_box(points, first, last, faces, face_vertices, box):
+    """Centre and half sides of the bounding box of a cell whose directions ``box`` has."""
+    left, low, right, high = np.inf, np.inf, -np.inf, -np.inf
+    for h in range(first, last):
+        for k in range(2):
+            v = face_vertices[faces[h], k]
+            x, y = along_box(points[v, 0], points[v, 1], box)
+            left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
+    x, y = 0.5 * (left + right), 0.5 * (low + high)
+    box[0], box[1] = box[4] * x - box[5] * y, box[5] * x + box[4] * y
+    box[2], box[3] = 0.5 * (right - left), 0.5 * (high - low)
+
+
+@kernel
+def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
+    """Bounding box ``(n, 6)`` of each cell.
+
+    Sides are parallel to the axes, except where the cell fills less than the part ``least`` of that box: then
+    to the face that makes the smallest box, if it is less than half as large.
+    """
+    boxes, tried = np.empty((len(offsets) - 1, 6)), np.empty(6)
     for c in range(len(boxes)):
-        left, low, right, high = np.inf, np.inf, -np.inf, -np.inf
-        for h in range(offsets[c], offsets[c + 1]):
-            for k in range(2):
-                x, y = points[face_vertices[faces[h], k], 0], points[face_vertices[faces[h], k], 1]
-                left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
-        boxes[c, 0], boxes[c, 1] = 0.5 * (left + right), 0.5 * (low + high)
-        boxes[c, 2], boxes[c, 3] = 0.5 * (right - left), 0.5 * (high - low)
+        box, first, last = boxes[c], offsets[c], offsets[c + 1]
+        box[4], box[5] = 1.0, 0.0
+        _fit_box(points, first, last, faces, face_vertices, box)
+        if areas[c] >= least * 4.0 * box[2] * box[3]:
+            continue
+        smallest = 0.5 * box[2] * box[3]
+        for h in range(first, last):
+            a, b = face_vertices[faces[h], 0], face_vertices[faces[h], 1]
+            x, y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            length = np.sqrt(x * x + y * y)
+            if not length > 0.0:
+                continue
+            tried[4], tried[5] = x / length, y / length
+            _fit_box(points, first, last, faces, face_vertices, tried)
+            if 0.0 < tried[2] * tried[3] < smallest:
+                smallest = tried[2] * tried[3]
+                for k in range(6):
+                    box[k] = tried[k]
     return boxes
 
 
@@ -94,13 +130,15 @@ def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, n
     table = recurrences(degree + 1)
     lx, ly, upper = np.empty(degree + 2), np.empty(degree + 1), 1.0 / table[3]
     for c in range(n):
-        cx, cy, hx, hy = boxes[c, 0], boxes[c, 1], boxes[c, 2], boxes[c, 3]
+        box = boxes[c]
+        cx, cy, hx, hy = box[0], box[1], box[2], box[3]
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
             flip = 0 if face_cells[f, 0] == c else 1
             a, b = face_vertices[f, flip], face_vertices[f, 1 - flip]
-            ax, ay = (points[a, 0] - cx) / hx, (points[a, 1] - cy) / hy
-            bx, by = (points[b, 0] - cx) / hx, (points[b, 1] - cy) / hy
+            ax, ay = along_box(points[a, 0] - cx, points[a, 1] - cy, box)
+            bx, by = along_box(points[b, 0] - cx, points[b, 1] - cy, box)
+            ax, ay, bx, by = ax / hx, ay / hy, bx / hx, by / hy
             if ay == by:
                 continue
             rise = 0.5 * (by - ay) * hx * hy
@@ -127,8 +165,9 @@ def point_moments(points, values, offsets, boxes, degree):
     table, lx, ly = recurrences(degree), np.empty(degree + 1), np.empty(degree + 1)
     for c in range(n):
         for q in range(offsets[c], offsets[c + 1]):
-            legendre_at((points[q, 0] - boxes[c, 0]) / boxes[c, 2], degree, table, lx)
-            legendre_at((points[q, 1] - boxes[c, 1]) / boxes[c, 3], degree, table, ly)
+            x, y = along_box(points[q, 0] - boxes[c, 0], points[q, 1] - boxes[c, 1], boxes[c])
+            legendre_at(x / boxes[c, 2], degree, table, lx)
+            legendre_at(y / boxes[c, 3], degree, table, ly)
             k = 0
             for total in range(degree + 1):
                 for j in range(total + 1):

@@ -93,7 +93,9 @@ def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, b
     cells = batch.cells
     centres = sample(exact, batch.points + basis.mesh.origin, "exact") - offset[cells]
     excess = float(np.abs(offset).max()) / (float(np.abs(centres).max()) or 1.0)
-    steps = _STEP * max(1.0, excess) ** 0.2 * basis.boxes[cells, 2:]
+    sides, (c, s) = basis.boxes[:, 2:4], np.abs(basis.boxes[:, 4:].T[:, :, None])
+    extents = c * sides + s * sides[:, ::-1]  # along the axes
+    steps = _STEP * max(1.0, excess) ** 0.2 * extents[cells]
     result = np.empty_like(steps)
     for axis in range(2):
         h = np.zeros_like(steps)

@@ -29,7 +29,8 @@ from agglo_core.authoring import (
     multigrid,
     symmetric_system,
 )
-from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled

@@ -15,7 +15,8 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Int, OptionError, frozen_int, multigrid
-from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.transfer import block_matrix
 
 __all__ = ["patch_stack"]

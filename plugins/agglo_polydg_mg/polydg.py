@@ -48,7 +48,8 @@ class PolyDG:
         Constant C of the penalty of jumps; ``paper`` is C = 10, ``sharp`` the least one that is provably
         coercive: :func:`~agglo_polydg_mg.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
-        Whether the basis is scaled by the size of the bounding boxes; the paper's is not.
+        Whether the basis is scaled by the size of the bounding boxes, and those of flat cells are turned; the
+        paper's is not.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import kernel
-from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, recurrences
+from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
 __all__ = ["largest_bounds", "side_penalties"]
 
@@ -211,8 +211,10 @@ def side_penalties(
                 if not length > 0.0:
                     continue
                 wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
+                ex, ey = along_box(ex, ey, boxes[c])
+                ax, ay = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
                 along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
-                ax, ay = (points[a, 0] - boxes[c, 0]) * wide, (points[a, 1] - boxes[c, 1]) * high
+                ax, ay = ax * wide, ay * high
                 side = 0 if face_cells[f, 0] == c else 1
                 for q in range(rules):
                     at = min(q, kappa.shape[2] - 1)

@@ -255,3 +255,16 @@ def test_single_precision_inside() -> None:
 def test_what_does_not_fit_is_refused(change: dict, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         classical_stack(**({"A": sparse.eye_array(3)} | change))
+
+
+def test_a_guide_chooses_in_place_of_the_matrix() -> None:
+    """Levels interpolate as those of the guide do; their matrices are products of the matrix itself."""
+    A, guide = five_points(25, 1.0, 0.01), five_points(25, 1.0, 1.0)
+    stack, alone = classical_stack(A, guide=guide, coarsest=200), classical_stack(guide, coarsest=200)
+    first, second = stack.levels[:2]
+    assert np.array_equal(first.P.toarray(), alone.levels[0].P.toarray())
+    assert not np.array_equal(first.P.toarray(), classical_stack(A, coarsest=200).levels[0].P.toarray())
+    wanted = (first.P.T @ first.A @ first.P).toarray()
+    assert np.allclose(second.A.toarray(), wanted, rtol=1e-12, atol=1e-12 * np.abs(wanted).max())
+    with pytest.raises(OptionError, match=r"guide has shape \(600, 600\); expected that of A, \(625, 625\)"):
+        classical_stack(A, guide=guide[:600, :600])

@@ -10,7 +10,8 @@ from scipy import sparse
 
 from agglo_core import Hierarchy, OptionError, samples
 from agglo_core.multigrid import injection, parents
-from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.transfer import chosen_levels, diagonal_blocks, l2_projection
 
 

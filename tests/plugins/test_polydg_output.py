@@ -13,7 +13,8 @@ from agglo_core import FileError, Mesh, MeshError, OptionError, read, samples
 from agglo_core.io.vtu_arrays import parse
 from agglo_core.io.vtu_solution import write_solution
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.basis import Basis, project_between
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.evaluate import evaluate, locate
 from agglo_polydg_mg.norms import errors
 from agglo_polydg_mg.quadrature import triangulate
