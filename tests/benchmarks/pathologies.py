@@ -2,10 +2,11 @@
 
     python tests/benchmarks/pathologies.py [--repeats N] [--tetrahedra CELLS]
 
-CPU seconds of this process per cell (for the cell of 4,000 edges: per edge), the least of the repeats, after
-a warm-up. ``ratio`` divides them by those of a plain mesh of about as many cells (squares, or the same Voronoi
-cells unstretched) that is treated alike in the same run. Rows of agglomerating are into N/16 parts with default components; quality has the default
-metrics. The last table divides bisectors on tetrahedra by METIS recursive.
+CPU seconds of this process per cell (for a single cell: per edge), the least of the repeats, after a warm-up.
+``ratio`` divides them by those of a plain mesh of about as many cells (squares, or the same Voronoi cells
+unstretched) that is treated alike in the same run. Rows of agglomerating are into N/16 parts with default
+components; quality has the default metrics. The last table divides bisectors on tetrahedra by METIS
+recursive.
 """
 
 from __future__ import annotations
