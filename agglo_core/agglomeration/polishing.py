@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
@@ -61,49 +61,21 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
     """Merge neighbours whose union has a diameter of at most ``limit``, roundest unions first.
 
     The larger the share of its parts' boundary that becomes interior, the rounder a union is. In each round
-    every part proposes its best neighbour; mutual proposals merge. What is told is how many of the pairs
-    that could merge at first can do so no more.
+    every part proposes its best neighbour; mutual proposals merge.
     """
-    most = 0
-    while True:
-        parts = graph.coarsen(labels)
-        owner = np.empty(parts.n, np.int64)
-        owner[labels] = blocks
-        row = everywhere = np.repeat(np.arange(parts.n), np.diff(parts.indptr))
-        column = parts.indices.astype(np.int64)
-        inside = np.flatnonzero((row < column) & (owner[row] == owner[column]))
-        row, column = row[inside], column[inside]
-        fits = _union_diameters(parts, row, column) <= limit
-        row, column, shared = row[fits], column[fits], parts.interface[inside][fits]
-        if len(row) == 0:
-            return labels
-        most = max(most, len(row))
-        tell(1.0 - len(row) / most, f"{parts.n:,} parts")
-        outline = parts.boundary + np.bincount(everywhere, parts.interface, parts.n)
-        chosen = _mutual(row, column, shared / (outline[row] + outline[column]), parts.n)
-        target = np.arange(parts.n)
-        target[column[chosen]] = row[chosen]
-        labels = by_first_cell(target[labels])
+    from agglo_core.kernels.merging import merged_parts
 
-
-def _union_diameters(parts: Graph, row: Int, column: Int) -> Float:
-    from agglo_core.kernels.geometry import block_diameters
-
-    pairs = frozen_int(np.stack((row, column), axis=1).ravel())
-    offsets = frozen_int(np.arange(0, len(pairs) + 1, 2))
-    result: Float = block_diameters(offsets, pairs, parts.vertex_offsets, parts.vertices, parts.points)
+    labels = by_first_cell(labels)
+    parts = graph.coarsen(labels)
+    tell(0.0, f"{parts.n:,} parts")
+    owner = np.empty(parts.n, np.int64)
+    owner[labels] = blocks
+    csr = parts.indptr, parts.indices, parts.interface
+    shapes = parts.vertex_offsets, parts.vertices, parts.points
+    merged = merged_parts(*csr, parts.boundary, frozen_int(owner), *shapes, float(limit))
+    result = by_first_cell(merged[labels])
+    tell(1.0, f"{int(result.max()) + 1:,} parts")
     return result
-
-
-def _mutual(row: Int, column: Int, score: Float, n: int) -> Mask:
-    """Edges that both ends rank first (score, then edge number)."""
-    rank = np.empty(len(score), np.int64)
-    rank[np.argsort(score, kind="stable")] = np.arange(len(score))
-    best = np.full(n, -1)
-    np.maximum.at(best, row, rank)
-    np.maximum.at(best, column, rank)
-    mutual: Mask = (best[row] == rank) & (best[column] == rank)
-    return mutual
 
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:

@@ -6,7 +6,7 @@ so that the result of a block does not depend, to the last bit, on the blocks be
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,11 +81,15 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
     weights = block_shares(level.weights, blocks)
     centres = block_sums(level, weights[:, None] * level.centroids) / block_sums(level, weights[:, None])
     local = level.centroids - centres[blocks]
-    moments = block_sums(level, (weights[:, None, None] * local[:, :, None] * local[:, None, :]))
+    moments = np.zeros((level.n_blocks, level.dim, level.dim))
+    for i, j in combinations_with_replacement(
+        range(level.dim), 2
+    ):  # the lower triangles, all that eigh reads
+        moments[:, j, i] = np.bincount(blocks, weights * local[:, j] * local[:, i], level.n_blocks)
     values, vectors = np.linalg.eigh(moments)
     values, frames = values[:, ::-1], np.swapaxes(vectors[:, :, ::-1], 1, 2)
     frames = _turned(level, weights, local, values, frames)
-    coordinates = (frames[blocks] * local[:, None, :]).sum(axis=2)
+    coordinates = np.stack([_along(frames[:, k], blocks, local.T) for k in range(level.dim)], axis=1)
     seconds = block_sums(level, weights[:, None] * coordinates**2)
     order = np.argsort(-seconds, axis=1, kind="stable")
     signs = np.where(block_sums(level, weights[:, None] * coordinates**3) < 0, -1.0, 1.0)
@@ -161,21 +165,31 @@ def _turned(level: Graph, weights: Float, local: Float, moments: Float, frames: 
     plane; in 3-D sweeps over the three planes converge quadratically, as Jacobi's rotations do.
     """
     frames = frames.copy()
+    planes = []
+    for i, j in combinations(range(level.dim), 2):
+        isotropic = moments[:, j] >= _ISOTROPIC * moments[:, i]
+        nodes = np.flatnonzero(isotropic[level.block_ids])
+        if len(nodes):
+            columns = np.ascontiguousarray(local[nodes].T)
+            planes.append((i, j, isotropic, level.block_ids[nodes], columns, weights[nodes]))
     for _ in range(1 if level.dim == 2 else 6):
-        for i, j in combinations(range(level.dim), 2):
-            isotropic = moments[:, j] >= _ISOTROPIC * moments[:, i]
-            nodes = np.flatnonzero(isotropic[level.block_ids])
-            if not len(nodes):
-                continue
-            blocks = level.block_ids[nodes]
-            x, y = ((frames[blocks, k] * local[nodes]).sum(axis=1) for k in (i, j))
-            fourth = weights[nodes] * (x + 1j * y) ** 4
-            real = np.bincount(blocks, fourth.real, level.n_blocks)
-            imaginary = np.bincount(blocks, fourth.imag, level.n_blocks)
-            angle = np.arctan2(-imaginary, -real) / 4 * isotropic
+        for i, j, isotropic, blocks, columns, mass in planes:
+            x, y = (_along(frames[:, k], blocks, columns) for k in (i, j))
+            real, imaginary = x * x - y * y, 2.0 * (x * y)  # z²
+            fourth = real * real - imaginary * imaginary, 2.0 * (real * imaginary)
+            one, two = (np.bincount(blocks, mass * part, level.n_blocks) for part in fourth)
+            angle = np.arctan2(-two, -one) / 4 * isotropic
             cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
             frames[:, i], frames[:, j] = (
                 cos * frames[:, i] + sin * frames[:, j],
                 cos * frames[:, j] - sin * frames[:, i],
             )
     return frames
+
+
+def _along(axes: Float, blocks: Int, columns: Float) -> Float:
+    """Coordinate ``(n,)`` along the axis ``(B, d)`` of its block of each node, ``columns (d, n)``."""
+    along: Float = axes[:, 0].take(blocks) * columns[0]
+    for k in range(1, len(columns)):
+        along += axes[:, k].take(blocks) * columns[k]
+    return along

@@ -6,13 +6,13 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["block_diameters", "box", "compare_diameters", "octagon", "widest"]
+__all__ = ["block_diameters", "box", "compare_diameters", "distinct_vertices", "largest_distance", "octagon"]
 
 _MANY = 64  # vertices from which on not every pair of them is compared
 
 
 @kernel
-def _distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
+def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
     """Write the vertices of ``cells``, each once, to ``unique`` and the centre of their box; their number."""
     m = 0
     d = len(centre)
@@ -85,7 +85,7 @@ def _widest_of_many(m, unique, centre, points, reach, widest):
 
 
 @kernel
-def widest(m, unique, centre, points):
+def largest_distance(m, unique, centre, points):
     """Largest distance between any two of ``unique[:m]``, which get another order.
 
     A farthest pair must lie outside the ball where distance to the centre is below
@@ -124,8 +124,8 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
-        m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
-        result[b] = widest(m, unique, centre, points)
+        m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+        result[b] = largest_distance(m, unique, centre, points)
     return result
 
 
@@ -184,7 +184,7 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
         result[b] = lower
         for k in range(len(limits)):
             if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
-                m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
-                result[b] = widest(m, unique, centre, points)
+                m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+                result[b] = largest_distance(m, unique, centre, points)
                 break
     return result

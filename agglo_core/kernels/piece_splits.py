@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import kernel
-from agglo_core.kernels.geometry import box, octagon, widest
+from agglo_core.kernels.geometry import box, largest_distance, octagon
 from agglo_core.kernels.piece_refinement import connected, refine_sides
 
 __all__ = [
@@ -216,4 +216,4 @@ def is_narrow(cells, shape, limit):
             m += 1
             for k in range(d):
                 centre[k] += points[vertices[h], k] / len(own)
-    return widest(m, own, centre, points) <= limit
+    return largest_distance(m, own, centre, points) <= limit
