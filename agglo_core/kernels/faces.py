@@ -35,9 +35,11 @@ def _is_convex(points, loop):
     """Whether all turns go one way and the boundary winds once (so it cannot cross itself)."""
     m = len(loop)
     sign, previous, flips = 0.0, 0.0, 0
+    p, v = loop[m - 1], loop[0]
+    vx, vy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
     for i in range(m):
-        p, v, w = loop[i - 1], loop[i], loop[(i + 1) % m]
-        ux, uy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
+        v, w = loop[i], loop[i + 1 if i + 1 < m else 0]
+        ux, uy = vx, vy
         vx, vy = points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]
         turn = ux * vy - uy * vx
         if turn == 0.0:
@@ -88,12 +90,14 @@ def check_polygons(points, offsets, vertices, weak):
         m = len(loop)
         x0, y0 = points[loop[0], 0], points[loop[0], 1]
         extent = 0.0
+        ex, ey = 0.0, 0.0
         for i in range(m):
-            v, w = loop[i], loop[(i + 1) % m]
+            v, w = loop[i], loop[i + 1 if i + 1 < m else 0]
             if v == w:
                 fault[c] = REPEATED
-            dx, dy = points[v, 0] - x0, points[v, 1] - y0
-            area[c] += 0.5 * (dx * (points[w, 1] - y0) - dy * (points[w, 0] - x0))
+            dx, dy = ex, ey
+            ex, ey = points[w, 0] - x0, points[w, 1] - y0
+            area[c] += 0.5 * (dx * ey - dy * ex)
             extent = max(extent, dx * dx + dy * dy)
         if fault[c] == OK and m > 3 and not weak and not _is_convex(points, loop):
             fault[c] = _loop_fault(points, loop)
@@ -111,8 +115,8 @@ def match_half_edges(offsets, vertices, n_points):
     (a, b, its three cells), else −1. An edge that one cell traverses both ways is a bridge and dropped.
     """
     n_half = len(vertices)
-    head = np.full(n_points, -1, np.int64)
-    link = np.empty(n_half, np.int64)
+    head = np.full(n_points, -1, np.int32)  # the latest face of which this is the lower vertex
+    near = np.empty((n_half, 4), np.int32)  # of a face both vertices, the next such face, whether it is full
     face_vertices = np.empty((n_half, 2), np.int64)
     face_cells = np.empty((n_half, 2), np.int64)
     double = np.empty((n_half, 2), np.int64)
@@ -122,28 +126,30 @@ def match_half_edges(offsets, vertices, n_points):
         for h in range(start, stop):
             a = vertices[h]
             b = vertices[h + 1] if h + 1 < stop else vertices[start]
-            low, high = min(a, b), max(a, b)
+            low = min(a, b)
             f, partner, rival = head[low], -1, -1
             while f >= 0:
-                if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
+                tail, tip = near[f, 0], near[f, 1]
+                if (tail == b and tip == a) or (tail == a and tip == b):
                     other = max(partner, rival)
-                    second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
-                    if second >= 0:
+                    if other >= 0 or near[f, 3]:
+                        second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
                         return face_vertices, face_cells, double, (a, b, face_cells[f, 0], second, c)
-                    if face_vertices[f, 0] == b:
+                    if tail == b:
                         partner = f
                     else:
                         rival = f
-                f = link[f]
+                f = near[f, 2]
             if partner >= 0:
                 face_cells[partner, 1] = c
+                near[partner, 3] = 1
                 continue
             if rival >= 0:
                 double[n_double, 0], double[n_double, 1] = face_cells[rival, 0], c
                 n_double += 1
             face_vertices[n_faces, 0], face_vertices[n_faces, 1] = a, b
             face_cells[n_faces, 0], face_cells[n_faces, 1] = c, -1
-            link[n_faces] = head[low]
+            near[n_faces, 0], near[n_faces, 1], near[n_faces, 2], near[n_faces, 3] = a, b, head[low], 0
             head[low] = n_faces
             n_faces += 1
     kept = 0

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, splitmix
 from agglo_core.errors import MeshError
 
 __all__ = [
@@ -54,8 +54,8 @@ def check_points(points: ArrayLike) -> Float:
         raise MeshError(f"points must be numbers of shape (n_points, d): {error}") from None
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {array.shape}")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-    if len(bad):
+    if not np.isfinite(array).all():
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
         raise MeshError(f"point {bad[0]} is not finite: {array[bad[0]].tolist()} ({len(bad)} such points)")
     return array
 
@@ -78,8 +78,8 @@ def check_offsets(offsets: Int, total: int, what: str) -> None:
 
 def check_indices(offsets: Int, vertices: Int, n_points: int) -> None:
     """Raise MeshError unless every vertex of cell c, ``offsets[c]:offsets[c + 1]``, is in 0..n_points−1."""
-    bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
-    if len(bad):
+    if len(vertices) and not (vertices.min() >= 0 and vertices.max() < n_points):
+        bad = np.flatnonzero((vertices < 0) | (vertices >= n_points))
         owner = int(np.searchsorted(offsets, bad[0], side="right")) - 1
         raise MeshError(f"cell {owner} uses point {vertices[bad[0]]}, but there are {n_points} points")
 
@@ -101,12 +101,29 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
 def _merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
     """Vertices renumbered so that exactly equal points are one; and how many points that makes unused."""
     points = points + 0.0  # -0.0 equals 0.0
-    order = np.lexsort(points.T)
+    some = _perhaps_equal(points)
+    if not len(some):
+        return vertices, 0
+    order = some[np.lexsort(points[some].T)]
     new = np.concatenate(([True], (np.diff(points[order], axis=0) != 0).any(axis=1)))
     first = np.minimum.reduceat(order, np.flatnonzero(new))
-    target = np.empty(len(points), np.int64)
+    if len(first) == len(some):
+        return vertices, 0
+    target = np.arange(len(points))
     target[order] = first[np.cumsum(new) - 1]
-    return frozen_int(target[vertices]), len(points) - len(first)
+    return frozen_int(target[vertices]), len(some) - len(first)
+
+
+def _perhaps_equal(points: Float) -> Int:
+    """The points that have the hash of another: equal ones, and few others."""
+    bits = np.ascontiguousarray(points).view(np.uint64)
+    key = bits[:, 0]
+    for column in bits.T[1:]:
+        key = splitmix(key) ^ column
+    key = splitmix(key)
+    ranked = np.sort(key)
+    double = ranked[1:][ranked[1:] == ranked[:-1]]
+    return frozen_int(np.flatnonzero(np.isin(key, double)) if len(double) else [])
 
 
 def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
