@@ -51,19 +51,14 @@ class Graph(BlockGraph):
     @classmethod
     def from_mesh(cls, mesh: Mesh) -> Graph:
         """Dual graph of ``mesh``; cell tags become ``data``."""
-        from agglo_core.kernels.graphs import dual_graph
-
-        indptr, indices, interface, boundary = dual_graph(
-            *mesh.cell_faces, mesh.face_cells, mesh.face_measures
-        )
-        vertex_offsets, vertices = mesh.cell_vertices
+        beside, (vertex_offsets, vertices) = mesh.cell_neighbours, mesh.cell_vertices
         graph = cls(
-            indptr=indptr,
-            indices=indices,
-            interface=interface,
+            indptr=beside.indptr,
+            indices=beside.indices,
+            interface=beside.interface,
             centroids=mesh.local_centroids,
             measures=mesh.cell_measures,
-            boundary=boundary,
+            boundary=beside.boundary,
             weights=mesh.cell_measures,
             vertex_offsets=vertex_offsets,
             vertices=vertices,
@@ -183,24 +178,8 @@ class Graph(BlockGraph):
         MeshError
             If the labels have another shape, or leave gaps.
         """
-        array = check_labels(labels, self.n)
-        corners = (self.vertex_offsets, self.vertices, len(self.points))
-        coarse = quotient(array, self.to_scipy(), self.measures, self.centroids, *corners)
-        gather = coarse.gather
-        return replace(
-            self,
-            indptr=coarse.indptr,
-            indices=coarse.indices,
-            interface=coarse.interface,
-            centroids=coarse.centroids,
-            measures=coarse.measures,
-            boundary=gather @ self.boundary,
-            weights=coarse.measures if self.weights is self.measures else gather @ self.weights,
-            vertex_offsets=coarse.vertex_offsets,
-            vertices=coarse.vertices,
-            offsets=frozen_int([0, len(coarse.measures)]),
-            data={},
-        )
+        coarse = quotient(check_labels(labels, self.n), self)
+        return replace(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
 
 
 def dual_graph(mesh: Mesh) -> Graph:

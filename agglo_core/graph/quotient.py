@@ -5,51 +5,65 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.graph.block_graph import BlockGraph
 
 __all__ = ["Quotient", "quotient"]
 
 
 class Quotient(NamedTuple):
-    """Arrays of a quotient graph of k nodes, and ``gather (k, n)``, the ones that add up over nodes."""
+    """What a quotient graph has in place of the arrays of the graph."""
 
-    gather: sparse.csr_array[Any, Any]
     indptr: Int
     indices: Index
     interface: Float
-    measures: Float
     centroids: Float
+    measures: Float
+    boundary: Float
+    weights: Float
     vertex_offsets: Int
     vertices: Index
 
 
-def quotient(
-    labels: Int,
-    adjacency: sparse.csr_array[Any, Any],
-    measures: Float,
-    centroids: Float,
-    vertex_offsets: Int,
-    vertices: Index,
-    n_points: int,
-) -> Quotient:
-    """Interfaces and measures of agglomerates ``labels (n,)`` add up, centroids are averaged by measure."""
-    n, k = len(labels), int(labels.max()) + 1
-    gather = sparse.csr_array((np.ones(n), (labels, np.arange(n))), shape=(k, n))
-    product = sparse.coo_array(gather @ adjacency @ gather.T)
-    outer = product.row != product.col
-    matrix = sparse.csr_array((product.data[outer], (product.row[outer], product.col[outer])), shape=(k, k))
-    mass = measures if ((total := gather @ measures) > 0).all() else np.ones(n)
-    corners = np.unique(np.repeat(labels, np.diff(vertex_offsets)) * n_points + vertices)
-    counts = np.bincount(corners // n_points, minlength=k)
+def quotient(labels: Int, fine: BlockGraph) -> Quotient:
+    """Interfaces and measures of agglomerates ``labels (n,)`` add up, centroids are averaged by measure.
+
+    Neighbours and vertices of an agglomerate come in ascending order.
+    """
+    from agglo_core.kernels.coarse_graphs import quotient_edges, union_of_rows
+
+    k, part = int(labels.max()) + 1, frozen_index(labels)
+
+    def added(values: Float) -> Float:
+        return frozen_float(np.bincount(labels, weights=values, minlength=k))
+
+    rows, columns, values = quotient_edges(part, k, fine.indptr, fine.indices, fine.interface)
+    edges = _sorted_rows(rows, columns, values, k)
+    offsets, vertices = union_of_rows(part, k, fine.vertex_offsets, fine.vertices, len(fine.points))
+    corners = _sorted_rows(offsets, vertices, np.zeros(len(vertices), bool), len(fine.points))
+    total = added(fine.measures)
+    mass = fine.measures if (total > 0).all() else frozen_float(np.ones(len(labels)))
+    middle = np.stack([added(mass * x) for x in fine.centroids.T], axis=1) / added(mass)[:, None]
     return Quotient(
-        gather,
-        frozen_int(matrix.indptr),
-        frozen_index(matrix.indices),
-        frozen_float(matrix.data),
-        frozen_float(total),
-        frozen_float((gather @ (centroids * mass[:, None])) / (gather @ mass)[:, None]),
-        frozen_int(np.concatenate(([0], np.cumsum(counts)))),
-        frozen_index(corners % n_points),
+        frozen_int(edges.indptr),
+        frozen_index(edges.indices),
+        frozen_float(edges.data),
+        frozen_float(middle),
+        total,
+        added(fine.boundary),
+        total if fine.weights is fine.measures else added(fine.weights),
+        frozen_int(corners.indptr),
+        frozen_index(corners.indices),
     )
+
+
+def _sorted_rows(
+    offsets: Int, columns: Index, values: NDArray[Any], n_columns: int
+) -> sparse.csr_array[Any, Any]:
+    """A CSR with the columns of every row in ascending order."""
+    rows = sparse.csr_array((values, columns, offsets), shape=(len(offsets) - 1, n_columns))
+    rows.sort_indices()
+    return rows

@@ -115,8 +115,8 @@ def match_half_edges(offsets, vertices, n_points):
     (a, b, its three cells), else −1. An edge that one cell traverses both ways is a bridge and dropped.
     """
     n_half = len(vertices)
-    head = np.full(n_points, -1, np.int32)  # the latest face of which this is the lower vertex
-    near = np.empty((n_half, 4), np.int32)  # of a face both vertices, the next such face, whether it is full
+    head = np.full(n_points, -1, np.int64)
+    link = np.empty(n_half, np.int64)
     face_vertices = np.empty((n_half, 2), np.int64)
     face_cells = np.empty((n_half, 2), np.int64)
     double = np.empty((n_half, 2), np.int64)
@@ -126,30 +126,28 @@ def match_half_edges(offsets, vertices, n_points):
         for h in range(start, stop):
             a = vertices[h]
             b = vertices[h + 1] if h + 1 < stop else vertices[start]
-            low = min(a, b)
+            low, high = min(a, b), max(a, b)
             f, partner, rival = head[low], -1, -1
             while f >= 0:
-                tail, tip = near[f, 0], near[f, 1]
-                if (tail == b and tip == a) or (tail == a and tip == b):
+                if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
                     other = max(partner, rival)
-                    if other >= 0 or near[f, 3]:
-                        second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
+                    second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
+                    if second >= 0:
                         return face_vertices, face_cells, double, (a, b, face_cells[f, 0], second, c)
-                    if tail == b:
+                    if face_vertices[f, 0] == b:
                         partner = f
                     else:
                         rival = f
-                f = near[f, 2]
+                f = link[f]
             if partner >= 0:
                 face_cells[partner, 1] = c
-                near[partner, 3] = 1
                 continue
             if rival >= 0:
                 double[n_double, 0], double[n_double, 1] = face_cells[rival, 0], c
                 n_double += 1
             face_vertices[n_faces, 0], face_vertices[n_faces, 1] = a, b
             face_cells[n_faces, 0], face_cells[n_faces, 1] = c, -1
-            near[n_faces, 0], near[n_faces, 1], near[n_faces, 2], near[n_faces, 3] = a, b, head[low], 0
+            link[n_faces] = head[low]
             head[low] = n_faces
             n_faces += 1
     kept = 0

@@ -1,4 +1,4 @@
-"""Measures, centroids and diameters."""
+"""Diameters."""
 
 from __future__ import annotations
 
@@ -6,39 +6,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["block_diameters", "compare_diameters", "polygon_moments"]
-
-
-@kernel
-def polygon_moments(points, face_vertices, face_cells, n):
-    """Area and centroid of each of n 2-D cells by the divergence theorem, face by face.
-
-    Coordinates are taken relative to a vertex of the cell, so small cells far out lose no digits.
-    """
-    area = np.zeros(n)
-    centroid = np.zeros((n, 2))
-    corner = np.full((n, 2), np.nan)  # that vertex, once a face of the cell was met
-    for f in range(len(face_cells)):
-        v, w = face_vertices[f, 0], face_vertices[f, 1]
-        for side in range(2):
-            c = face_cells[f, side]
-            if c < 0:
-                continue
-            if np.isnan(corner[c, 0]):
-                corner[c, 0], corner[c, 1] = points[v, 0], points[v, 1]
-            x0, y0 = corner[c, 0], corner[c, 1]
-            p, q = (v, w) if side == 0 else (w, v)
-            px, py = points[p, 0] - x0, points[p, 1] - y0
-            qx, qy = points[q, 0] - x0, points[q, 1] - y0
-            cross = px * qy - qx * py
-            area[c] += cross
-            centroid[c, 0] += (px + qx) * cross
-            centroid[c, 1] += (py + qy) * cross
-    for c in range(n):
-        for k in range(2):
-            centroid[c, k] = corner[c, k] + centroid[c, k] / (3.0 * area[c])
-        area[c] *= 0.5
-    return area, centroid
+__all__ = ["block_diameters", "compare_diameters"]
 
 
 @kernel

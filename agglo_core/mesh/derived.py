@@ -12,6 +12,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import box_centre
 from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.geometry2d import Neighbours, PlaneCells, plane_cells
 from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhedron_vertices
 from agglo_core.mesh.loops import Loops
 
@@ -71,21 +72,24 @@ class Derived:
     @cached_property
     def _moments(self) -> tuple[Float, Float]:
         if self.dim == 3:
-            return polyhedron_moments(
-                self.local_points, self.face_offsets, self.face_vertices, self.face_cells, *self.cell_faces
-            )
-        from agglo_core.kernels.geometry import polygon_moments
+            return polyhedron_moments(*self._face_moments, self.face_cells, *self.cell_faces)
+        return self._plane.measures, self._plane.centroids
 
-        area, centroid = polygon_moments(self.local_points, self.face_pairs, self.face_cells, self.n_cells)
-        return frozen_float(area), frozen_float(centroid)
+    @cached_property
+    def _plane(self) -> PlaneCells:
+        return plane_cells(self.local_points, self.face_pairs, self.face_cells, self.n_cells)
+
+    @cached_property
+    def _face_moments(self) -> tuple[Float, Float]:
+        return face_moments(self.local_points, self.face_offsets, self.face_vertices)
 
     @cached_property
     def _face_vectors(self) -> Float:
         """Face normals times face measures, outward from the owner ``(n_faces, d)``."""
         if self.dim == 3:
-            return face_moments(self.local_points, self.face_offsets, self.face_vertices)[0]
-        v0, v1 = self.local_points[self.face_pairs[:, 0]], self.local_points[self.face_pairs[:, 1]]
-        edge = v1 - v0
+            return self._face_moments[0]
+        ends = self.local_points.take(self.face_pairs, axis=0)  # ten times faster than indexing
+        edge = ends[:, 1] - ends[:, 0]
         return frozen_float(np.stack((edge[:, 1], -edge[:, 0]), axis=1))
 
     @property
@@ -130,12 +134,24 @@ class Derived:
     @cached_property
     def cell_vertices(self) -> tuple[Int, Any]:
         """Vertices of each cell as CSR (offsets int64, vertices int32), in no particular order."""
-        offsets, faces = self.cell_faces
         if self.dim == 3:
-            return polyhedron_vertices(self.face_offsets, self.face_vertices, offsets, faces, self.n_points)
-        cells = np.repeat(np.arange(self.n_cells), np.diff(offsets))
-        side = (self.face_cells[faces, 0] != cells).astype(np.int64)
-        return offsets, frozen_index(self.face_vertices[2 * faces + side])
+            faces = self.cell_faces
+            return polyhedron_vertices(self.face_offsets, self.face_vertices, *faces, self.n_points)
+        return self._plane.vertex_offsets, self._plane.vertices
+
+    @cached_property
+    def cell_neighbours(self) -> Neighbours:
+        """Cells that share faces with each cell, as CSR, and the measure of what is shared."""
+        if self.dim == 2:
+            return self._plane.neighbours
+        from agglo_core.kernels.graphs import dual_graph
+
+        indptr, indices, interface, boundary = dual_graph(
+            *self.cell_faces, self.face_cells, self.face_measures
+        )
+        return Neighbours(
+            frozen_int(indptr), frozen_index(indices), frozen_float(interface), frozen_float(boundary)
+        )
 
     @cached_property
     def cell_diameters(self) -> Float:

@@ -11,20 +11,9 @@ __all__ = ["face_moments", "polyhedron_moments", "polyhedron_vertices", "pyramid
 
 def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Float]:
     """Area vectors and centroids of polygonal faces ``(F, 3)``, by fans of triangles."""
-    sizes = np.diff(offsets)
-    face = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
-    rank = np.arange(len(face)) - np.repeat(np.cumsum(sizes - 2) - (sizes - 2), sizes - 2)
-    a = points[vertices[offsets[face]]]
-    b = points[vertices[offsets[face] + rank + 1]]
-    c = points[vertices[offsets[face] + rank + 2]]
-    vector = 0.5 * np.cross(b - a, c - a)
-    total = sum_by(face, vector, len(sizes))
-    length = np.linalg.norm(total, axis=1)
-    unit = total / np.where(length > 0, length, 1.0)[:, None]
-    share = (vector * unit[face]).sum(axis=1)
-    centre = sum_by(face, share[:, None] * (a + b + c) / 3.0, len(sizes))
-    safe = np.where(length > 0, length, 1.0)[:, None]
-    centre = np.where(length[:, None] > 0, centre / safe, points[vertices[offsets[:-1]]])
+    from agglo_core.kernels.face_loops import loop_moments
+
+    total, centre = loop_moments(points, offsets, vertices)
     return frozen_float(total), frozen_float(centre)
 
 
@@ -35,10 +24,9 @@ def sum_by(groups: Int, values: Float, n: int) -> Float:
 
 
 def polyhedron_moments(
-    points: Float, face_offsets: Int, face_vertices: Int, face_cells: Int, offsets: Int, faces: Int
+    vector: Float, centre: Float, face_cells: Int, offsets: Int, faces: Int
 ) -> tuple[Float, Float]:
     """Volumes and centroids by the divergence theorem: pyramids over the ``faces`` of each cell."""
-    vector, centre = face_moments(points, face_offsets, face_vertices)
     n = len(offsets) - 1
     cells = np.repeat(np.arange(n), np.diff(offsets))
     sign = np.where(face_cells[faces, 0] == cells, 1.0, -1.0)
@@ -66,6 +54,7 @@ def polyhedron_vertices(
     start = np.cumsum(sizes) - sizes
     take = np.arange(sizes.sum()) + np.repeat(face_offsets[faces] - start, sizes)
     cells = np.repeat(np.repeat(np.arange(n), np.diff(offsets)), sizes)
-    keys = np.unique(cells * n_points + face_vertices[take])
+    keys = np.sort(cells * n_points + face_vertices[take])  # np.unique is many times slower
+    keys = keys[np.diff(keys, prepend=-1) != 0]
     counts = np.bincount(keys // n_points, minlength=n)
     return frozen_int(np.concatenate(([0], np.cumsum(counts)))), frozen_index(keys % n_points)

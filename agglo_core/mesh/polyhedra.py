@@ -41,7 +41,7 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     points = frozen_float(points[used])
     check_extent(points)
     cell_of = frozen_int(np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets)))
-    _refuse_repeats(cell_of, loop_offsets, vertices)
+    _refuse_repeats(cell_of, loop_offsets, vertices, len(points))
     local = frozen_float(points - box_centre(points))
     vector, centre = face_moments(local, loop_offsets, vertices)
     sign = _outward(cell_of, loop_offsets, vertices, vector, centre)
@@ -87,12 +87,12 @@ def _check_counts(cell_offsets: Int, loop_offsets: Int, vertices: Int) -> None:
         raise MeshError(f"{name_cells(np.unique(owner))}: a face with fewer than 3 vertices")
 
 
-def _refuse_repeats(cell_of: Int, loop_offsets: Int, vertices: Int) -> None:
-    loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
-    order = np.lexsort((vertices, loop))
-    same = (np.diff(loop[order]) == 0) & (np.diff(vertices[order]) == 0)
-    if same.any():
-        cells = np.unique(cell_of[loop[order[1:][same]]])
+def _refuse_repeats(cell_of: Int, loop_offsets: Int, vertices: Int, n_points: int) -> None:
+    from agglo_core.kernels.face_loops import repeated_points
+
+    repeated = repeated_points(loop_offsets, vertices, n_points)
+    if repeated.any():
+        cells = np.unique(cell_of[repeated])
         raise MeshError(f"{name_cells(cells)}: a face with a repeated vertex")
 
 
@@ -130,9 +130,10 @@ def _consistent(cell_of: Int, loop_offsets: Int, vertices: Int, flux: Float) -> 
     loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
     head = np.roll(vertices, -1)
     head[loop_offsets[1:] - 1] = vertices[loop_offsets[:-1]]
-    low, high, cell = np.minimum(vertices, head), np.maximum(vertices, head), cell_of[loop]
-    order = np.lexsort((high, low, cell))
-    step = np.stack((cell, low, high))[:, order]
+    low, cell = np.minimum(vertices, head), cell_of[loop]
+    edge = low * (vertices.max() + 1) + np.maximum(vertices, head)
+    order = np.lexsort((edge, cell))
+    step = np.stack((cell, edge))[:, order]
     start = np.flatnonzero(np.concatenate(([True], (np.diff(step, axis=1) != 0).any(axis=0))))
     way = np.where(vertices == low, 1, -1)[order]
     lost = np.add.reduceat(way, start) != 0
@@ -169,7 +170,7 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[I
     for size in np.unique(sizes):
         loops = np.flatnonzero(sizes == size)
         keys = np.sort(vertices[loop_offsets[loops][:, None] + np.arange(size)], axis=1)
-        order = np.lexsort(np.concatenate((loops[None], keys.T[::-1])))
+        order = np.lexsort(keys.T[::-1])  # stable: equal faces stay in the order of their cells
         new = np.concatenate(([True], (np.diff(keys[order], axis=0) != 0).any(axis=1)))
         start = np.flatnonzero(new)
         count = np.diff(np.append(start, len(order)))
