@@ -169,6 +169,16 @@ def test_faces_that_do_not_close_are_found() -> None:
             check_arrays(wrong)
 
 
+def test_cells_inside_out_are_found_however_small_or_far() -> None:
+    mesh = samples.voronoi(50, seed=3)
+    for points in (mesh.points, 1e-9 * mesh.points + 1.0, mesh.points + 1e6):
+        given = replace(mesh, points=points)
+        check_arrays(given)
+        turned = np.array(mesh.face_vertices).reshape(-1, 2)[:, ::-1].ravel()
+        with pytest.raises(FileError, match=r"\(50 in all\): no positive measure"):
+            check_arrays(replace(given, face_vertices=turned))
+
+
 def slow_unbalanced(mesh: Mesh) -> list[int]:
     balance = np.zeros((mesh.n_cells, mesh.n_points), int)
     for (tail, head), (owner, neighbour) in zip(mesh.face_pairs, mesh.face_cells, strict=True):
