@@ -282,4 +282,6 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells):
                 length += 1
                 h = _next_edge(points, start, end, first, other, used, h, seed)
         cell_loops[c + 1] = n_loops
-    return cell_loops, loop_ends[: n_loops + 1].copy(), loops[:filled].copy()
+    if filled < len(loops):
+        loops = loops[:filled].copy()
+    return cell_loops, loop_ends[: n_loops + 1].copy(), loops
