@@ -17,6 +17,7 @@ __all__ = [
     "Int",
     "Mask",
     "UInt64",
+    "first_of_each",
     "fits_in_index",
     "frozen",
     "frozen_float",
@@ -76,6 +77,13 @@ def fits_in_index(values: NDArray[Any]) -> bool:
         return False
     limits = np.iinfo(np.int32)
     return bool(limits.min <= values.min(initial=0) and values.max(initial=0) <= limits.max)
+
+
+def first_of_each(labels: Int) -> Int:
+    """Place ``(k,)`` of the first of each label 0..k−1, of which none is missing."""
+    first = np.empty(int(labels.max(initial=-1)) + 1, np.int64)
+    first[labels[::-1]] = np.arange(len(labels))[::-1]  # the last one assigned stays
+    return frozen_int(first)
 
 
 def splitmix(seeds: UInt64) -> UInt64:

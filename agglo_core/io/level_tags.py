@@ -6,9 +6,7 @@ import logging
 from dataclasses import replace
 from itertools import pairwise
 
-import numpy as np
-
-from agglo_core.arrays import Int
+from agglo_core.arrays import Int, first_of_each
 from agglo_core.errors import MeshError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io.tags import is_level
@@ -41,13 +39,12 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
 
 def _nests(fine: Int, coarse: Int) -> bool:
     """Whether every part of ``fine`` lies in one part of ``coarse``."""
-    first = np.unique(fine, return_index=True)[1]
-    return bool((coarse[first][fine] == coarse).all())
+    return bool((coarse[first_of_each(fine)][fine] == coarse).all())
 
 
 def check_belongs(mesh: Mesh, hierarchy: Hierarchy) -> None:
     """Raise MeshError if the hierarchy was made from another mesh."""
-    if hierarchy.fingerprint not in ("", mesh.fingerprint):
+    if hierarchy.fine is not mesh and hierarchy.fingerprint not in ("", mesh.fingerprint):
         raise MeshError(f"the hierarchy belongs to another mesh: {hierarchy.fine!r}, not {mesh!r}")
     for i, labels in enumerate(hierarchy.levels):
         if len(labels) != mesh.n_cells:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, first_of_each, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -42,7 +42,7 @@ def about_agglomerates(
 
 
 def _parents(labels: Int, coarser: Sequence[Int]) -> Int:
-    first = np.unique(labels, return_index=True)[1]
+    first = first_of_each(labels)
     parents = np.full(len(first), -1)
     for above in coarser:
         parents = above[first]

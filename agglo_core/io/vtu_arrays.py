@@ -44,7 +44,7 @@ class Document:
     order: Literal["<", ">"]
     header: np.dtype[Any]
     compression: str  # "", "zlib" or "lzma"
-    appended: bytes
+    appended: bytes | memoryview
     raw: bool  # the appended bytes are not base64
 
     def array(self, element: ElementTree.Element, declared: int) -> NDArray[Any]:
@@ -89,7 +89,7 @@ class Document:
             raise ValueError(f"{len(content)} bytes are not a whole number of {kind}")
         return np.frombuffer(content, native.newbyteorder(self.order)).astype(native)
 
-    def _binary(self, data: bytes, start: int, room: _Room, *, raw: bool) -> bytes:
+    def _binary(self, data: bytes | memoryview, start: int, room: _Room, *, raw: bool) -> bytes | memoryview:
         if len(data) <= start:
             return b""
         if self.compression:
@@ -104,7 +104,7 @@ class Document:
             return _take(data, after, size, raw)[0]
         return _take(data, start, width + size, raw)[0][width:]
 
-    def _compressed(self, data: bytes, start: int, room: _Room, raw: bool) -> bytes:
+    def _compressed(self, data: bytes | memoryview, start: int, room: _Room, raw: bool) -> bytes:
         width = self.header.itemsize
         prefix, _ = _take(data, start, 3 * width, raw)
         n, size, last = (int(value) for value in np.frombuffer(prefix, self.header))
@@ -119,7 +119,7 @@ class Document:
             position += length
         return b"".join(pieces)
 
-    def _inflate(self, block: bytes, size: int) -> bytes:
+    def _inflate(self, block: bytes | memoryview, size: int) -> bytes:
         if size > _EXPANSION * (len(block) + 64):
             raise ValueError(f"a block of {len(block)} bytes claims to hold {size}")
         zipped = self.compression == "zlib"
@@ -162,7 +162,7 @@ def _numbers(text: str, dtype: np.dtype[Any], declared: int) -> NDArray[Any]:
     return values
 
 
-def _take(data: bytes, start: int, size: int, raw: bool) -> tuple[bytes, int]:
+def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[bytes | memoryview, int]:
     """``size`` bytes encoded from ``start`` on, and the place after them."""
     stop = start + (size if raw else (size + 2) // 3 * 4)
     if stop > len(data):
@@ -207,7 +207,7 @@ def parse(content: bytes) -> Document:
     )
 
 
-def _split_appended(content: bytes) -> tuple[bytes, bytes, bool]:
+def _split_appended(content: bytes) -> tuple[bytes, bytes | memoryview, bool]:
     """XML without its AppendedData, that data, and whether it is raw (then it breaks XML's rules)."""
     tag = re.search(rb"<AppendedData([^>]*)>\s*_", content)
     if tag is None:
@@ -216,5 +216,5 @@ def _split_appended(content: bytes) -> tuple[bytes, bytes, bool]:
     if stop < tag.end():
         raise FileError("truncated: AppendedData does not end")
     raw = b"raw" in tag.group(1)
-    data = content[tag.end() : stop]
-    return content[: tag.start()] + b"</VTKFile>", data if raw else data.rstrip(), raw
+    data = memoryview(content)[tag.end() : stop]
+    return content[: tag.start()] + b"</VTKFile>", data if raw else bytes(data).rstrip(), raw

@@ -83,12 +83,20 @@ def _plane(mesh: Mesh) -> Cells:
 
 def _convex(corners: Float) -> Mask:
     """Which quadrilaterals ``(q, 4, d)`` turn the same way at each corner, seen along their area vector."""
-    points = np.zeros((*corners.shape[:2], 3))
-    points[..., : corners.shape[2]] = corners
-    area = np.cross(points[:, 2] - points[:, 0], points[:, 3] - points[:, 1])[:, None]
-    sides = np.roll(points, -1, axis=1) - points
-    turns = np.cross(sides, np.roll(sides, -1, axis=1))
-    return np.asarray(((turns * area).sum(axis=2) > _CONVEX * (area * area).sum(axis=2)).all(axis=1))
+    a, b, c, d = (corners[:, k] for k in range(4))
+    area = _cross(c - a, d - b)
+    least = _CONVEX * (area * area).sum(axis=1)
+    convex = np.ones(len(corners), bool)
+    for before, here, after in ((a, b, c), (b, c, d), (c, d, a), (d, a, b)):
+        convex &= (_cross(here - before, after - here) * area).sum(axis=1) > least
+    return convex
+
+
+def _cross(u: Float, v: Float) -> Float:
+    """Vector products ``(q, 3)``; in the plane their third component ``(q, 1)``."""
+    if u.shape[1] == 3:
+        return np.cross(u, v)
+    return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[:, None]
 
 
 def _bent(mesh: Mesh) -> Mask:

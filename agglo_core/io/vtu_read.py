@@ -201,6 +201,8 @@ def _join(pieces: list[Soup]) -> Soup:
     """All pieces as one; tags that some piece lacks are left out."""
     if not pieces:
         raise FileError("there is no Piece in it")
+    if len(pieces) == 1:
+        return pieces[0]
     shift = np.cumsum([0, *(len(piece.points) for piece in pieces)])
     ends = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     common = [key for key in pieces[0].tags if all(key in piece.tags for piece in pieces)]

@@ -35,9 +35,11 @@ def _is_convex(points, loop):
     """Whether all turns go one way and the boundary winds once (so it cannot cross itself)."""
     m = len(loop)
     sign, previous, flips = 0.0, 0.0, 0
+    p, v = loop[m - 1], loop[0]
+    vx, vy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
     for i in range(m):
-        p, v, w = loop[i - 1], loop[i], loop[i + 1 if i + 1 < m else 0]  # a division costs more
-        ux, uy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
+        v, w = loop[i], loop[i + 1 if i + 1 < m else 0]
+        ux, uy = vx, vy
         vx, vy = points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]
         turn = ux * vy - uy * vx
         if turn == 0.0:
@@ -279,4 +281,6 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells):
                 length += 1
                 h = _next_edge(points, start, end, first, other, used, h, seed)
         cell_loops[c + 1] = n_loops
-    return cell_loops, loop_ends[: n_loops + 1].copy(), loops[:filled].copy()
+    if filled < len(loops):
+        loops = loops[:filled].copy()
+    return cell_loops, loop_ends[: n_loops + 1].copy(), loops

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, splitmix
 from agglo_core.errors import MeshError
 
 __all__ = [
@@ -102,12 +102,29 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
 def _merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
     """Vertices renumbered so that exactly equal points are one; and how many points that makes unused."""
     points = points + 0.0  # -0.0 equals 0.0
-    order = np.lexsort(points.T)
+    some = _perhaps_equal(points)
+    if not len(some):
+        return vertices, 0
+    order = some[np.lexsort(points[some].T)]
     new = np.concatenate(([True], (np.diff(points[order], axis=0) != 0).any(axis=1)))
     first = np.minimum.reduceat(order, np.flatnonzero(new))
-    target = np.empty(len(points), np.int64)
+    if len(first) == len(some):
+        return vertices, 0
+    target = np.arange(len(points))
     target[order] = first[np.cumsum(new) - 1]
-    return frozen_int(target[vertices]), len(points) - len(first)
+    return frozen_int(target[vertices]), len(some) - len(first)
+
+
+def _perhaps_equal(points: Float) -> Int:
+    """The points that have the hash of another: equal ones, and few others."""
+    bits = np.ascontiguousarray(points).view(np.uint64)
+    key = bits[:, 0]
+    for column in bits.T[1:]:
+        key = splitmix(key) ^ column
+    key = splitmix(key)
+    ranked = np.sort(key)
+    double = ranked[1:][ranked[1:] == ranked[:-1]]
+    return frozen_int(np.flatnonzero(np.isin(key, double)) if len(double) else [])
 
 
 def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:

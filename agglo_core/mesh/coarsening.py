@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, first_of_each, frozen_int
 
 __all__ = ["CoarseFaces", "coarse_faces", "surviving_tags"]
 
@@ -43,5 +43,5 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
 
 def surviving_tags(tags: Mapping[str, Int], labels: Int) -> dict[str, Int]:
     """Cell tags that are constant on every agglomerate, by agglomerate."""
-    first = np.unique(labels, return_index=True)[1]
+    first = first_of_each(labels)
     return {name: values[first] for name, values in tags.items() if (values[first][labels] == values).all()}

@@ -64,7 +64,7 @@ def _plane(points: Float) -> Float:
     if points.shape[1] == 2:
         return points
     z = points[:, 2]
-    if len(z) and np.ptp(z) > 1e-12 * max(np.ptp(points, axis=0).max(), np.abs(z).max()):
+    if len(z) and np.ptp(z) > 0 and np.ptp(z) > 1e-12 * max(np.ptp(points, axis=0).max(), np.abs(z).max()):
         raise MeshError(
             f"polygons in 3-D are a surface, which is not supported: z runs from {z.min():g} to "
             f"{z.max():g}; give two coordinates, or a constant z"

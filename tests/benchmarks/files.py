@@ -1,0 +1,155 @@
+"""Writing and reading files: CPU seconds, MB/s and peak memory, beside numpy and, if installed, meshio.
+
+    python tests/benchmarks/files.py [CELLS ...] [--repeats N]
+
+Random Delaunay triangles and Voronoi cells, one thread. Each call has a process of its own, warmed up on a
+small mesh, and a mesh of which nothing is derived yet. Seconds are those of the processor, the least of the
+repeats, in which all take turns; MB/s is the file's size by them. B/cell is what the resident memory of the
+process grows by at its highest, the mesh that is read included (Linux only). ``numpy.savez`` and
+``numpy.load`` move the same arrays of the mesh and check nothing; meshio writes and reads the same points and
+loops as VTU.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
+    os.environ[f"{_variable}_NUM_THREADS"] = "1"  # before numpy is imported
+
+# ruff: noqa: E402
+import argparse
+import importlib.util
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core import Mesh, read, samples, write
+
+ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
+STATUS = Path("/proc/self/status")
+Write = Callable[[Path, Mesh], Any]
+Read = Callable[[Path], Any]
+
+
+class Way(NamedTuple):
+    """A way to write a mesh and to read it again."""
+
+    name: str
+    suffix: str
+    write: Write
+    read: Read
+
+
+def ways() -> Iterator[Way]:
+    """All ways that can be compared here."""
+    yield Way("agglo vtu", ".vtu", write, read)
+    yield Way("agglo npz", ".npz", write, read)
+    yield Way("agglo vtu, compress", ".vtu", lambda file, mesh: write(file, mesh, compress=True), read)
+    yield Way("agglo npz, compress", ".npz", lambda file, mesh: write(file, mesh, compress=True), read)
+    yield Way("numpy.savez", ".npz", numpy_write, lambda file: list(np.load(file).values()))
+    if importlib.util.find_spec("meshio"):
+        import meshio
+
+        yield Way("meshio vtu", ".vtu", meshio_write, meshio.read)
+
+
+def numpy_write(file: Path, mesh: Mesh) -> None:
+    """The arrays of the mesh as they are."""
+    np.savez(file, **{name: getattr(mesh, name) for name in ARRAYS})
+
+
+def meshio_write(file: Path, mesh: Mesh) -> None:
+    """One block of cells for each number of corners, uncompressed."""
+    import meshio
+
+    loops = mesh.boundary_loops
+    sizes = np.diff(loops.loop_offsets)
+    kinds = {3: "triangle", 4: "quad"}
+    blocks = []
+    for size in np.unique(sizes).tolist():
+        start = loops.loop_offsets[:-1][sizes == size]
+        blocks.append((kinds.get(size, "polygon"), loops.vertices[start[:, None] + np.arange(size)]))
+    points = np.column_stack((mesh.points, np.zeros(mesh.n_points)))
+    meshio.Mesh(points, blocks).write(file, compression=None)
+
+
+def load(arrays: Path) -> Mesh:
+    """A mesh of which nothing is derived yet."""
+    with np.load(arrays) as given:
+        return Mesh(**{name: given[name] for name in ARRAYS})
+
+
+def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, float]:
+    """CPU seconds of writing or reading the file, and the bytes by which this process grew at its highest."""
+    warm = file.with_name(f"warm{way.suffix}")
+    way.write(warm, samples.voronoi(300))
+    way.read(warm)
+    mesh = load(arrays) if action == "write" else None
+    before = resident("VmRSS")
+    if before:
+        Path("/proc/self/clear_refs").write_text("5")  # forget the highest so far
+    start = time.process_time()
+    result = way.write(file, mesh) if mesh is not None else way.read(file)
+    seconds = time.process_time() - start
+    del result
+    return seconds, resident("VmHWM") - before
+
+
+def resident(line: str) -> float:
+    """A line of the status of this process in bytes; 0 where there is none."""
+    if not STATUS.exists():
+        return 0.0
+    return 1024.0 * float(STATUS.read_text().split(f"{line}:")[1].split()[0])
+
+
+def compare(mesh: Mesh, repeats: int) -> None:
+    """Print the table of all ways for a mesh; each call has a process of its own."""
+    found: dict[str, list[list[float]]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        arrays = Path(folder) / "arrays.npz"
+        numpy_write(arrays, mesh)
+        for _, (place, way) in product(range(repeats), enumerate(ways())):
+            file = Path(folder) / f"{place}{way.suffix}"
+            row: list[float] = []
+            for action in ("write", "read"):
+                command = [sys.executable, __file__, "--one", way.name, action, str(arrays), str(file)]
+                row += json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
+            found.setdefault(way.name, []).append([file.stat().st_size / 1e6, *row])
+    print(f"\n{mesh.name}: {mesh.n_cells} cells, least of {repeats}, one thread")
+    print(f"{'':22}{'MB':>8}{'write s':>10}{'MB/s':>8}{'B/cell':>8}{'read s':>10}{'MB/s':>8}{'B/cell':>8}")
+    for name, rows in found.items():
+        size, saved, high, took, top = np.min(rows, axis=0)
+        print(
+            f"{name:22}{size:8.1f}{saved:10.3f}{size / saved:8.0f}{high / mesh.n_cells:8.0f}"
+            f"{took:10.3f}{size / took:8.0f}{top / mesh.n_cells:8.0f}"
+        )
+
+
+def main() -> None:
+    """Compare at each size asked for."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("cells", nargs="*", type=int, default=[200_000])
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--one", nargs=4, help=argparse.SUPPRESS)  # way, action, arrays, file
+    options = parser.parse_args()
+    if options.one:
+        name, action, arrays, file = options.one
+        way = next(each for each in ways() if each.name == name)
+        print(json.dumps(measure(way, action, Path(arrays), Path(file))))
+        return
+    for cells in options.cells:
+        compare(samples.random_triangles(cells // 2), options.repeats)
+        compare(samples.voronoi(cells), options.repeats)
+
+
+if __name__ == "__main__":
+    main()
