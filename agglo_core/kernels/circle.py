@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["circles"]
 
@@ -17,7 +17,7 @@ _NEAREST = 12  # contacts looked at when polishing
 _BUDGET = 5000  # squares per agglomerate; only needles thinner than 1/200 come near it
 
 
-@kernel
+@helper
 def _gather(points, start, stop, faces, face_vertices, x0, y0, edges):
     """Copy the edges ab of one agglomerate, relative to (x0, y0): rows ax, ay, ux, uy, 1/|u|², by; 1 free.
 
@@ -39,7 +39,7 @@ def _gather(points, start, stop, faces, face_vertices, x0, y0, edges):
     return edges, m
 
 
-@kernel
+@helper
 def _offset(edges, i, x, y):
     """Vector to (x, y) from the nearest point of edge i."""
     wx, wy = x - edges[0, i], y - edges[1, i]
@@ -47,7 +47,7 @@ def _offset(edges, i, x, y):
     return wx - t * edges[2, i], wy - t * edges[3, i]
 
 
-@kernel
+@helper
 def _distance(edges, m, x, y):
     """Distance from (x, y) to the boundary, negative outside, and the nearest boundary point."""
     ay, ux, uy, by, squares = edges[1], edges[2], edges[3], edges[5], edges[6]
@@ -67,7 +67,7 @@ def _distance(edges, m, x, y):
     return (best if crossings & 1 else -best), x - dx, y - dy
 
 
-@kernel
+@helper
 def _polished(edges, m, x, y, radius, trio, weight):
     """Centre and radius after a few Newton steps towards the circle that touches three edges.
 
@@ -117,7 +117,7 @@ def _polished(edges, m, x, y, radius, trio, weight):
     return x, y, radius
 
 
-@kernel
+@helper
 def _ceiling(edges, trio, weight, x, y, s):
     """Largest weighted average of the distances to three edges over a square: no circle there is larger."""
     highest = 0.0
@@ -131,14 +131,14 @@ def _ceiling(edges, trio, weight, x, y, s):
     return highest
 
 
-@kernel
+@helper
 def _move(source, i, target, j):
     """Copy a row number by number: slices take numba a second longer to compile."""
     for k in range(4):
         target[j, k] = source[i, k]
 
 
-@kernel
+@helper
 def _pop(heap, size):
     """Take the first square (x, y, half side) off the heap of ``size``; its largest bound is on top."""
     x, y, s = heap[0, 1], heap[0, 2], heap[0, 3]
@@ -154,7 +154,7 @@ def _pop(heap, size):
     return x, y, s
 
 
-@kernel
+@helper
 def _push(heap, size, bound, x, y, s):
     """Put a square on the heap of ``size``, in a longer copy if it is full."""
     if size == len(heap):
@@ -170,7 +170,7 @@ def _push(heap, size, bound, x, y, s):
     return heap
 
 
-@kernel
+@helper
 def _bounding_square(edges, m):
     """Centre and half side of a square around the edges."""
     x_low, x_high, y_low, y_high = np.inf, -np.inf, np.inf, -np.inf
@@ -181,7 +181,7 @@ def _bounding_square(edges, m):
     return 0.5 * (x_low + x_high), 0.5 * (y_low + y_high), 0.5 * max(x_high - x_low, y_high - y_low)
 
 
-@kernel
+@helper
 def _largest(edges, m, diameter, best, heap):
     """Radius of the largest circle, at least ``best`` (that about the origin); and the heap to reuse."""
     best_x, best_y = 0.0, 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["relax_interface"]
 
@@ -13,7 +13,7 @@ _SWEEPS = 10
 _TIE = 1e-9
 
 
-@kernel
+@helper
 def _best_move(graph, parts, i, pairs):
     """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
 
@@ -55,7 +55,7 @@ def _best_move(graph, parts, i, pairs):
     return target, partner, best
 
 
-@kernel
+@helper
 def _keeps_whole(graph, parts, i, search, stamp):
     """Whether the neighbours of cell i in its part stay connected near it once it has left.
 
@@ -97,7 +97,7 @@ def _keeps_whole(graph, parts, i, search, stamp):
     return apart <= 0
 
 
-@kernel
+@helper
 def _sort_by_key(items, keys, m):
     """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
     for heap in range(1, m):
@@ -123,7 +123,7 @@ def _sort_by_key(items, keys, m):
             parent = child
 
 
-@kernel
+@helper
 def _part_sums(start, stop, centroids, measures, tally, moments):
     """Measure, cell count and first moment of each part of a block; returns its highest label + 1."""
     parts, part_measures, part_cells = tally
@@ -144,7 +144,7 @@ def _part_sums(start, stop, centroids, measures, tally, moments):
     return present
 
 
-@kernel
+@helper
 def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
     """Direction from the block's centroid to its smallest part's, and the least measure of each part."""
     small, total = -1, 0.0
@@ -162,7 +162,7 @@ def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
         floors[p] = floor * (part_measures[small] if present == 2 and small >= 0 else part_measures[p])
 
 
-@kernel
+@helper
 def _put(measures, tally, i, target):
     """Move cell i to part ``target``."""
     parts, part_measures, part_cells = tally
@@ -173,7 +173,7 @@ def _put(measures, tally, i, target):
     part_cells[target] += 1
 
 
-@kernel
+@helper
 def _leave(graph, measures, tally, floors, i, target, search, stamp):
     """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
     parts, part_measures, part_cells = tally
@@ -186,7 +186,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
     return True
 
 
-@kernel
+@helper
 def _paying(graph, parts, cells, m, pairs, axis, centroids, keys, chosen):
     """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
     found = 0
@@ -202,7 +202,7 @@ def _paying(graph, parts, cells, m, pairs, axis, centroids, keys, chosen):
     return found
 
 
-@kernel
+@helper
 def _add_new(graph, i, cells, m, seen, stamp):
     """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]``; return the new length."""
     indptr, indices, _ = graph
@@ -225,7 +225,9 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     """
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
-    n_parts = parts.max() + 1 if n else 0
+    n_parts = 0
+    for i in range(n):  # parts.max() compiles for a second
+        n_parts = max(n_parts, parts[i] + 1)
     graph = (indptr, indices, interface)
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
     search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))

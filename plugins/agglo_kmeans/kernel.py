@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 
 __all__ = ["two_means"]
 
@@ -13,7 +13,7 @@ _ROUND = 0.8  # ratio of principal moments above which no axis stands out
 _ITERATIONS = 100
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
     """Weight and first moments of the points with normal · point > t."""
     a, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
@@ -33,7 +33,7 @@ def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
     return a, sx, sy, sz
 
 
-@kernel
+@helper
 def _lloyd(x, y, z, w, n, planar, total, tie, nx, ny, nz):
     """Lloyd's iteration from the plane through the centre; the points are centred.
 
@@ -57,7 +57,7 @@ def _lloyd(x, y, z, w, n, planar, total, tie, nx, ny, nz):
     return inertia, nx, ny, nz, t
 
 
-@kernel
+@helper
 def _planar_axes(x, y, w, n, axes):
     """Fill ``axes`` with the directions to try in 2-D; return how many."""
     xx, xy, yy = 0.0, 0.0, 0.0

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 
 __all__ = ["cluster_vertices", "corner_unknowns", "corners_of_cells", "fit_traces"]
 
 
-@kernel
+@helper
 def _root(parents, i):
     while parents[i] != i:
         parents[i] = parents[parents[i]]
@@ -116,7 +116,7 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
     return unknowns, count
 
 
-@kernel
+@helper
 def _polynomials(x, y, box, degree, out):
     """The polynomials of a cell, not scaled, at a point; ``box`` is its centre and half sides."""
     x, y = (x - box[0]) / box[2], (y - box[1]) / box[3]
@@ -137,7 +137,7 @@ def _polynomials(x, y, box, degree, out):
         before, value = value, ((2 * j + 1) * y * value - j * before) / (j + 1)
 
 
-@kernel
+@helper
 def _add_point(weight, values, normal, n):
     """Add weight times the products of the polynomials at a point to the lower half of a matrix."""
     for i in range(n):
@@ -146,7 +146,7 @@ def _add_point(weight, values, normal, n):
             normal[i, j] += t * values[j]
 
 
-@kernel
+@helper
 def _solve(normal, right, n, count):
     """Replace the rows of ``right (count, n)`` by solutions; ``normal`` becomes its Cholesky factor."""
     for i in range(n):

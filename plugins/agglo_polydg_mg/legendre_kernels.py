@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 
 __all__ = [
     "CONSTANT",
@@ -30,7 +30,7 @@ CONSTANT = np.sqrt(0.5)
 """The Legendre polynomial of degree 0."""
 
 
-@kernel
+@helper
 def recurrences(degree):
     """Coefficients a, b, c, d ``(4, degree)`` of the recurrences of Legendre polynomials up to a degree.
 
@@ -48,7 +48,7 @@ def recurrences(degree):
     return table
 
 
-@kernel
+@helper
 def legendre_at(x, degree, table, out):
     """Orthonormal Legendre polynomials 0..degree at x, by the :func:`recurrences`."""
     before, value = 0.0, CONSTANT
