@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int
 from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["block_diameters", "compare_diameters", "polygon_moments"]
-
-_NO_LIMITS = np.empty(0)
-_NO_LIMITS.flags.writeable = False  # like all inputs of kernels
 
 
 @kernel
@@ -43,21 +39,23 @@ def polygon_moments(points, offsets, faces, face_vertices, face_cells):
 
 
 @helper
-def _distinct_vertices(b, block_offsets, cells, vertex_offsets, vertices, points, stamp, unique, centre):
-    """Write the vertices of block ``b`` to ``unique``, each once, and the centre of their box; how many."""
+def _distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
+    """Write the vertices of ``cells``, each once, to ``unique`` and the centre of their box; their number."""
     m = 0
-    for i in range(block_offsets[b], block_offsets[b + 1]):
+    d = len(centre)
+    low, high = np.full(d, np.inf), np.full(d, -np.inf)
+    for i in range(len(cells)):
         for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
             v = vertices[h]
             if stamp[v] != b:
                 stamp[v] = b
                 unique[m] = v
                 m += 1
-    for k in range(len(centre)):
-        low, high = np.inf, -np.inf
-        for i in range(m):
-            low, high = min(low, points[unique[i], k]), max(high, points[unique[i], k])
-        centre[k] = 0.5 * (low + high)
+                for k in range(d):
+                    low[k] = min(low[k], points[v, k])
+                    high[k] = max(high[k], points[v, k])
+    for k in range(d):
+        centre[k] = 0.5 * (low[k] + high[k])
     return m
 
 
@@ -75,8 +73,8 @@ def _farthest(m, unique, x, points):
 
 
 @helper
-def _widest(m, unique, centre, spot, points):
-    """Largest distance between any two of ``unique[:m]``, in another order; ``spot (d,)`` is work space.
+def _widest(m, unique, centre, points):
+    """Largest distance between any two of ``unique[:m]``, which get another order.
 
     A farthest pair must lie outside the ball where distance to the centre is below
     (lower bound) − (largest distance to the centre); only those few vertices are compared.
@@ -85,9 +83,7 @@ def _widest(m, unique, centre, spot, points):
     if m > 12:
         reach, p = _farthest(m, unique, centre, points)
         for _ in range(3):
-            for k in range(len(spot)):  # a row of ``points`` would make a second signature: it is read-only
-                spot[k] = points[p, k]
-            best, q = _farthest(m, unique, spot, points)
+            best, q = _farthest(m, unique, points[p], points)
             if best <= widest:
                 break
             widest, p = best, q
@@ -102,14 +98,25 @@ def _widest(m, unique, centre, spot, points):
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
     for i in range(1, far):
-        for k in range(len(spot)):
-            spot[k] = points[unique[i], k]
-        widest = max(widest, _farthest(i, unique, spot, points)[0])
+        widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
     return np.sqrt(widest)
 
 
+@kernel
+def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
+    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
+    result = np.zeros(len(block_offsets) - 1)
+    stamp = np.full(len(points), -1, np.int64)
+    unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
+    for b in range(len(result)):
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+        result[b] = _widest(m, unique, centre, points)
+    return result
+
+
 @helper
-def _octagon(start, stop, cells, vertex_offsets, vertices, points, enough):
+def _octagon(cells, vertex_offsets, vertices, points, enough):
     """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
     Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
@@ -117,7 +124,7 @@ def _octagon(start, stop, cells, vertex_offsets, vertices, points, enough):
     """
     x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
     x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
-    for i in range(start, stop):
+    for i in range(len(cells)):
         for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
             x, y = points[vertices[h], 0], points[vertices[h], 1]
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
@@ -129,12 +136,12 @@ def _octagon(start, stop, cells, vertex_offsets, vertices, points, enough):
 
 
 @helper
-def _box(start, stop, cells, vertex_offsets, vertices, points, low, high):
+def _box(cells, vertex_offsets, vertices, points, low, high):
     """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
     lower, upper = 0.0, 0.0
     for k in range(len(low)):
         low[k], high[k] = np.inf, -np.inf
-        for i in range(start, stop):
+        for i in range(len(cells)):
             for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
                 low[k], high[k] = min(low[k], points[vertices[h], k]), max(high[k], points[vertices[h], k])
         lower = max(lower, high[k] - low[k])
@@ -147,34 +154,23 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     """Like ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
 
     Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times
-    faster, as most blocks of a recursion are far larger than its targets. Without limits exact.
+    faster, as most blocks of a recursion are far larger than its targets.
     """
     result = np.zeros(len(block_offsets) - 1)
     stamp = np.full(len(points), -1, np.int64)
-    d, unique = points.shape[1], np.empty(len(points), np.int64)
-    centre, spot, low, high = np.empty(d), np.empty(d), np.empty(d), np.empty(d)
-    enough = limits[-1] * (1.0 + 1e-12) if len(limits) else np.inf
+    unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
+    low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
+    enough = limits[-1] * (1.0 + 1e-12)
     for b in range(len(result)):
-        start, stop, near = block_offsets[b], block_offsets[b + 1], len(limits) == 0
-        if not near:
-            if d == 2:
-                lower, upper = _octagon(start, stop, cells, vertex_offsets, vertices, points, enough)
-            else:
-                lower, upper = _box(start, stop, cells, vertex_offsets, vertices, points, low, high)
-            result[b] = lower
-            for k in range(len(limits)):
-                near |= lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12)
-        if near:
-            m = _distinct_vertices(
-                b, block_offsets, cells, vertex_offsets, vertices, points, stamp, unique, centre
-            )
-            result[b] = _widest(m, unique, centre, spot, points)
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        if points.shape[1] == 2:
+            lower, upper = _octagon(own, vertex_offsets, vertices, points, enough)
+        else:
+            lower, upper = _box(own, vertex_offsets, vertices, points, low, high)
+        result[b] = lower
+        for k in range(len(limits)):
+            if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
+                m = _distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+                result[b] = _widest(m, unique, centre, points)
+                break
     return result
-
-
-def block_diameters(
-    block_offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float
-) -> Float:
-    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
-    found: Float = compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, _NO_LIMITS)
-    return found
