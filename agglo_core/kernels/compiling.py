@@ -36,8 +36,9 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
 def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
     """Let kernels call ``function``; called from Python it runs uncompiled.
 
-    Whatever only kernels call should be a helper: it compiles in half the time of a kernel, as it needs no
-    entry from Python, and a literal argument does not make a second signature. It cannot call itself.
+    Whatever only kernels call should be a helper: it compiles in less time than a kernel, as it needs no
+    entry from Python, and a literal argument does not make a second signature. It cannot call itself. One
+    that both a kernel and a helper call is compiled for each of the two.
     """
     if function is None:
         return lambda inner: helper(inner, reorder_sums=reorder_sums)

@@ -226,7 +226,7 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
     n_parts = 0
-    for i in range(n):  # parts.max() compiles for a second
+    for i in range(n):  # parts.max() compiles for half a second
         n_parts = max(n_parts, parts[i] + 1)
     graph = (indptr, indices, interface)
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
