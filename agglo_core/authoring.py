@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
     from agglo_core.io.system_files import read_system, write_system
-    from agglo_core.kernels import kernel, piece_splits
+    from agglo_core.kernels import helper, kernel, piece_splits
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
     from agglo_core.kernels.thresholds import (
         NO_CUT,
@@ -133,7 +133,7 @@ problems.conjugate_gradients: MET TESTS History conjugate_gradients iterated
 problems.sizes: energy_of_solution relative_size size_ratio two_norm
 problems.real_system: symmetric_system
 progress: Listener Progress Tell labelled phase to_nobody
-kernels: kernel
+kernels: helper kernel
 kernels.axes: half_circle halvings planar_frame turned
 kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
 agglomeration: Pipeline agglomerate
@@ -241,6 +241,7 @@ __all__ = [
     "grow",
     "half_circle",
     "halvings",
+    "helper",
     "hookimpl",
     "integer_shares",
     "iterated",

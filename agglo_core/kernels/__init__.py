@@ -4,6 +4,6 @@ Signatures are compiled on first use and cached on disk, so the first run on a f
 slower. Inputs are read-only arrays, outputs are fresh: every kernel has one signature.
 """
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["kernel"]
+__all__ = ["helper", "kernel"]

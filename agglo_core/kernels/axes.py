@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper
 
 __all__ = ["half_circle", "halvings", "planar_frame", "turned"]
 
 _ROUND = 0.8  # ratio of principal moments above which no axis stands out
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def planar_frame(n, x, y, shares):
     """Cosine and sine of the principal axis of the centred points, and their second moments xx, xy, yy.
 
@@ -33,21 +33,21 @@ def planar_frame(n, x, y, shares):
     return np.cos(angle), np.sin(angle), xx, xy, yy
 
 
-@kernel
+@helper
 def half_circle(count):
     """Cosines and sines of ``count`` angles evenly over the half circle, from 0 on ``(count, 2)``."""
     angles = np.arange(count) * (np.pi / count)
     return np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
 
-@kernel
+@helper
 def halvings(count, times):
     """Cosines and sines of the angles that halve those of ``half_circle(count)``, again and again."""
     angles = np.pi / count / 2.0 ** np.arange(1, times + 1)
     return np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
 
-@kernel
+@helper
 def turned(a, b, p, q):
     """The direction (a, b) turned by the angle whose cosine and sine are p and q."""
     return a * p - b * q, b * p + a * q

@@ -19,7 +19,7 @@ from agglo_core.kernels.circle_edges import (
     shortened,
     signed_distance,
 )
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["circles"]
 
@@ -28,7 +28,7 @@ _SHORT = 32  # edges in a list that is not worth shortening
 _THIN = 3.0  # ratio of the sides of a box from which on the axis along which it is halved matters
 
 
-@kernel
+@helper
 def _polished(edges, m, x, y, radius, trio, weight):
     """Centre and radius after a few Newton steps towards the circle that touches three edges.
 
@@ -80,7 +80,7 @@ def _polished(edges, m, x, y, radius, trio, weight):
     return x, y, radius
 
 
-@kernel
+@helper
 def _average(edges, some, weight, x, y):
     """Weighted average of the distances from (x, y) to some edges."""
     average = 0.0
@@ -90,7 +90,7 @@ def _average(edges, some, weight, x, y):
     return average
 
 
-@kernel
+@helper
 def _decided(edges, some, weight, x, y, sx, sy, enough):
     """Whether no average of the distances to some edges exceeds ``enough`` in a box: so does no circle.
 
@@ -105,7 +105,7 @@ def _decided(edges, some, weight, x, y, sx, sy, enough):
     return True
 
 
-@kernel
+@helper
 def _steeper(edges, some, weight, x, y, sx, sy):
     """The axis along which the average of ``_decided`` rises more from the centre of a box to its sides."""
     one = max(_average(edges, some, weight, x - sx, y), _average(edges, some, weight, x + sx, y))
@@ -113,14 +113,14 @@ def _steeper(edges, some, weight, x, y, sx, sy):
     return 0 if one > two else 1
 
 
-@kernel
+@helper
 def _move(source, i, target, j):
     """Copy a row number by number: slices take numba a second longer to compile."""
     for k in range(9):
         target[j, k] = source[i, k]
 
 
-@kernel
+@helper
 def _pop(heap, size, box):
     """Move the box with the largest bound, on top, off the heap of ``size``."""
     i, j = np.int64(0), np.int64(1)  # as constants they would have a version of every kernel compiled
@@ -135,7 +135,7 @@ def _pop(heap, size, box):
     _move(heap, size - 1, heap, i)
 
 
-@kernel
+@helper
 def _push(heap, size, box):
     """Put a box on the heap of ``size``, in a longer copy if it is full."""
     if size == len(heap):
@@ -151,7 +151,7 @@ def _push(heap, size, box):
     return heap
 
 
-@kernel
+@helper
 def _largest(edges, m, diameter, best, heap):
     """Radius of the largest circle, at least ``best`` (that about the origin); edges and heap to reuse."""
     best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper
 
 __all__ = [
     "ROWS",
@@ -27,7 +27,7 @@ __all__ = [
 ROWS = 7  # numbers that describe an edge
 
 
-@kernel
+@helper
 def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
     """The table of one agglomerate, in ``edges`` if there is room, and the number of its edges.
 
@@ -60,7 +60,7 @@ def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
     return edges, m
 
 
-@kernel
+@helper
 def bounding_box(edges, m):
     """Centre and half sides of a box around the edges."""
     x_low, x_high, y_low, y_high = np.inf, -np.inf, np.inf, -np.inf
@@ -71,7 +71,7 @@ def bounding_box(edges, m):
     return 0.5 * (x_low + x_high), 0.5 * (y_low + y_high), 0.5 * (x_high - x_low), 0.5 * (y_high - y_low)
 
 
-@kernel
+@helper
 def offset(edges, i, x, y):
     """Vector to (x, y) from the nearest point of edge i."""
     wx, wy = x - edges[0, i], y - edges[1, i]
@@ -79,7 +79,7 @@ def offset(edges, i, x, y):
     return wx - t * edges[2, i], wy - t * edges[3, i]
 
 
-@kernel
+@helper
 def nearest_edge(edges, start, stop, x, y):
     """The edge nearest to (x, y); the squares of all distances are left in the last row."""
     squares = edges[ROWS]
@@ -95,7 +95,7 @@ def nearest_edge(edges, start, stop, x, y):
     return np.int64(nearest)
 
 
-@kernel
+@helper
 def crosses(edges, start, stop, axis, place, to, other):
     """Whether the way from coordinate ``place`` to ``to`` along an axis crosses an odd number of edges.
 
@@ -114,14 +114,14 @@ def crosses(edges, start, stop, axis, place, to, other):
     return crossings & 1 == 1
 
 
-@kernel
+@helper
 def signed_distance(edges, m, x, y):
     """Distance from (x, y) to the boundary, negative outside."""
     distance = np.sqrt(edges[ROWS, nearest_edge(edges, np.int64(0), m, x, y)])
     return distance if crosses(edges, np.int64(0), m, np.int64(0), np.inf, x, y) else -distance
 
 
-@kernel
+@helper
 def is_inside(edges, m, start, stop, axis, x0, y0, above, tiny, x, y):
     """Whether (x, y) is inside, which lies from (x0, y0), at signed distance ``above``, along an axis.
 
@@ -135,7 +135,7 @@ def is_inside(edges, m, start, stop, axis, x0, y0, above, tiny, x, y):
     return (above > tiny) != crosses(edges, start, stop, axis, place, to, other)
 
 
-@kernel
+@helper
 def apart(edges, start, stop, x, y, sx, sy):
     """Whether no edge meets a box."""
     meeting = 0
@@ -148,7 +148,7 @@ def apart(edges, start, stop, x, y, sx, sy):
     return meeting == 0
 
 
-@kernel
+@helper
 def shortened(edges, start, stop, limit, top):
     """Copy the edges whose square is at most ``limit`` to column ``top`` and on, if half of them are left.
 

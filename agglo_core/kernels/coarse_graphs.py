@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["quotient_edges", "union_of_rows"]
 
 
-@kernel
+@helper
 def _edges_by_part(labels, n_parts, indptr, indices, interface):
     """Edges that leave a part, part by part: first and last place of each, cells beyond, interfaces.
 

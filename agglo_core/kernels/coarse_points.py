@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["classical_weights", "coarse_first", "coarse_points", "strong_entries"]
 
@@ -56,7 +56,7 @@ def coarse_points(indptr, indices, strong, needy):
     return stays
 
 
-@kernel
+@helper
 def _dependents(indptr, indices, strong):
     """CSR of the unknowns that depend on each, and their number."""
     n = len(indptr) - 1
@@ -75,7 +75,7 @@ def _dependents(indptr, indices, strong):
     return start, dependent, worth
 
 
-@kernel
+@helper
 def _independent(indptr, indices, strong, start, dependent, worth):
     """The first pass. Free unknowns of one worth are a doubly linked list, the last changed at its head."""
     n = len(worth)
@@ -117,7 +117,7 @@ def _independent(indptr, indices, strong, start, dependent, worth):
     return stays
 
 
-@kernel
+@helper
 def _link(i, worth, head, before, after):
     """Put i at the head of the list of its worth."""
     old = head[worth[i]]
@@ -128,7 +128,7 @@ def _link(i, worth, head, before, after):
         before[old] = i
 
 
-@kernel
+@helper
 def _unlink(i, worth, head, before, after):
     """Take i out of the list of its worth."""
     if before[i] >= 0:
@@ -139,7 +139,7 @@ def _unlink(i, worth, head, before, after):
         before[after[i]] = before[i]
 
 
-@kernel
+@helper
 def _second_pass(indptr, indices, strong, stays):
     """The second pass; ``stays`` is changed."""
     n = len(stays)

@@ -8,11 +8,12 @@ from functools import cache
 from typing import Any
 
 import numba
+from numba.extending import register_jitable
 
-__all__ = ["kernel"]
+__all__ = ["helper", "kernel"]
 
 _log = logging.getLogger("agglo")
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
 def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
@@ -22,7 +23,7 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
     """
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums)
-    options = _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
+    options = _options(reorder_sums)
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError as error:  # numba's word for "no cache folder is writable"
@@ -30,6 +31,22 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
             raise
         _warn_unwritable()
         return numba.njit(**options)(function)
+
+
+def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
+    """Let kernels call ``function``; called from Python it runs uncompiled.
+
+    Whatever only kernels call should be a helper: it compiles in less time than a kernel, as it needs no
+    entry from Python, and a literal argument does not make a second signature. It cannot call itself. One
+    that both a kernel and a helper call is compiled for each of the two.
+    """
+    if function is None:
+        return lambda inner: helper(inner, reorder_sums=reorder_sums)
+    return register_jitable(**_options(reorder_sums))(function)
+
+
+def _options(reorder_sums: bool) -> dict[str, Any]:
+    return _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
 
 
 @cache  # once per process

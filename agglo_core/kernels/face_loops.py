@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["loop_moments", "repeated_points"]
 
 
-@kernel
+@helper
 def _half_cross(points, a, b, c, out):
     """Write the area vector of a triangle."""
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]

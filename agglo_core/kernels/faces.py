@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["cell_faces", "chain_loops", "check_polygons", "match_half_edges"]
+__all__ = ["cell_faces", "chain_loops", "check_polygons", "loop_faults", "match_half_edges", "plain_faults"]
 
 OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
 FEW = 24  # edges among which the next one is found by looking at each
+_BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area is zero
 
 
-@kernel
+@helper
 def _crosses(points, a, b, c, d):
     """Whether the open segments ab and cd meet, or one passes through an end of the other."""
     ax, ay = points[a, 0], points[a, 1]
@@ -30,16 +32,14 @@ def _crosses(points, a, b, c, d):
     return (s1 <= 0.0 <= s2 or s2 <= 0.0 <= s1) and (t1 <= 0.0 <= t2 or t2 <= 0.0 <= t1)
 
 
-@kernel
-def _is_convex(points, loop):
+@helper
+def _is_convex(points, vertices, start, stop):
     """Whether all turns go one way and the boundary winds once (so it cannot cross itself)."""
-    m = len(loop)
     sign, previous, flips = 0.0, 0.0, 0
-    p, v = loop[m - 1], loop[0]
-    vx, vy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
-    for i in range(m):
-        v, w = loop[i], loop[i + 1 if i + 1 < m else 0]
-        ux, uy = vx, vy
+    p, v = vertices[stop - 2], vertices[stop - 1]
+    for i in range(start, stop):
+        w = vertices[i]
+        ux, uy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
         vx, vy = points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]
         turn = ux * vy - uy * vx
         if turn == 0.0:
@@ -52,10 +52,11 @@ def _is_convex(points, loop):
         step = vx if vx != 0.0 else vy  # its sign changes twice in one turn around
         flips += previous * step < 0.0
         previous = step
+        p, v = v, w
     return flips <= 2
 
 
-@kernel
+@helper
 def _loop_fault(points, loop):
     """Fault of a non-convex loop: a vertex met twice, edges that cross or fold back."""
     m = len(loop)
@@ -79,29 +80,49 @@ def _loop_fault(points, loop):
 
 
 @kernel
-def check_polygons(points, offsets, vertices, weak):
-    """Signed area and a fault code of each polygon of 3 or more vertices (weak: it may touch itself)."""
+def plain_faults(points, offsets, vertices, weak):
+    """Signed area and a fault code of each polygon; of those that are not convex only that they are not."""
     n = len(offsets) - 1
     area = np.zeros(n)
     fault = np.zeros(n, np.int64)
     for c in range(n):
-        loop = vertices[offsets[c] : offsets[c + 1]]
-        m = len(loop)
-        x0, y0 = points[loop[0], 0], points[loop[0], 1]
-        a, extent, dx, dy = 0.0, 0.0, 0.0, 0.0
-        for i in range(m):
-            w = loop[i + 1 if i + 1 < m else 0]
-            if loop[i] == w:
+        start, stop = offsets[c], offsets[c + 1]
+        x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
+        extent, dx, dy = 0.0, 0.0, 0.0
+        for i in range(start, stop):
+            w = vertices[i + 1 if i + 1 < stop else start]
+            if vertices[i] == w:
                 fault[c] = REPEATED
             ex, ey = points[w, 0] - x0, points[w, 1] - y0
-            a += 0.5 * (dx * ey - dy * ex)
+            area[c] += 0.5 * (dx * ey - dy * ex)
             extent = max(extent, ex * ex + ey * ey)
             dx, dy = ex, ey
-        area[c] = a
-        if fault[c] == OK and m > 3 and not weak and not _is_convex(points, loop):
-            fault[c] = _loop_fault(points, loop)
-        if (fault[c] == OK or fault[c] == FOLDED) and not abs(area[c]) > 1e-15 * extent:
-            fault[c] = ZERO
+        if fault[c] == OK:
+            bent = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
+            if abs(area[c]) > 1e-15 * extent:
+                fault[c] = _BENT if bent else OK
+            else:
+                fault[c] = _BENT_ZERO if bent else ZERO
+    return area, fault
+
+
+@kernel
+def loop_faults(points, offsets, vertices, cells):
+    """Fault code of each of ``cells``, polygons that are not convex."""
+    fault = np.empty(len(cells), np.int64)
+    for k in range(len(cells)):
+        fault[k] = _loop_fault(points, vertices[offsets[cells[k]] : offsets[cells[k] + 1]])
+    return fault
+
+
+def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
+    """Signed area and a fault code of each polygon of 3 or more vertices (weak: it may touch itself)."""
+    area, fault = plain_faults(points, offsets, vertices, weak)
+    bent = np.flatnonzero(fault >= _BENT)
+    if len(bent):  # the search for crossings is compiled only where a polygon needs it
+        found = loop_faults(points, offsets, vertices, frozen_int(bent))
+        harmless = (found == OK) | (found == FOLDED)
+        fault[bent] = np.where(harmless & (fault[bent] == _BENT_ZERO), ZERO, found)
     return area, fault
 
 
@@ -185,7 +206,7 @@ def cell_faces(face_cells, n_cells):
     return offsets, faces
 
 
-@kernel
+@helper
 def _next_edge(points, start, end, first, other, used, h, seed):
     """Edge that goes on from edge h: the leftmost one, so that the same corner of the cell is followed."""
     g = first[end[h]]
@@ -203,7 +224,7 @@ def _next_edge(points, start, end, first, other, used, h, seed):
     return best
 
 
-@kernel
+@helper
 def _around(start, end, size, walk):
     """Whether the edges are one loop that meets no vertex twice: then ``walk`` is its vertices."""
     h = 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["galerkin_product"]
 
@@ -18,7 +18,7 @@ def galerkin_product(indptr, indices, data, graph, to, weight, columns):
     return _transposed(out, out_to, values, columns)  # itself, but sorted
 
 
-@kernel
+@helper
 def _transposed(indptr, indices, data, columns):
     """The transpose as CSR, its columns sorted."""
     n = len(indptr) - 1
@@ -39,7 +39,7 @@ def _transposed(indptr, indices, data, columns):
     return start, to, values
 
 
-@kernel
+@helper
 def _product(indptr, indices, data, graph, to, weight, columns):
     """The product of two CSR matrices; the columns of a row in any order, the arrays longer than needed."""
     n = len(indptr) - 1

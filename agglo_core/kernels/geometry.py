@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["block_diameters", "box", "compare_diameters", "distinct_vertices", "largest_distance", "octagon"]
 
 _MANY = 64  # vertices from which on not every pair of them is compared
 
 
-@kernel
+@helper
 def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
     """Write the vertices of ``cells``, each once, to ``unique`` and the centre of their box; their number."""
     m = 0
@@ -32,7 +32,7 @@ def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique,
     return m
 
 
-@kernel
+@helper
 def _farthest(m, unique, x, points):
     """The farthest of the vertices ``unique[:m]`` from ``x``, and the square of its distance."""
     best, q = -1.0, unique[0]
@@ -45,7 +45,7 @@ def _farthest(m, unique, x, points):
     return best, q
 
 
-@kernel
+@helper
 def _sort_along_x(m, unique, points):
     """Sort the vertices ``unique[:m]`` by their first coordinate (Shell's sort)."""
     gap = m // 2
@@ -59,7 +59,7 @@ def _sort_along_x(m, unique, points):
         gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
 
 
-@kernel
+@helper
 def _widest_of_many(m, unique, centre, points, reach, widest):
     """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
 
@@ -84,7 +84,7 @@ def _widest_of_many(m, unique, centre, points, reach, widest):
     return widest
 
 
-@kernel
+@helper
 def largest_distance(m, unique, centre, points):
     """Largest distance between any two of ``unique[:m]``, which get another order.
 
@@ -129,7 +129,7 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     return result
 
 
-@kernel
+@helper
 def octagon(cells, vertex_offsets, vertices, points, enough):
     """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
@@ -149,7 +149,7 @@ def octagon(cells, vertex_offsets, vertices, points, enough):
     return lower, lower / np.cos(np.pi / 8.0)
 
 
-@kernel
+@helper
 def box(cells, vertex_offsets, vertices, points, low, high):
     """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
     lower, upper = 0.0, 0.0

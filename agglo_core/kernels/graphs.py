@@ -134,7 +134,10 @@ def components(indptr, indices, labels):
 def broken_blocks(offsets, indptr, indices, labels):
     """Which blocks have a part that is not connected, by union-find: faster than a search."""
     parent = np.empty(len(labels), np.int32)
-    seen = np.full(labels.max() + 1, -1, np.int64)
+    highest = -1
+    for i in range(len(labels)):  # labels.max() compiles for half a second
+        highest = max(highest, labels[i])
+    seen = np.full(highest + 1, -1, np.int64)
     broken = np.empty(len(offsets) - 1, np.bool_)
     for b in range(len(broken)):
         for i in range(offsets[b], offsets[b + 1]):

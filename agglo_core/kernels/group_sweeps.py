@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["group_sweeps"]
 
@@ -104,7 +104,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     return residual_sweep, sweep
 
 
-@kernel
+@helper
 def _room(offsets, n, like):
     """Work arrays for right-hand side and solution of the largest group."""
     most = 0

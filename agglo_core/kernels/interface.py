@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["keeps_whole", "relax_interface", "sort_by_key"]
 
@@ -15,7 +15,7 @@ _SWEEPS = 10
 _TIE = 1e-9
 
 
-@kernel
+@helper
 def _best_move(graph, parts, i, pairs, lengths):
     """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
 
@@ -64,7 +64,7 @@ def _best_move(graph, parts, i, pairs, lengths):
     return target, partner, best
 
 
-@kernel
+@helper
 def keeps_whole(graph, parts, i, search, stamp):
     """Whether the neighbours of cell i in its part stay connected near it once it has left.
 
@@ -109,7 +109,7 @@ def keeps_whole(graph, parts, i, search, stamp):
     return apart <= 0
 
 
-@kernel
+@helper
 def sort_by_key(items, keys, m):
     """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
     for heap in range(1, m):
@@ -135,7 +135,7 @@ def sort_by_key(items, keys, m):
             parent = child
 
 
-@kernel
+@helper
 def _part_sums(start, stop, centroids, measures, tally, moments):
     """Measure, cell count and first moment of each part of a block; returns its highest label + 1."""
     parts, part_measures, part_cells = tally
@@ -156,7 +156,7 @@ def _part_sums(start, stop, centroids, measures, tally, moments):
     return present
 
 
-@kernel
+@helper
 def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
     """Direction from the block's centroid to its smallest part's, and the least measure of each part."""
     small, total = -1, 0.0
@@ -174,7 +174,7 @@ def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
         floors[p] = floor * (part_measures[small] if present == 2 and small >= 0 else part_measures[p])
 
 
-@kernel
+@helper
 def _put(measures, tally, i, target):
     """Move cell i to part ``target``."""
     parts, part_measures, part_cells = tally
@@ -185,7 +185,7 @@ def _put(measures, tally, i, target):
     part_cells[target] += 1
 
 
-@kernel
+@helper
 def _leave(graph, measures, tally, floors, i, target, search, stamp):
     """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
     parts, part_measures, part_cells = tally
@@ -198,7 +198,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
     return True
 
 
-@kernel
+@helper
 def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
     """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
     found = 0
@@ -214,7 +214,7 @@ def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chose
     return found
 
 
-@kernel
+@helper
 def _add_new(graph, i, cells, m, seen, stamp):
     """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]``; return the new length."""
     indptr, indices, _ = graph
@@ -237,7 +237,9 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
     """
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
-    n_parts = parts.max() + 1 if n else 0
+    n_parts = 0
+    for i in range(n):  # parts.max() compiles for half a second
+        n_parts = max(n_parts, parts[i] + 1)
     graph = (indptr, indices, interface)
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
     search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.piece_splits import tagged_components
 from agglo_core.kernels.repair import mend_piece
 from agglo_core.kernels.sums import chosen_sum
@@ -19,7 +19,7 @@ __all__ = ["split_at_medians"]
 _SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 
 
-@kernel
+@helper
 def _longest_axis(columns, lists, lo, hi, tie):
     """The first of the axes along which the piece is longest, its length, and the largest other length."""
     longest, axis, length, other = 0.0, -1, 0.0, 0.0
@@ -34,7 +34,7 @@ def _longest_axis(columns, lists, lo, hi, tie):
     return axis, length, other
 
 
-@kernel
+@helper
 def _sort(order, values, spare):
     """Sort ``order (m,)`` by ``values``, equal ones as they stand, by merging longer and longer runs."""
     m, width = len(order), 1
@@ -54,7 +54,7 @@ def _sort(order, values, spare):
         width *= 2
 
 
-@kernel
+@helper
 def _untied(columns, axis, group, gap):
     """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
 
@@ -77,7 +77,7 @@ def _untied(columns, axis, group, gap):
     return order
 
 
-@kernel
+@helper
 def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
     """Tag the cells below and above the weighted median along the longest side of a piece."""
     axis, length, other = _longest_axis(columns, lists, lo, hi, tie)
@@ -118,7 +118,7 @@ def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
         tag[line[k]] = 2 * hi - 1
 
 
-@kernel
+@helper
 def _part(lists, lo, hi, left, tag, spare):
     """Put the cells with the tag ``left`` before the others in every list; returns where the others start."""
     middle = lo
@@ -136,7 +136,7 @@ def _part(lists, lo, hi, left, tag, spare):
     return middle
 
 
-@kernel
+@helper
 def _first_quota(quota, below, above, cells_below, cells_above):
     """Parts that the first side becomes: its share by measure, rounded, at least 1 and at most its cells."""
     if not below + above > 0.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.geometry import distinct_vertices, largest_distance
 
 __all__ = ["merged_parts"]
@@ -14,7 +14,7 @@ _FINE = (
 )  # scores that agree to so many parts of 1 are equal, whatever the order their sums were made in
 
 
-@kernel
+@helper
 def _renewed(c, lists, root, grown, now, places, seen, stamp):
     """Replace the neighbours of part c that have merged by what they merged into, each once."""
     near, shared, fits, start, length = lists
@@ -37,7 +37,7 @@ def _renewed(c, lists, root, grown, now, places, seen, stamp):
     length[c] = kept - start[c]
 
 
-@kernel
+@helper
 def _boxes(vertex_offsets, vertices, points):
     """Lowest and highest coordinates of the vertices of each part."""
     n, d = len(vertex_offsets) - 1, points.shape[1]
@@ -50,7 +50,7 @@ def _boxes(vertex_offsets, vertices, points):
     return low, high
 
 
-@kernel
+@helper
 def _union_fits(a, b, following, shapes, space, stamp, limit):
     """Whether the union of parts a and b has a diameter of at most ``limit``; often its box can tell."""
     vertex_offsets, vertices, points, low, high = shapes
@@ -73,7 +73,7 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
     return largest_distance(m, unique, centre, points) <= limit
 
 
-@kernel
+@helper
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
     """The neighbour in its block with which part c makes the roundest union that fits; −1 if none does.
 
@@ -97,7 +97,7 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
     return partner
 
 
-@kernel
+@helper
 def _compacted(lists, root):
     """Move the lists of all parts that are left to the front; returns where they end."""
     near, shared, fits, start, length = lists
@@ -113,7 +113,7 @@ def _compacted(lists, root):
     return end
 
 
-@kernel
+@helper
 def _append(lists, a, b, top):
     """Write the neighbours of part b behind those of a, from ``top`` on; returns where they end."""
     near, shared, fits, start, length = lists

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["number_faces", "pair_half_edges"]
 
 _BITS = 11  # points of a bucket, as a power of two
 
 
-@kernel
+@helper
 def _to_buckets(offsets, vertices, n_points, edges):
     """Write (lower end, upper end, half-edge, cell), sorted by buckets of lower ends; where they end.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["parts_at_vertices", "united", "without_contained"]
 
@@ -66,7 +66,7 @@ def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_grou
     return offsets[: count + 1].copy(), parts[:filled].copy()
 
 
-@kernel
+@helper
 def _before(parts, offsets, one, other):
     """Whether a set comes before another, member by member."""
     sizes = offsets[one + 1] - offsets[one], offsets[other + 1] - offsets[other]

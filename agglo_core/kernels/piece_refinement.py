@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper
 
 __all__ = ["connected", "refine_sides"]
 
@@ -14,7 +14,7 @@ _SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers 
 _TIE = 1e-9
 
 
-@kernel
+@helper
 def connected(indptr, indices, tag, own, queue, root, filled, marks, stamp, reach):
     """Whether the cells ``queue[:filled]``, of the side ``own``, are connected in it.
 
@@ -49,7 +49,7 @@ def connected(indptr, indices, tag, own, queue, root, filled, marks, stamp, reac
     return apart <= 0
 
 
-@kernel
+@helper
 def _gain(graph, tag, i, own, other):
     """Interface saved if cell i goes to the other side, and the least that counts as something."""
     indptr, indices, interface = graph
@@ -63,7 +63,7 @@ def _gain(graph, tag, i, own, other):
     return gain if beside > 0 else -np.inf, _TIE * total
 
 
-@kernel
+@helper
 def _partner(graph, tag, i, own, other, gain, least):
     """The neighbour with which cell i should move, −1 if no pair pays."""
     indptr, indices, interface = graph
@@ -80,7 +80,7 @@ def _partner(graph, tag, i, own, other, gain, least):
     return partner
 
 
-@kernel
+@helper
 def _leave(graph, measures, tag, i, own, other, sides, search, stamp):
     """Move cell i to the other side unless its own would break, empty or sink below the floor."""
     indptr, indices, _ = graph
@@ -104,7 +104,7 @@ def _leave(graph, measures, tag, i, own, other, sides, search, stamp):
     return True
 
 
-@kernel
+@helper
 def _put(measures, tag, i, other, sides):
     size, count, _ = sides
     tag[i] = other
@@ -115,7 +115,7 @@ def _put(measures, tag, i, other, sides):
     count[1 - to] -= 1
 
 
-@kernel
+@helper
 def _sort(items, keys, m):
     """Shell sort of ``items[:m]`` by ascending ``keys[:m]``, which are sorted along."""
     gap = 1
@@ -131,7 +131,7 @@ def _sort(items, keys, m):
         gap //= 3
 
 
-@kernel
+@helper
 def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now):
     """Write to ``now`` the cells of ``later[:m]`` worth moving, along ``axis``; returns how many."""
     found = 0
@@ -152,7 +152,7 @@ def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now
     return found
 
 
-@kernel
+@helper
 def _add_near(graph, tag, left, right, i, listed, m, marks, kind, stamp):
     """Append cell i and its neighbours in the piece not seen under ``stamp``; returns the new length."""
     indptr, indices, _ = graph
@@ -165,7 +165,7 @@ def _add_near(graph, tag, left, right, i, listed, m, marks, kind, stamp):
     return m
 
 
-@kernel
+@helper
 def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floor, edge, room, stamp):
     """Sweeps of moves that shorten the interface of two sides; neither breaks, empties or sinks too low.
 

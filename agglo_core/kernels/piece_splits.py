@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.geometry import box, largest_distance, octagon
 from agglo_core.kernels.piece_refinement import connected, refine_sides
 
@@ -29,13 +29,13 @@ __all__ = [
 ]
 
 
-@kernel
+@helper
 def side_tags(lo, hi):
     """Tags of the left and the right side of the piece ``lo:hi``."""
     return np.int64(2 * lo), np.int64(2 * hi - 1)
 
 
-@kernel
+@helper
 def piece_room(m, marks):
     """Work arrays of pieces of at most m cells, and with them the ``marks (n, 4)`` of cells, zeros at first.
 
@@ -98,7 +98,7 @@ def cut_cells(indptr, indices, tag, left, right, cells, m):
     return found
 
 
-@kernel
+@helper
 def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
     """Whether both sides of a connected piece are, ``edge`` cells along the cut standing in ``room``.
 
@@ -118,7 +118,7 @@ def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
     return whole
 
 
-@kernel
+@helper
 def tagged_components(cells, indptr, indices, tag, parent):
     """Number of connected components of equal tags among the ``cells``, by union-find."""
     count = len(cells)
@@ -154,7 +154,7 @@ def broken_pieces(slices, cells, indptr, indices, tag, leaf, parent):
     return broken
 
 
-@kernel
+@helper
 def part_list(tag, measures, cells, lo, hi, spare, size):
     """Put the cells of the left side before the others, the order kept; returns where the others start.
 
@@ -176,7 +176,7 @@ def part_list(tag, measures, cells, lo, hi, spare, size):
     return middle
 
 
-@kernel
+@helper
 def quota_of_left(quota, size, cells_left, cells_right):
     """Parts that the left side becomes: its share by measure, rounded, at least 1 and at most its cells.
 
@@ -192,7 +192,7 @@ def quota_of_left(quota, size, cells_left, cells_right):
     return np.int64(min(max(share, least), most))
 
 
-@kernel
+@helper
 def is_narrow(cells, shape, limit):
     """Whether no two vertices of the cells are further apart than ``limit``."""
     vertex_offsets, vertices, points = shape

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper
 
 __all__ = ["fits", "reaches", "take_in"]
 
 _LIMITED, _FREE, _FULL = 0, 1, 2
 
 
-@kernel
+@helper
 def _within(i, j, limit, corners):
     """Whether no vertex of cell i is farther than ``limit`` from one of cell j."""
     offsets, vertices, points, _, _ = corners
@@ -25,7 +25,7 @@ def _within(i, j, limit, corners):
     return True
 
 
-@kernel
+@helper
 def _widened(i, p, low, high, corners, keep):
     """The extent of part p with cell i along the direction where it is largest; ``keep``: i joins it."""
     offsets, vertices, points, directions, _ = corners
@@ -43,7 +43,7 @@ def _widened(i, p, low, high, corners, keep):
     return widest
 
 
-@kernel
+@helper
 def reaches(parts, k, limit, corners):
     """What ``fits`` needs to know of ``k`` parts: extents, whether they may grow, and lists of their cells.
 
@@ -73,7 +73,7 @@ def reaches(parts, k, limit, corners):
     return low, high, state, lists
 
 
-@kernel
+@helper
 def _link(i, p, lists):
     """Make cell i the first of part p's list."""
     first, after, before = lists
@@ -83,7 +83,7 @@ def _link(i, p, lists):
     first[p] = i
 
 
-@kernel
+@helper
 def fits(i, p, reach, limit, corners):
     """Whether part p may have cell i: it is at most ``limit`` wide with it, or too wide without."""
     if limit == np.inf:
@@ -102,7 +102,7 @@ def fits(i, p, reach, limit, corners):
     return True
 
 
-@kernel
+@helper
 def take_in(i, home, p, reach, limit, corners):
     """Move cell i from part ``home`` to part p; extents never shrink."""
     if limit == np.inf:

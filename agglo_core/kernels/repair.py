@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.graphs import components
 
 __all__ = ["absorb", "keepers", "mend_blocks", "mend_piece"]
@@ -12,7 +12,7 @@ __all__ = ["absorb", "keepers", "mend_blocks", "mend_piece"]
 _TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rounding far from the origin)
 
 
-@kernel
+@helper
 def _before(one, other, value, beside, places):
     """Whether component ``one`` of some value comes before ``other``; of equal ones the one further along.
 
@@ -26,7 +26,7 @@ def _before(one, other, value, beside, places):
     return one < other
 
 
-@kernel
+@helper
 def keepers(part_of, sizes, places, n_parts):
     """The component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost; or −1.
 
@@ -40,7 +40,7 @@ def keepers(part_of, sizes, places, n_parts):
     return kept
 
 
-@kernel
+@helper
 def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, keeper, places):
     """Part of each node once every loose component has joined a kept one.
 
@@ -89,7 +89,7 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
     return parts
 
 
-@kernel
+@helper
 def _places(cells, centroids, nodes, offsets):
     """Where each component lies in a piece, ``(components, 3 + d)`` numbers of order 1.
 
@@ -126,7 +126,7 @@ def _places(cells, centroids, nodes, offsets):
     return places
 
 
-@kernel
+@helper
 def _piece(cells, indptr, indices, interface, local):
     """CSR of the piece ``cells``, which rise, numbered in that order; ``local (n,)`` is a work array."""
     m, count = len(cells), 0
@@ -178,8 +178,10 @@ def mend_blocks(offsets, indptr, indices, interface, centroids, measures, labels
     mended, local = np.empty(len(labels), np.int64), np.zeros(len(labels), np.int32)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
-        cells, own = np.arange(start, stop).astype(np.int32), labels[start:stop].copy()
-        mended[start:stop] = mend_piece(
-            cells, own, parts, indptr, indices, interface, centroids, measures, local
-        )
+        cells, own = np.empty(stop - start, np.int32), np.empty(stop - start, np.int64)
+        for i in range(stop - start):  # slices and ranges compile for seconds
+            cells[i], own[i] = start + i, labels[start + i]
+        found = mend_piece(cells, own, parts, indptr, indices, interface, centroids, measures, local)
+        for i in range(stop - start):
+            mended[start + i] = found[i]
     return mended

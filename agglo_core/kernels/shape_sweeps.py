@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.interface import keeps_whole, sort_by_key
 from agglo_core.kernels.reach import fits, reaches, take_in
 
@@ -14,7 +14,7 @@ _SWEEPS = 12
 _TIE = 1e-9
 
 
-@kernel
+@helper
 def _inertia(graph_cells, tally, owner, energy):
     """Weights, centres and cells of all parts; adds their moments of inertia to their blocks' ``energy``."""
     centroids, weights = graph_cells
@@ -35,7 +35,7 @@ def _inertia(graph_cells, tally, owner, energy):
             energy[owner[p]] += weights[i] * (centroids[i, k] - centres[p, k]) ** 2
 
 
-@kernel
+@helper
 def _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch):
     """The part that cell i should move to, or −1, and what that adds to inertia and interface.
 
@@ -86,7 +86,7 @@ def _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch):
     return target, inertia, cut
 
 
-@kernel
+@helper
 def _paying(graph, graph_cells, tally, blocks, alpha, scratch, cells, m, keys, chosen):
     """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, by ``keys``; return how many."""
     found = 0
@@ -99,7 +99,7 @@ def _paying(graph, graph_cells, tally, blocks, alpha, scratch, cells, m, keys, c
     return found
 
 
-@kernel
+@helper
 def _put(graph_cells, tally, i, target):
     """Move cell i to part ``target``; the sums follow."""
     centroids, weights = graph_cells

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["box_ratios", "convex_hulls", "kernel_areas"]
 
 _TIE = 1e-9  # relative difference below which two widths count as equal
 
 
-@kernel
+@helper
 def _turn(points, a, b, c):
     """Twice the signed area of the triangle abc: positive where the path turns left at b."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     return ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0])
 
 
-@kernel
+@helper
 def _sort(points, vertices, start, stop):
     """Sort ``vertices[start:stop]`` by x, then y (Shell's sort: short to compile, quick on short lists)."""
     gap = 1
@@ -72,7 +72,7 @@ def convex_hulls(points, offsets, vertices):
     return area, hull_offsets, hull[:top].copy()
 
 
-@kernel
+@helper
 def _furthest(points, hull, start, m, at, ux, uy):
     """Place, from ``at`` on, of the vertex where the hull stops advancing along (ux, uy)."""
     while True:
@@ -110,7 +110,7 @@ def box_ratios(points, offsets, hull):
     return ratio
 
 
-@kernel
+@helper
 def _clip(source, m, target, ax, ay, ux, uy):
     """Copy the part of convex polygon ``source[:m]`` left of the line through a along u; return its size."""
     k = 0

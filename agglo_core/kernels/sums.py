@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["chosen_sum", "slice_sums"]
 
@@ -33,7 +33,7 @@ def _by_pairs(values, chosen, start, count):
     return _by_pairs(values, chosen, start, half) + _by_pairs(values, chosen, start + half, count - half)
 
 
-@kernel
+@helper
 def chosen_sum(values, chosen, start, stop):
     """Sum of ``values[chosen[start:stop]]``, which is not empty."""
     return values[chosen[start]] + _by_pairs(values, chosen, start + 1, stop - start - 1)

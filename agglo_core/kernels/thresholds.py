@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = [
     "NO_CUT",
@@ -30,7 +30,7 @@ _GROWTH = 4.0  # times √n: its weight in a block of many cells
 _LONG = 0.5  # ratio of principal moments below which a block is long
 
 
-@kernel
+@helper
 def compactness(n):
     """Weight of the inertia beside the cut of a block of n cells.
 
@@ -40,7 +40,7 @@ def compactness(n):
     return max(_COMPACT, _GROWTH * np.sqrt(n))
 
 
-@kernel
+@helper
 def edge_room(offsets, indptr):
     """Work arrays for the edges of the largest block: ends, lengths."""
     most = 0
@@ -50,7 +50,7 @@ def edge_room(offsets, indptr):
     return np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most)
 
 
-@kernel
+@helper
 def edges_of_block(start, n, indptr, indices, interface, room):
     """Write each edge of a block once, its ends numbered within the block; returns how many."""
     tails, heads, lengths = room
@@ -63,7 +63,7 @@ def edges_of_block(start, n, indptr, indices, interface, room):
     return count
 
 
-@kernel
+@helper
 def _thresholds(low, high, reach):
     """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike."""
     size = max(abs(low), abs(high))
@@ -71,13 +71,13 @@ def _thresholds(low, high, reach):
     return low, (_BINS / (high - low) if high - low > 1e-12 * size else 0.0)
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _fill_bins(n, score, low, rate, bins):
     for i in range(n):
         bins[i] = np.int32(min(max((score[i] - low) * rate - _TIE, 0.0), _BINS - 1.0))
 
 
-@kernel
+@helper
 def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     """Cheapest threshold, and its cost: 1e300 if none leaves weight on both sides.
 
@@ -95,7 +95,7 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     return best, last
 
 
-@kernel
+@helper
 def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
     """Best threshold of ``score[:n]`` on a block: its cost, 1e300 if there is none, and the last bin below.
 
@@ -125,7 +125,7 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
     return scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale, inertia, weight)
 
 
-@kernel
+@helper
 def write_sides(start, n, found, score, bins, sides):
     """Write the sides of a block: above the best threshold, or any halving if there is none."""
     best, last, low, rate = found
@@ -138,7 +138,7 @@ def write_sides(start, n, found, score, bins, sides):
         sides[start + i] = bins[i] > last
 
 
-@kernel
+@helper
 def centre_block(start, n, centroids, weights, measures, local, shares):
     """Fill positions about the centre of mass, and shares; return 1 / section, inertia and its weight."""
     d = centroids.shape[1]
@@ -165,7 +165,7 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
     return scale, max(inertia, 1e-300), compactness(n)
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _project(n, a, b, x, y, score):
     """Fill ``score = a x + b y``; returns its extremes."""
     low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
@@ -175,7 +175,7 @@ def _project(n, a, b, x, y, score):
     return low, high
 
 
-@kernel
+@helper
 def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally):
     """Cheapest cut of a planar block across its principal axis, or axes turned from it by ``turns``.
 
@@ -208,7 +208,7 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
     return best
 
 
-@kernel
+@helper
 def _centred(start, n, column, shares, score):
     """Fill ``score`` with the column less its mean; returns its extremes and standard deviation."""
     low, high, mean, square = column[start], column[start], 0.0, 0.0

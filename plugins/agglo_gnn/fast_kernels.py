@@ -12,6 +12,7 @@ from agglo_core.authoring import (
     edges_of_block,
     half_circle,
     halvings,
+    helper,
     kernel,
     scan_thresholds,
     turned,
@@ -31,7 +32,7 @@ _LONG = 0.5  # ratio of principal moments below which a piece is long
 _FEW = 400  # cells below which the axes are tried beside the network's direction
 
 
-@kernel
+@helper
 def _sage(count, near, given, own, other, bias, out):
     """``out = ReLU(given · own + mean over neighbours of given · other + bias)``."""
     inputs, outputs = own.shape
@@ -55,7 +56,7 @@ def _sage(count, near, given, own, other, bias, out):
             out[a, o] = max(out[a, o], 0.0)
 
 
-@kernel
+@helper
 def _dense(given, weight, bias, rectify, out):
     for o in range(len(bias)):
         out[o] = bias[o]
@@ -88,7 +89,7 @@ def direction(count, nodes, near, areas, features, net):
     return out[0], out[1]
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _band_bins(n, x, y, p, q, low, rate, shares, bins):
     """Bins of the score p x + q y, −1 below the band and 32 above; share and moments of what is below."""
     area, sx, sy = 0.0, 0.0, 0.0
@@ -102,7 +103,7 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
     return area, sx, sy
 
 
-@kernel
+@helper
 def _band_sweep(start, n, graph, local, shares, scales, p, q, spread, bins, tally):
     """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
 
@@ -134,7 +135,7 @@ def _band_sweep(start, n, graph, local, shares, scales, p, q, spread, bins, tall
     return best, last, low, rate
 
 
-@kernel
+@helper
 def _equal(n, shares):
     low, high = shares[0], shares[0]
     for i in range(n):
@@ -142,7 +143,7 @@ def _equal(n, shares):
     return high - low <= 1e-6 * high
 
 
-@kernel
+@helper
 def _cut_large(start, n, graph, local, shares, scales, uv, room, net, turns, finer, score, bins, tally):
     """Cheapest cut near the mean of the network's score.
 

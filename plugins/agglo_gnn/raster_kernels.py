@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import centre_block, kernel, planar_frame
+from agglo_core.authoring import centre_block, helper, kernel, planar_frame
 
 __all__ = ["describe", "fill_raster", "raster_room", "to_frame"]
 
@@ -14,7 +14,7 @@ _ROOM = 1024  # bins at most, empty ones included
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _moments(n, u, v, shares, out):
     """Moments of order 2, 3 and 4, u before v: (20 11 02), (30 21 12 03), (40 31 22 13 04)."""
     a, b, c, d, e, f, g, h, k, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -36,7 +36,7 @@ def _moments(n, u, v, shares, out):
     out[6], out[7], out[8], out[9], out[10], out[11] = g, h, k, p, q, r
 
 
-@kernel
+@helper
 def to_frame(n, local, shares, inertia, uv, features):
     """Coordinates of a piece in its frame, and its features; returns the rows of the frame.
 
@@ -68,13 +68,13 @@ def to_frame(n, local, shares, inertia, uv, features):
     return ux, uy, vx, vy
 
 
-@kernel
+@helper
 def _bin_of(value, rate, half):
     steps = int(abs(value) * rate + 0.5 - _TIE)
     return half + (steps if value > 0.0 else -steps)
 
 
-@kernel
+@helper
 def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
     """Bin the cells of a piece, symmetrically about its centre; returns the number of occupied bins.
 
@@ -123,7 +123,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
     return count
 
 
-@kernel
+@helper
 def raster_room(largest):
     """Work arrays for one piece at a time."""
     bins = min(_ROOM, largest)

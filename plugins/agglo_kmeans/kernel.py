@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel, piece_splits
+from agglo_core.authoring import helper, kernel, piece_splits
 from agglo_kmeans.points import load_points, means_room
 from agglo_kmeans.separator import separator
 
 __all__ = ["split_by_means", "two_means"]
 
 
-@kernel
+@helper
 def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count, reach, near):
     """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
 
@@ -66,7 +66,7 @@ def two_means(offsets, centroids, weights):
     return sides
 
 
-@kernel
+@helper
 def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
     """Cut a piece by 2-means and refine the sides; returns the cells along the cut, and the next stamp."""
     indptr, indices, interface, centroids, measures, _, reach, _ = graph

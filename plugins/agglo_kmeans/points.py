@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 
 __all__ = ["axes_to_try", "binned", "load_points", "means_room", "moments"]
 
@@ -14,7 +14,7 @@ _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
 _AXES = 8
 
 
-@kernel
+@helper
 def means_room(m):
     """Work arrays for sets of at most m points: coordinates and weights, bins, axes."""
     bins = max(_BINS_2D**2, _BINS_3D**3)
@@ -27,7 +27,7 @@ def means_room(m):
     )
 
 
-@kernel
+@helper
 def _gather(cells, lo, n, centroids, weights, units, points):
     """Write centroids, as seen from the first one, and weights to ``points``; their sums and extents."""
     x, y, z, w = points[0], points[1], points[2], points[3]
@@ -67,7 +67,7 @@ def _gather(cells, lo, n, centroids, weights, units, points):
     return total, cx, cy, cz, max(max(x2 - x1, y2 - y1), z2 - z1)
 
 
-@kernel
+@helper
 def load_points(cells, lo, hi, centroids, weights, units, points):
     """Write the centroids of ``cells[lo:hi]``, centred and of order 1, and their weights of mean 1.
 
@@ -112,7 +112,7 @@ def moments(x, y, z, w, n):
     return a, xx, xy, xz, yy, yz, zz
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _fourth(x, y, w, n):
     """The fourth moment of points in the plane, as a complex number of four times the angle."""
     re, im = 0.0, 0.0
@@ -124,7 +124,7 @@ def _fourth(x, y, w, n):
     return re, im
 
 
-@kernel
+@helper
 def _planar_axes(x, y, w, n, second, frame, axes):
     """Fill ``axes`` with the directions to try in 2-D, and ``frame``; returns how many."""
     xx, xy, yy = second[1], second[2], second[4]
@@ -144,7 +144,7 @@ def _planar_axes(x, y, w, n, second, frame, axes):
     return count
 
 
-@kernel
+@helper
 def _spatial_axes(second, frame, axes):
     """Fill ``axes`` with three principal and four diagonal directions, by Jacobi's rotations."""
     a = np.empty((3, 3))
@@ -182,7 +182,7 @@ def _spatial_axes(second, frame, axes):
     return 7
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _reach(x, y, z, n, frame):
     """Largest distance of the points from the centre, along any axis of the frame."""
     reach = np.float32(1e-30)
@@ -193,7 +193,7 @@ def _reach(x, y, z, n, frame):
     return float(reach)
 
 
-@kernel
+@helper
 def binned(x, y, z, w, n, frame, planar, sums, few):
     """Write the means of the points in each cell of a grid along the frame to ``few``; returns how many."""
     steps, layers = (_BINS_2D, 1) if planar else (_BINS_3D, _BINS_3D)
@@ -223,7 +223,7 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
     return m
 
 
-@kernel
+@helper
 def axes_to_try(x, y, w, n, second, planar, frame, axes):
     """Fill ``axes`` with the directions to try and ``frame`` with an orthogonal frame; returns how many."""
     return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, frame, axes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper
 from agglo_kmeans.points import axes_to_try, binned, moments
 
 __all__ = ["separator"]
@@ -15,7 +15,7 @@ _TRIED = np.int64(2)  # of Lloyd's steps from each axis; the best one goes on
 _MANY = 2048  # points beyond which they are binned
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
     """Weight and first moments of the points with normal · point > t."""
     zero = np.float32(0.0)
@@ -36,7 +36,7 @@ def _side_sums(x, y, z, w, n, planar, nx, ny, nz, t):
     return a, sx, sy, sz
 
 
-@kernel
+@helper
 def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
     """At most so many of Lloyd's steps from a plane; the points are centred.
 
@@ -63,7 +63,7 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
     return inertia, nx, ny, nz, t
 
 
-@kernel
+@helper
 def separator(room, n, planar):
     """The plane ``normal · point > t`` of the 2-means split of least energy of the loaded points.
 

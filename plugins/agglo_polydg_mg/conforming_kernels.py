@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.legendre_kernels import along_box
 
 __all__ = ["cluster_vertices", "corner_unknowns", "corners_of_cells", "fit_traces"]
 
 
-@kernel
+@helper
 def _root(parents, i):
     while parents[i] != i:
         parents[i] = parents[parents[i]]
@@ -117,7 +117,7 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
     return unknowns, count
 
 
-@kernel
+@helper
 def _polynomials(x, y, box, degree, out):
     """The polynomials of a cell, not scaled, at a point."""
     x, y = along_box(x - box[0], y - box[1], box)
@@ -139,7 +139,7 @@ def _polynomials(x, y, box, degree, out):
         before, value = value, ((2 * j + 1) * y * value - j * before) / (j + 1)
 
 
-@kernel
+@helper
 def _add_point(weight, values, normal, n):
     """Add weight times the products of the polynomials at a point to the lower half of a matrix."""
     for i in range(n):
@@ -148,7 +148,7 @@ def _add_point(weight, values, normal, n):
             normal[i, j] += t * values[j]
 
 
-@kernel
+@helper
 def _solve(normal, right, n, count):
     """Replace the rows of ``right (count, n)`` by solutions; ``normal`` becomes its Cholesky factor."""
     for i in range(n):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
 __all__ = ["block_pattern", "face_blocks", "triangle_heights"]
@@ -15,7 +15,7 @@ __all__ = ["block_pattern", "face_blocks", "triangle_heights"]
 _SHRUNK = 1e-8  # how far into a triangle, in barycentric coordinates, an edge must reach to count
 
 
-@kernel
+@helper
 def _reaches(sx, sy, tx, ty, ax, ay, bx, by, vx, vy):
     """Whether the segment st passes through the inside of the triangle abv."""
     twice = (bx - ax) * (vy - ay) - (by - ay) * (vx - ax)
@@ -37,7 +37,7 @@ def _reaches(sx, sy, tx, ty, ax, ay, bx, by, vx, vy):
     return low < high
 
 
-@kernel
+@helper
 def _is_convex(start, end, m):
     """Whether each of the m edges has every vertex on its left."""
     for k in range(m):
@@ -52,7 +52,7 @@ def _is_convex(start, end, m):
     return True
 
 
-@kernel
+@helper
 def _visible_height(start, end, m, k, convex, queue):
     """Height of the largest triangle on edge k whose apex is a vertex and which no edge enters.
 
@@ -153,7 +153,7 @@ def block_pattern(offsets, faces, face_cells):
     return indptr, indices, diagonal, slots
 
 
-@kernel
+@helper
 def _along(start, step, s, table, values, slopes):
     """Legendre polynomials ``(degree + 1, LANES)`` and their slopes at start + s step, a point to a lane."""
     for lane in range(LANES):
@@ -169,7 +169,7 @@ def _along(start, step, s, table, values, slopes):
             slopes[k + 1, lane] = c * slopes[k - 1, lane] + d * values[k, lane]
 
 
-@kernel
+@helper
 def _sum_points(jumps, rest, sums):
     """The lower halves of Σ_q j rᵀ + r jᵀ in each lane, j = jumps[q] and r = rest[q]."""
     for i in range(jumps.shape[1]):
@@ -182,7 +182,7 @@ def _sum_points(jumps, rest, sums):
                     sums[i, j, lane] += first + rest[q, i, lane] * jumps[q, j, lane]
 
 
-@kernel
+@helper
 def _scatter(sums, lane, m, f, sides, slots, blocks):
     """Add what a lane holds of face f to its blocks."""
     for side in range(sides):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 
 __all__ = ["half_product", "thinned"]
 
@@ -20,7 +20,7 @@ _MOST_ADDED = 0.25
 """A row whose small entries add up to more than this part of its diagonal one keeps them."""
 
 
-@kernel
+@helper
 def _holders(offsets, indices, size):
     """Where each unknown stands in ``indices``, as a CSR, and the cell of each of these places."""
     starts = np.zeros(size + 1, np.int64)
@@ -97,7 +97,7 @@ def half_product(width: int) -> Callable[..., Any]:
     return galerkin_half
 
 
-@kernel
+@helper
 def _longer(array):
     """The array with as much room again."""
     longer = np.empty(2 * len(array), array.dtype)
@@ -169,7 +169,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
     return starts, sorted_columns, found
 
 
-@kernel
+@helper
 def _group_of(group, i):
     """The member of its group that stands for it; ways there become shorter."""
     while group[i] != i:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 
 __all__ = [
     "CONSTANT",
@@ -31,7 +31,7 @@ CONSTANT = np.sqrt(0.5)
 """The Legendre polynomial of degree 0."""
 
 
-@kernel
+@helper
 def recurrences(degree):
     """Coefficients a, b, c, d ``(4, degree)`` of the recurrences of Legendre polynomials up to a degree.
 
@@ -49,7 +49,7 @@ def recurrences(degree):
     return table
 
 
-@kernel
+@helper
 def legendre_at(x, degree, table, out):
     """Orthonormal Legendre polynomials 0..degree at x, by the :func:`recurrences`."""
     before, value = 0.0, CONSTANT
@@ -69,13 +69,13 @@ def slopes_of(values, degree, table, out):
         out[k + 1] = slope
 
 
-@kernel
+@helper
 def along_box(x, y, box):
     """A vector in the directions of the sides of a box; itself if these are those of the axes."""
     return box[4] * x + box[5] * y, box[4] * y - box[5] * x
 
 
-@kernel
+@helper
 def _fit_box(points, first, last, faces, face_vertices, box):
     """Centre and half sides of the bounding box of a cell whose directions ``box`` has."""
     left, low, right, high = np.inf, np.inf, -np.inf, -np.inf

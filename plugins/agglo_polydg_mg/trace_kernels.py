@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import kernel
+from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
 __all__ = ["largest_bounds", "side_penalties"]
@@ -17,7 +17,7 @@ _SQUARINGS = 5  # the bound exceeds the eigenvalue by n^(1/64) at most: 5 % for 
 _RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills
 
 
-@kernel
+@helper
 def _factorise(matrix, n, tolerance):
     """Cholesky factor in place, in the lower half, its diagonal inverted; False where a pivot is rounding."""
     for j in range(n):
@@ -36,7 +36,7 @@ def _factorise(matrix, n, tolerance):
     return True
 
 
-@kernel
+@helper
 def _square(lanes, scaled, traces):
     """Divide symmetric matrices by their ``traces``, which come out, and square them: the lower halves."""
     n = len(lanes)
@@ -69,7 +69,7 @@ def _square(lanes, scaled, traces):
                     out[lane] += left[k, lane] * right[k, lane]
 
 
-@kernel
+@helper
 def _complete(lanes, scaled, traces, bounds):
     """The ``bounds`` from matrices that have been squared once and their first ``traces``."""
     for step in range(1, _SQUARINGS):
@@ -100,7 +100,7 @@ def largest_bounds(lanes, bounds):
     _complete(lanes, scaled, traces, bounds)
 
 
-@kernel
+@helper
 def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
     """Normal derivatives of the polynomials but the constant at a point of the box, into ``slopes[q]``."""
     degree = table.shape[1]
@@ -119,7 +119,7 @@ def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
             k += 1
 
 
-@kernel
+@helper
 def _whiten(slopes, q, factor, n):
     """Replace ``slopes[q]`` by L⁻¹ of it, L being a Cholesky factor with the inverses of its diagonal."""
     for i in range(n):
@@ -129,7 +129,7 @@ def _whiten(slopes, q, factor, n):
         slopes[q, i] = value * factor[i, i]
 
 
-@kernel
+@helper
 def _face_form(slopes, masses, n, forms, face):
     """Σ_q masses[q] y yᵀ with y = slopes[q]: the lower half, row by row, to ``forms[face]``; its trace."""
     trace, place = 0.0, 0
@@ -144,7 +144,7 @@ def _face_form(slopes, masses, n, forms, face):
     return trace
 
 
-@kernel
+@helper
 def _gather(forms, shares, first, last, n, lanes, lane):
     """Σ_F shares[F] forms[F] over the faces of a cell, into a lane."""
     place = 0
@@ -157,7 +157,7 @@ def _gather(forms, shares, first, last, n, lanes, lane):
             place += 1
 
 
-@kernel
+@helper
 def _against(forms, face, n, lanes, lane):
     """Trace of the product of a form and the matrix in a lane."""
     value, place = 0.0, 0

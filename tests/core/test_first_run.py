@@ -1,0 +1,133 @@
+"""What is compiled before the first result: each function costs a user a few tenths of a second, once."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numba.core import event
+
+from agglo_core.kernels import helper
+
+ROOT = Path(__file__).parents[2]
+BENCHMARK = ROOT / "tests" / "benchmarks" / "first_run.py"
+README = "run voronoi:n=60,seed=3 --bisector kmeans --bisector metis -o out.vtu --plot out.png"
+
+
+@helper
+def twice(x: int) -> int:
+    return 2 * x
+
+
+def sum_of_doubles(values: Any) -> int:
+    total = twice(21)  # a literal, which a kernel would be compiled for once more
+    for value in values:
+        total += twice(value)
+    return total
+
+
+class Compiled(event.Listener):
+    """The names of the functions that numba compiles."""
+
+    def __init__(self) -> None:
+        self.names: Counter[str] = Counter()
+
+    def on_start(self, event: Any) -> None:
+        self.names[event.data["dispatcher"].py_func.__name__] += 1
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+def test_a_helper_is_compiled_once_for_literals_and_variables() -> None:
+    listener = Compiled()
+    with event.install_listener("numba:compile", listener):
+        assert numba.njit(sum_of_doubles)(np.arange(4)) == 54  # not from the disk cache, as a kernel would be
+    assert listener.names["twice"] == 1
+
+
+def test_a_helper_stays_a_function_of_python() -> None:
+    assert twice(4) == 8
+    assert not hasattr(twice, "py_func")
+
+
+def decoration(node: ast.AST) -> str:
+    """``"kernel"`` or ``"helper"`` for functions that are one, else an empty text."""
+    if isinstance(node, ast.FunctionDef):
+        for each in node.decorator_list:
+            name = each.func if isinstance(each, ast.Call) else each
+            if isinstance(name, ast.Name) and name.id in ("kernel", "helper"):
+                return name.id
+    return ""
+
+
+def names_used(node: ast.AST, inside: str = "") -> Iterator[tuple[str, str]]:
+    """Names that are read, each with the compiled function, or none, in which it stands."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Name) and isinstance(child.ctx, ast.Load):
+            yield child.id, inside
+        elif isinstance(child, ast.Attribute):
+            yield child.attr, inside
+        own = child.name if isinstance(child, ast.FunctionDef) and decoration(child) else inside
+        yield from names_used(child, own)
+
+
+def imported(tree: ast.Module) -> set[str]:
+    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {alias.name for node in froms for alias in node.names}
+
+
+@pytest.fixture(scope="module")
+def compiled() -> tuple[dict[str, str], dict[str, set[str]]]:
+    """Kernels and helpers by name, and for each the compiled functions ("" for Python) that use it."""
+    files = [file for top in ("agglo_core", "plugins") for file in (ROOT / top).rglob("*.py")]
+    texts = [file.read_text() for file in files]
+    trees = [ast.parse(text) for text in texts if "kernel" in text or "authoring" in text]
+    own = [{n.name: decoration(n) for n in ast.walk(t) if decoration(n)} for t in trees]  # type: ignore[attr-defined]
+    kinds = {name: kind for names in own for name, kind in names.items()}
+    users: dict[str, set[str]] = {name: set() for name in kinds}
+    for tree, names in zip(trees, own, strict=True):
+        known = (imported(tree) | set(names)) & set(kinds)
+        for name, user in names_used(tree):
+            if name in known and name != user:
+                users[name].add(user)
+    return kinds, users
+
+
+def test_what_only_kernels_call_is_a_helper(compiled: tuple[dict[str, str], dict[str, set[str]]]) -> None:
+    kinds, users = compiled
+    inner = {
+        name for name, kind in kinds.items() if kind == "kernel" and users[name] and "" not in users[name]
+    }
+    inner -= {"_by_pairs", "direction"}  # one calls itself, the other is run as it is by its tests
+    assert inner == set(), "helpers compile in less time"
+
+
+def test_python_calls_no_helper(compiled: tuple[dict[str, str], dict[str, set[str]]]) -> None:
+    kinds, users = compiled
+    slow = {name for name, kind in kinds.items() if kind == "helper" and "" in users[name]}
+    assert slow == set(), "called from Python they run uncompiled"
+
+
+@pytest.mark.slow
+def test_readme_compiles_few_functions(tmp_path: Path) -> None:
+    report = tmp_path / "compiled.json"
+    subprocess.run(
+        [sys.executable, str(BENCHMARK), str(report), *README.split()],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        cwd=tmp_path, check=True, capture_output=True,
+    )  # fmt: skip
+    names = [name for name, *_ in json.loads(report.read_text()) if name.startswith("agglo_")]
+    assert 20 < len(names) <= 58, Counter(names).most_common()
+    # a part that a kernel and another helper call is compiled for both; nothing is compiled three times
+    assert max(Counter(names).values()) <= 2, Counter(names).most_common(5)
