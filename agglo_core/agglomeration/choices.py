@@ -7,9 +7,10 @@ from typing import Any
 
 from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
+from agglo_core.mesh.elsewhere import made_by
 from agglo_core.progress import Listener
 from agglo_core.protocols import Bisector, LevelBisector, Partitioner
-from agglo_core.registry import KINDS, Registry, default, describe
+from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.options import name_and_options
 
@@ -60,7 +61,9 @@ def new_run(
 
 def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
     if choices is POLISH and not any(each.name == POLISH[0] for each in registry.records()):
-        registry = default()
+        return [
+            Member(made_by("agglo_core.components.compactness:CompactnessRefiner")(), "the default polish")
+        ]
     return [chosen("refiner", each, registry)[0] for each in choices]
 
 

@@ -102,7 +102,7 @@ def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool
 
 def _orient(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int, int]:
     """Vertices with every loop counter-clockwise, and the number of loops reversed."""
-    from agglo_core.kernels.faces import check_polygons
+    from agglo_core.kernels.polygon_faults import check_polygons
 
     local = frozen_float(points - box_centre(points))
     area, fault = check_polygons(local, offsets, vertices, weak)

@@ -23,10 +23,11 @@ from scipy.spatial.distance import pdist
 
 from agglo_core import Graph, Mesh, samples
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
-from agglo_core.kernels.faces import cell_faces, check_polygons, match_half_edges
+from agglo_core.kernels.faces import cell_faces, match_half_edges
 from agglo_core.kernels.geometry import block_diameters, compare_diameters
 from agglo_core.kernels.graphs import broken_blocks, child_order, components, permute_graph, take_rows
 from agglo_core.kernels.interface import relax_interface
+from agglo_core.kernels.polygon_faults import check_polygons
 from agglo_core.kernels.repair import absorb
 from agglo_kmeans.kernel import two_means
 
