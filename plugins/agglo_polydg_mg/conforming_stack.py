@@ -82,7 +82,7 @@ def conforming_stack(
     """
     space = conforming_space(basis, sigma, kappa, bubbles=bubbles)
     inner = space.n > space.n_vertices
-    even = smoother is None and not inner and kappa.max() <= _ONE_SIZE * kappa.min()
+    even = smoother is None and not (inner or layers) and kappa.max() <= _ONE_SIZE * kappa.min()
     limits = (_SMALL if inner else _ROUNDING, _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
     C = space.galerkin(system.A, *limits)
     relaxed = (smoother or cell_sweeps)(system.A, system.block_offsets, dtype)
