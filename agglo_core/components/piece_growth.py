@@ -36,6 +36,9 @@ _HALVINGS = 10.0
 _ROOM = 256
 """Rows by which lists of pieces grow."""
 
+_LAST_STAMP = 2**30
+"""Beyond it the marks of cells, of 32 bits, start anew."""
+
 _DEPTHS = 256
 """Depths that are counted; in a long chain there may be more."""
 
@@ -108,6 +111,8 @@ class PieceGrowth:
         return self._split(np.zeros(len(self._slices), np.int64), limit, tell)
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
+        if self._stamp > _LAST_STAMP:
+            self._marks[:], self._stamp = 0, 1
         leaf, tally = np.zeros(len(self._cells), np.bool_), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), 4), np.int64)
         todo[:, :2], todo[:, 2] = self._slices, quotas

@@ -10,6 +10,8 @@ from agglo_kmeans.separator import separator
 
 __all__ = ["split_by_means", "two_means"]
 
+_ROUNDING = 1e-6  # of the extent: what points of single precision may be off, with room
+
 
 @helper
 def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count, reach, near):
@@ -30,7 +32,7 @@ def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count,
         below += (1 - side) * measures[i]
         ones += side
         near[m] = i
-        m += abs(height) * extent <= reach[i]
+        m += (abs(height) - _ROUNDING) * extent <= reach[i]
     if not best > 0.0 or ones == 0 or ones == hi - lo:  # coincident centroids: any halving will do
         ones, below, above, m = (hi - lo) // 2, 0.0, 0.0, hi - lo
         for k in range(m):

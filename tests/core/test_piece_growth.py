@@ -109,6 +109,19 @@ def test_space(mesh: Mesh) -> None:
     assert_kept(grown(mesh, h_factor=(2.0, 4.0)))
 
 
+@pytest.mark.parametrize("smallest", [1e-3, 1e-7, 1e-11])
+def test_layers_finer_than_single_precision(smallest: float) -> None:
+    lines = np.concatenate(([0.0], np.geomspace(smallest, 1.0, 24)))
+    points = np.stack(np.meshgrid(lines, lines, indexing="ij"), axis=-1).reshape(-1, 2)
+    first = (25 * np.arange(24)[:, None] + np.arange(24)).ravel()
+    mesh = Mesh.from_polygons(points, np.stack((first, first + 25, first + 26, first + 1), axis=1))
+    for refiners in (("interface",), ()):
+        hierarchy = grown(mesh, cells_per_part=(6, 48), refiners=refiners)
+        assert hierarchy.parts == [96, 12]
+        assert_kept(hierarchy)
+    assert_kept(grown(mesh, h_star=(0.01, 0.3)))
+
+
 MESHES = {
     "triangles": lambda seed: samples.random_triangles(3000, seed=seed),
     "voronoi": lambda seed: samples.voronoi(5000, seed=seed),
