@@ -227,14 +227,8 @@ def _add_new(graph, i, cells, m, seen, stamp):
     return m
 
 
-@kernel
-def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
-    """Sweeps of interface-shortening moves, block by block; no part is disconnected.
-
-    No part falls below ``floor`` times its measure at entry (of two: the smaller one's). Sweeps run
-    along the line from the block's centroid to that of its smallest part: single cells until none
-    pays, pairs once, and single cells again.
-    """
+@helper
+def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()
     n_parts = 0
@@ -293,3 +287,14 @@ def relax_interface(offsets, indptr, indices, interface, centroids, measures, la
             if candidates == 0:
                 break
     return parts
+
+
+@kernel
+def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
+    """Sweeps of interface-shortening moves, block by block; no part is disconnected.
+
+    No part falls below ``floor`` times its measure at entry (of two: the smaller one's). Sweeps run
+    along the line from the block's centroid to that of its smallest part: single cells until none
+    pays, pairs once, and single cells again.
+    """
+    return _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor)

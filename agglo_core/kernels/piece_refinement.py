@@ -136,7 +136,7 @@ def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now
     """Write to ``now`` the cells of ``later[:m]`` worth moving, along ``axis``; returns how many."""
     found = 0
     for c in range(m):
-        i = later[c]
+        i = np.int64(later[c])
         own = np.int64(tag[i])
         other = left + right - own
         gain, least = _gain(graph, tag, i, own, other)
@@ -202,7 +202,7 @@ def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floo
         stamp += 1
         sweep, m = stamp, np.int64(0)
         for c in range(moves):
-            i = now[c]
+            i = np.int64(now[c])
             own = np.int64(tag[i])
             other = left + right - own
             gain, least = _gain(graph, tag, i, own, other)

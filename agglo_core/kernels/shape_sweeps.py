@@ -116,15 +116,8 @@ def _put(graph_cells, tally, i, target):
     cells[target] += 1
 
 
-@kernel
-def relax_shapes(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
-    """Sweeps of single-cell moves that lower, in each block, inertia times interface to the power ``alpha``.
-
-    Parts are numbered through all blocks; part p belongs to block ``owner[p]`` and trades cells with parts
-    of that block only. No part is emptied or disconnected, none falls below ``floor`` times its measure at
-    entry, and none that is at most ``limit`` wide becomes wider. In each sweep the cells worth moving are
-    taken by their ``places (n,)`` along the axis of their block, so that their numbering does not matter.
-    """
+@helper
+def _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
     n, k = len(labels), len(owner)
     indptr, indices, interface = graph
     parts, keys = labels.copy(), places.copy()  # to be of types that callees are compiled for already
@@ -180,3 +173,15 @@ def relax_shapes(graph, graph_cells, measures, labels, owner, axes, places, alph
         if candidates == 0:
             break
     return parts
+
+
+@kernel
+def relax_shapes(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
+    """Sweeps of single-cell moves that lower, in each block, inertia times interface to the power ``alpha``.
+
+    Parts are numbered through all blocks; part p belongs to block ``owner[p]`` and trades cells with parts
+    of that block only. No part is emptied or disconnected, none falls below ``floor`` times its measure at
+    entry, and none that is at most ``limit`` wide becomes wider. In each sweep the cells worth moving are
+    taken by their ``places (n,)`` along the axis of their block, so that their numbering does not matter.
+    """
+    return _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners)

@@ -87,9 +87,8 @@ def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
     )
 
 
-@kernel
-def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
-    """Split pieces, the last in ``todo`` first; the arguments are those of ``PieceGrowth``."""
+@helper
+def _split(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
     indptr, indices, _, centroids, measures, weights, _, units = graph
     limit, floor, small, check = goal
     waiting, put_off, stamp, largest = counts[0], counts[1], counts[2], np.int64(0)
@@ -135,3 +134,9 @@ def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, t
         todo[waiting, 3], todo[waiting + 1, 3] = depth + 1, depth + 1
         waiting += 2
     counts[0], counts[1], counts[2] = waiting, put_off, stamp
+
+
+@kernel
+def split_by_means(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
+    """Split pieces, the last in ``todo`` first; the arguments are those of ``PieceGrowth``."""
+    return _split(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work)
