@@ -26,8 +26,8 @@ _SMALL_BUBBLES = 0.03
 _ROUNDING = 1e-13
 """The same without bubbles: groups of vertices where κ is large hang on entries as small as its jumps."""
 _SMALL_VERTICES = 0.01
-"""Where single cells are smoothed, κ is of one size and there are no bubbles, entries up to this go to the
-diagonal: of polygons half, or more."""
+"""Where single cells are smoothed, κ is of one size and there are no bubbles, positive entries up to this go
+to the diagonal: of polygons a quarter."""
 _ONE_SIZE = 4.0
 """Ratio of the largest to the smallest κ up to which it is of one size."""
 

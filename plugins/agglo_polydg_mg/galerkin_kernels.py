@@ -113,9 +113,9 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
     Unknowns from ``vertices`` on are bubbles. An entry is small if it is at most ``small`` times the root of
     both diagonal ones, or ``small_bubbles`` times that between two bubbles. Such a one adds its magnitude
     times the root of their ratio to the diagonal entries: what is done to the matrix is semidefinite. Between
-    two vertices entries up to ``small_vertices`` times the root are added to the diagonal ones, so that
-    rows keep their sums; not if only such entries join the groups that the vertices belong to. Columns of the
-    result are sorted.
+    two vertices positive entries up to ``small_vertices`` times the root are added to the diagonal ones: rows
+    keep their sums, and what is added is semidefinite, as it is not for negative ones; not if only such
+    entries join the groups that the vertices belong to. Columns of the result are sorted.
     """
     n = len(rows) - 1
     root, added, light = np.zeros(n), np.zeros(n), np.zeros(n)
@@ -141,7 +141,7 @@ def thinned(rows, columns, values, vertices, small, small_bubbles, small_vertice
             if bubbles and not kept[k] and both > 0.0:
                 added[i] += size * root[i] / root[j]
                 added[j] += size * root[j] / root[i]
-            elif kept[k] and i < j < vertices and size <= small_vertices * both:
+            elif kept[k] and i < j < vertices and 0.0 < values[k] <= small_vertices * both:
                 heavy = firm or light[j] > _MOST_ADDED * root[j] ** 2
                 if not heavy and _group_of(group, i) == _group_of(group, j):
                     kept[k] = False

@@ -115,20 +115,21 @@ def test_small_entries_between_vertices_go_to_the_diagonal() -> None:
     small = off & (np.abs(C) <= 0.01 * scale)
     light = np.abs(np.where(small, C, 0.0)).sum(axis=1) <= 0.25 * C.diagonal()
     assert thin.has_sorted_indices
-    assert np.count_nonzero(C) > 1.3 * thin.nnz
-    assert np.array_equal(off & (D == 0.0), off & ((C == 0.0) | (small & light[:, None] & light)))
+    assert np.count_nonzero(C) > 1.1 * thin.nnz
+    assert np.array_equal(off & (D == 0.0), off & ((C == 0.0) | (small & (C > 0.0) & light[:, None] & light)))
     assert np.allclose(D[off & (D != 0.0)], C[off & (D != 0.0)], atol=1e-11 * scale.max())
     assert np.allclose(D.sum(axis=1), C.sum(axis=1), atol=1e-10 * scale.max())
     assert np.linalg.eigvalsh(D)[0] > 0.0
+    assert np.linalg.eigvalsh(D - C)[0] > -1e-10 * scale.max()  # hexagons leave nothing to spare
 
 
 def test_small_entries_stay_where_nothing_else_joins_two_groups() -> None:
     rows, columns = np.array([0, 2, 4, 6, 7]), np.array([0, 1, 1, 2, 2, 3, 3], np.int32)
-    values = np.array([2.0, -1.0, 2.0, -0.001, 2.0, -1.0, 2.0])  # 0–1 and 2–3, joined by 1–2 alone
+    values = np.array([2.0, -1.0, 2.0, 0.001, 2.0, -1.0, 2.0])  # 0–1 and 2–3, joined by 1–2 alone
     starts, found, data = thinned(rows, columns, values, 4, 0.0, 0.0, 0.01)
     C = sparse.csr_array((data, found, starts), shape=(4, 4)).toarray()
     assert np.array_equal(C, C.T)
-    assert C[1, 2] == -0.001
+    assert C[1, 2] == 0.001
     assert np.array_equal(C.diagonal(), np.full(4, 2.0))
 
 
