@@ -61,9 +61,8 @@ def new_run(
 
 def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:
     if choices is POLISH and not any(each.name == POLISH[0] for each in registry.records()):
-        return [
-            Member(made_by("agglo_core.components.compactness:CompactnessRefiner")(), "the default polish")
-        ]
+        ours = made_by("agglo_core.components.compactness:CompactnessRefiner")()
+        return [Member(ours, f"refiner {POLISH[0]!r}")]
     return [chosen("refiner", each, registry)[0] for each in choices]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, Mask, frozen_float, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
@@ -142,16 +142,5 @@ def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float) -> Mask:
         part[component] = labels[cells]
         bad = np.bincount(part, minlength=len(changed)) > 1
     if np.isfinite(limit):
-        bad |= _too_wide(graph, labels, cells, len(changed), limit)
+        bad |= graph.wide_parts(labels, limit, cells)
     return bad
-
-
-def _too_wide(graph: Graph, labels: Int, cells: Int, k: int, limit: float) -> Mask:
-    """Which of ``k`` parts, made up of ``cells``, are wider than ``limit``."""
-    from agglo_core.kernels.geometry import compare_diameters
-
-    corners = (graph.vertex_offsets, graph.vertices, graph.points)
-    in_parts = frozen_int(cells[np.argsort(labels[cells], kind="stable")])
-    offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(labels[cells], minlength=k)))))
-    wide: Mask = compare_diameters(offsets, in_parts, *corners, frozen_float([limit])) > limit
-    return wide

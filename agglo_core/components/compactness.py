@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
-from agglo_core.errors import OptionError
+from agglo_core.components.refiners import checked_floor
 from agglo_core.graph import Graph
 from agglo_core.graph.functionals import ratio
 from agglo_core.graph.moves import SHORTNESS, part_sums
@@ -55,10 +55,7 @@ class CompactnessRefiner:
     objective = "shape"
 
     def __init__(self, floor: float = 0.5) -> None:
-        number = isinstance(floor, int | float | np.number) and not isinstance(floor, bool)
-        if not number or not 0.0 <= floor <= 1.0:
-            raise OptionError(f"compactness: floor must be a number in [0, 1], not {floor!r}")
-        self.floor = float(floor)
+        self.floor = checked_floor("compactness", floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` after the sweeps; seeds are not used."""
@@ -99,9 +96,8 @@ def _axes(graph: Graph, block: Int, count: int) -> tuple[Float, Float]:
     w, x = graph.weights, graph.centroids
     centres = [ratio(part_sums(block, w * each, count), part_sums(block, w, count)) for each in x.T]
     offsets = x - np.stack(centres, axis=1)[block]
-    offsets = np.ldexp(
-        offsets, -np.frexp(np.abs(offsets).max(initial=0.0))[1]
-    )  # cubes of any unit are finite
+    largest = np.abs(offsets).max(initial=0.0)
+    offsets = np.ldexp(offsets, -np.frexp(largest)[1])  # cubes of any unit are finite
     square = (offsets**2).sum(axis=1)
     axes = np.stack([part_sums(block, w * square * each, count) for each in offsets.T], axis=1)
     flat = np.linalg.norm(axes, axis=1) <= _FLAT * part_sums(block, w * square**1.5, count)

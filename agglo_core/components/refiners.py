@@ -9,7 +9,15 @@ from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
 
-__all__ = ["InterfaceRefiner"]
+__all__ = ["InterfaceRefiner", "checked_floor"]
+
+
+def checked_floor(refiner: str, floor: float) -> float:
+    """The least share of its measure that ``refiner`` leaves to a part, once it is a number in [0, 1]."""
+    number = isinstance(floor, int | float | np.number) and not isinstance(floor, bool)
+    if not number or not 0.0 <= floor <= 1.0:
+        raise OptionError(f"{refiner}: floor must be a number in [0, 1], not {floor!r}")
+    return float(floor)
 
 
 class InterfaceRefiner:
@@ -33,10 +41,7 @@ class InterfaceRefiner:
     objective = "interface"
 
     def __init__(self, floor: float = 0.85) -> None:
-        number = isinstance(floor, int | float | np.number) and not isinstance(floor, bool)
-        if not number or not 0.0 <= floor <= 1.0:
-            raise OptionError(f"interface: floor must be a number in [0, 1], not {floor!r}")
-        self.floor = float(floor)
+        self.floor = checked_floor("interface", floor)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` after the sweeps; seeds and target are not used."""

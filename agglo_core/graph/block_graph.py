@@ -180,15 +180,21 @@ class BlockGraph:
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return frozen_float(block_diameters(offsets, cells, self.vertex_offsets, self.vertices, self.points))
 
-    def wide_parts(self, labels: ArrayLike, limit: float) -> Mask:
-        """Whether each part ``(k,)``, labels 0..k−1, is wider than ``limit``: faster than all diameters."""
+    def wide_parts(self, labels: ArrayLike, limit: float, cells: Int | None = None) -> Mask:
+        """Whether each part ``(k,)``, labels 0..k−1, is wider than ``limit``: faster than all diameters.
+
+        With ``cells``, which make up some of the parts, the others are not looked at, and not wide.
+        """
         from agglo_core.kernels.geometry import compare_diameters
 
         array = check_labels(labels, self.n)
-        cells = frozen_int(np.argsort(array, kind="stable"))
-        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
+        k = int(array.max()) + 1
+        own = array if cells is None else array[cells]
+        order = np.argsort(own, kind="stable")
+        in_parts = frozen_int(order if cells is None else cells[order])
+        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(own, minlength=k)))))
         limits, shape = frozen_float([limit]), (self.vertex_offsets, self.vertices, self.points)
-        return np.asarray(compare_diameters(offsets, cells, *shape, limits) > limit)
+        return np.asarray(compare_diameters(offsets, in_parts, *shape, limits) > limit)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.ring_search import keeps_whole
 
-__all__ = ["keeps_whole", "relax_interface", "sort_by_key"]
+__all__ = ["relax_interface", "sort_by_key"]
 
-_CROWD = 256  # neighbours from which on a cell is not searched from: each of them would read them all
-_REACH = 64  # cells visited before two neighbours count as not connected around a cell
 _MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
 _SWEEPS = 10
 _TIE = 1e-9
@@ -62,51 +61,6 @@ def _best_move(graph, parts, i, pairs, lengths):
     if partner < 0:
         return -1, -1, 0.0
     return target, partner, best
-
-
-@helper
-def keeps_whole(graph, parts, i, search, stamp):
-    """Whether the neighbours of cell i in its part stay connected near it once it has left.
-
-    Complete rings of cells are grown around all of them at once until they meet; the search ends
-    between rings, so that its outcome does not depend on the order of the neighbours. Rings do not grow
-    from cells with very many neighbours.
-    """
-    indptr, indices, _ = graph
-    mark, queue, source, root = search
-    filled, done = 0, 0
-    for h in range(indptr[i], indptr[i + 1]):
-        j = indices[h]
-        if parts[j] == parts[i]:
-            mark[j], source[j] = stamp, filled
-            queue[filled], root[filled] = j, filled
-            filled += 1
-    apart = filled - 1
-    while apart > 0 and done < filled <= _REACH:
-        ring = filled
-        while apart > 0 and done < ring:
-            node = queue[done]
-            done += 1
-            if indptr[node + 1] - indptr[node] > _CROWD:
-                continue
-            for h in range(indptr[node], indptr[node + 1]):
-                j = indices[h]
-                if parts[j] != parts[i] or j == i:
-                    continue
-                if mark[j] != stamp:
-                    mark[j], source[j] = stamp, source[node]
-                    queue[filled] = j
-                    filled += 1
-                    continue
-                one, other = source[node], source[j]
-                while root[one] != one:
-                    one = root[one]
-                while root[other] != other:
-                    other = root[other]
-                if one != other:
-                    root[one] = other
-                    apart -= 1
-    return apart <= 0
 
 
 @helper
@@ -192,7 +146,7 @@ def _leave(graph, measures, tally, floors, i, target, search, stamp):
     own = parts[i]
     if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
         return False
-    if not keeps_whole(graph, parts, i, search, stamp):
+    if not keeps_whole(graph[0], graph[1], parts, i, search, stamp):
         return False
     _put(measures, tally, i, target)
     return True
@@ -236,7 +190,7 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         n_parts = max(n_parts, parts[i] + 1)
     graph = (indptr, indices, interface)
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
-    search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
+    search = (np.empty(n, np.int64), np.empty(n, np.int64), np.full((n, 2), -1, np.int64))
     floors, moments, axis = np.empty(n_parts), np.empty((n_parts, d)), np.empty(d)
     lengths = np.empty(n_parts)
     keys, now, later, boundary = (

@@ -5,48 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import helper
+from agglo_core.kernels.ring_search import keeps_whole
 
-__all__ = ["connected", "refine_sides"]
+__all__ = ["refine_sides"]
 
-_REACH = np.int64(64)  # cells visited before two neighbours count as not connected around a cell
 _SWEEPS = 10
 _SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers would be types of their own
 _TIE = 1e-9
-
-
-@helper
-def connected(indptr, indices, tag, own, queue, root, filled, marks, stamp, reach):
-    """Whether the cells ``queue[:filled]``, of the side ``own``, are connected in it.
-
-    Complete rings of cells are grown around all of them at once until they meet; the search ends
-    between rings, once more than ``reach`` cells were visited, or all.
-    """
-    for k in range(filled):
-        marks[queue[k], 0], marks[queue[k], 1], root[k] = stamp, k, k
-    apart, done = filled - 1, 0
-    while apart > 0 and done < filled <= reach:
-        ring = filled
-        while apart > 0 and done < ring:
-            node = queue[done]
-            done += 1
-            for h in range(indptr[node], indptr[node + 1]):
-                j = indices[h]
-                if tag[j] != own:
-                    continue
-                if marks[j, 0] != stamp:
-                    marks[j, 0], marks[j, 1] = stamp, marks[node, 1]
-                    queue[filled] = j
-                    filled += 1
-                    continue
-                one, other = marks[node, 1], marks[j, 1]
-                while root[one] != one:
-                    one = root[one]
-                while root[other] != other:
-                    other = root[other]
-                if one != other:
-                    root[one] = other
-                    apart -= 1
-    return apart <= 0
 
 
 @helper
@@ -83,23 +48,12 @@ def _partner(graph, tag, i, own, other, gain, least):
 @helper
 def _leave(graph, measures, tag, i, own, other, sides, search, stamp):
     """Move cell i to the other side unless its own would break, empty or sink below the floor."""
-    indptr, indices, _ = graph
     size, count, floor = sides
-    queue, root, marks = search
     s = own & 1  # tags of right sides are odd
     if count[s] < 2 or size[s] - measures[i] < floor:
         return False
-    filled = np.int64(0)
-    for h in range(indptr[i], indptr[i + 1]):
-        if tag[indices[h]] == own:
-            queue[filled] = indices[h]
-            filled += 1
-    if filled > 1:
-        tag[i] = -1
-        whole = connected(indptr, indices, tag, own, queue, root, filled, marks, stamp, _REACH)
-        tag[i] = own
-        if not whole:
-            return False
+    if not keeps_whole(graph[0], graph[1], tag, i, search, stamp):
+        return False
     _put(measures, tag, i, other, sides)
     return True
 

@@ -11,11 +11,12 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.geometry import box, largest_distance, octagon
-from agglo_core.kernels.piece_refinement import connected, refine_sides
+from agglo_core.kernels.piece_refinement import refine_sides
+from agglo_core.kernels.ring_search import connected
 
 __all__ = [
     "broken_pieces",
-    "cut_cells",
+    "cells_beside",
     "is_narrow",
     "part_list",
     "piece_room",
@@ -84,7 +85,7 @@ def reach_of_cells(indptr, indices, centroids):
 
 
 @kernel
-def cut_cells(indptr, indices, tag, left, right, cells, m):
+def cells_beside(indptr, indices, tag, left, right, cells, m):
     """Keep those of ``cells[:m]`` that are beside the other side of their piece; returns how many."""
     found = 0
     for k in range(m):
@@ -114,7 +115,8 @@ def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
         for c in range(edge):
             queue[filled] = boundary[c]
             filled += tag[boundary[c]] == own
-        whole &= connected(indptr, indices, tag, own, queue, root, filled, marks, stamp + side, everything)
+        search = (queue, root, marks)
+        whole &= connected(indptr, indices, tag, own, search, filled, stamp + side, everything, everything)
     return whole
 
 

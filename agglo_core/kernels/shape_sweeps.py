@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
-from agglo_core.kernels.interface import keeps_whole, sort_by_key
+from agglo_core.kernels.interface import sort_by_key
 from agglo_core.kernels.reach import fits, reaches, take_in
+from agglo_core.kernels.ring_search import keeps_whole
 
 __all__ = ["relax_shapes"]
 
@@ -126,7 +127,7 @@ def _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, f
     _inertia(graph_cells, tally, owner, blocks[1])
     room, floors = np.zeros(k), np.zeros(k)
     now, later, seen = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, -1, np.int64)
-    search = (np.full(n, -1, np.int64), np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
+    search = (np.empty(n, np.int64), np.empty(n, np.int64), np.full((n, 2), -1, np.int64))
     scratch = (np.zeros(k), np.empty(n, np.int64))
     candidates, stamp = 0, 0
     for i in range(n):
@@ -152,7 +153,9 @@ def _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, f
             if target < 0 or tally[2][home] < 2 or room[home] - measures[i] < floors[home]:
                 continue
             stamp += 1
-            if not keeps_whole(graph, parts, i, search, stamp) or not fits(i, target, reach, limit, corners):
+            if not keeps_whole(indptr, indices, parts, i, search, stamp):
+                continue
+            if not fits(i, target, reach, limit, corners):
                 continue
             _put(graph_cells, tally, i, target)
             take_in(i, home, target, reach, limit, corners)

@@ -76,7 +76,7 @@ def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
     plane = separator(means, hi - lo, centroids.shape[1] == 2)
     edge = _tag_sides(cells, lo, hi, means[0], extent, plane, tag, measures, size, count, reach, room[0])
     left, right = piece_splits.side_tags(lo, hi)
-    edge = piece_splits.cut_cells(indptr, indices, tag, left, right, room[0], edge)
+    edge = piece_splits.cells_beside(indptr, indices, tag, left, right, room[0], edge)
     if floor < 0.0:
         return edge, stamp
     sign = 1.0 if size[1] < size[0] else -1.0

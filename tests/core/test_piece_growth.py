@@ -17,7 +17,7 @@ from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import functionals
 from agglo_core.kernels.piece_refinement import refine_sides
-from agglo_core.kernels.piece_splits import cut_cells, piece_room, reach_of_cells, sides_connected
+from agglo_core.kernels.piece_splits import cells_beside, piece_room, reach_of_cells, sides_connected
 from agglo_core.threads import thread_count, using_threads
 from agglo_kmeans.kmeans import KMeans
 
@@ -209,7 +209,7 @@ def test_refinement_shortens_the_interface_and_breaks_nothing(n: int, seed: int)
     tag, room = tagged(graph, sides), piece_room(n, np.zeros((n, 4), np.int32))
     cells, left, right = np.arange(n, dtype=np.int32), 0, 2 * n - 1
     room[0][:n] = cells
-    edge = cut_cells(graph.indptr, graph.indices, tag, left, right, room[0], n)
+    edge = cells_beside(graph.indptr, graph.indices, tag, left, right, room[0], n)
     dense = graph.to_scipy().toarray()
     beside = ((dense > 0) & (sides[:, None] != sides)).any(axis=1)
     assert np.array_equal(room[0][:edge], np.flatnonzero(beside))

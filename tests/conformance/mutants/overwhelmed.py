@@ -138,11 +138,13 @@ class StirsWholeBlocks(Fix):
 
 
 class ComparesAllPairs(Idle):
-    """Looks at every pair of cells, in a loop over the cells."""
+    """Looks at the distance and the direction of every pair of cells, in a loop over the cells."""
 
     def refine(self, graph, labels, seeds, target):
         for cell in range(graph.n if graph.n > 1000 and graph.n_blocks == 1 else 0):
-            np.hypot(*(graph.centroids - graph.centroids[cell]).T).min()
+            x, y = (graph.centroids - graph.centroids[cell]).T
+            for angle in (0.0, 0.5, 1.0):
+                (np.hypot(x, y) * np.cos(np.arctan2(y, x) - angle)).min()
         return labels
 
 
