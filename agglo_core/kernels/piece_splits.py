@@ -23,6 +23,7 @@ __all__ = [
     "quota_of_left",
     "reach_of_cells",
     "refine_sides",
+    "side_sizes",
     "side_tags",
     "sides_connected",
     "tagged_components",
@@ -157,24 +158,26 @@ def broken_pieces(slices, cells, indptr, indices, tag, leaf, parent):
 
 
 @helper
-def part_list(tag, measures, cells, lo, hi, spare, size):
-    """Put the cells of the left side before the others, the order kept; returns where the others start.
+def side_sizes(tag, measures, cells, lo, hi, size):
+    """Write the measures of both sides of a piece to ``size``."""
+    size[0], size[1] = 0.0, 0.0
+    for k in range(lo, hi):
+        size[tag[cells[k]] & 1] += measures[cells[k]]
 
-    ``size`` becomes the measures of both sides.
-    """
-    middle, right, left_size, right_size = lo, np.int64(0), 0.0, 0.0
+
+@helper
+def part_list(tag, cells, lo, hi, spare):
+    """Put the cells of the left side before the others, the order kept; returns where the others start."""
+    middle, right = lo, np.int64(0)
     for k in range(lo, hi):
         i = cells[k]
         on_right = tag[i] & 1
-        right_size += on_right * measures[i]
-        left_size += (1 - on_right) * measures[i]
         cells[middle] = i  # no branch: it would be mispredicted half the time
         spare[right] = i
         middle += 1 - on_right
         right += on_right
     for k in range(right):
         cells[middle + k] = spare[k]
-    size[0], size[1] = left_size, right_size
     return middle
 
 

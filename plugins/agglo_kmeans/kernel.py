@@ -121,10 +121,12 @@ def _split(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, go
                 waiting += 1
                 counts[3] = 1  # somebody else is to mend them
                 break
+        else:
+            piece_splits.side_sizes(tag, measures, cells, lo, hi, size)
         row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
         tally[row, 2] += counts[3]
         counts[3] = 0
-        middle = piece_splits.part_list(tag, measures, cells, lo, hi, room[0], size)
+        middle = piece_splits.part_list(tag, cells, lo, hi, room[0])
         first = piece_splits.quota_of_left(quota, size, middle - lo, hi - middle)
         tally[row, 0] += one
         tally[row, 1] += one * (hi - lo)

@@ -183,14 +183,15 @@ def _spatial_axes(second, frame, axes):
 
 
 @helper(reorder_sums=True)
-def _reach(x, y, z, n, frame):
-    """Largest distance of the points from the centre, along any axis of the frame."""
-    reach = np.float32(1e-30)
-    for k in range(3):
-        a, b, c = np.float32(frame[k, 0]), np.float32(frame[k, 1]), np.float32(frame[k, 2])
-        for i in range(n):
-            reach = max(reach, abs(a * x[i] + b * y[i] + c * z[i]))
-    return float(reach)
+def _reach(x, y, z, n, axis):
+    """Largest distance of the points from the centre, along an axis."""
+    a, b, c = np.float32(axis[0]), np.float32(axis[1]), np.float32(axis[2])
+    low, high = np.float32(0.0), np.float32(0.0)
+    for i in range(n):
+        along = a * x[i] + b * y[i] + c * z[i]
+        low = along if along < low else low
+        high = along if along > high else high
+    return max(high, -low)
 
 
 @helper
@@ -198,17 +199,21 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
     """Write the means of the points in each cell of a grid along the frame to ``few``; returns how many."""
     steps, layers = (_BINS_2D, 1) if planar else (_BINS_3D, _BINS_3D)
     count = steps * steps * layers
-    reach = _reach(x, y, z, n, frame)
-    rate = 0.5 * steps / reach
+    reach = 1e-30
+    for k in range(2 if planar else 3):
+        reach = max(reach, float(_reach(x, y, z, n, frame[k])))
     for b in range(count):
         for k in range(4):
             sums[b, k] = 0.0
+    middle = 0.5 * steps - _BIN_TIE
+    for k in range(3):
+        for j in range(3):
+            frame[k, j] *= 0.5 * steps / reach  # from now on in bins
     for i in range(n):
         found = 0
         for k in range(2 if planar else 3):
-            along = frame[k, 0] * x[i] + frame[k, 1] * y[i] + frame[k, 2] * z[i]
-            place = np.int64((along + reach) * rate - _BIN_TIE)
-            found = found * steps + min(max(place, 0), steps - 1)
+            along = frame[k, 0] * x[i] + frame[k, 1] * y[i] + frame[k, 2] * z[i] + middle
+            found = found * steps + min(max(np.int64(along), 0), steps - 1)
         sums[found, 0] += w[i] * x[i]
         sums[found, 1] += w[i] * y[i]
         sums[found, 2] += w[i] * z[i]
