@@ -8,27 +8,29 @@ from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["block_diameters", "box", "compare_diameters", "distinct_vertices", "largest_distance", "octagon"]
 
-_MANY = 64  # vertices from which on not every pair of them is compared
+_FEW = 12  # vertices up to which every pair of them is compared
+_MANY = 64  # vertices from which on pairs are searched for
 
 
-@helper(allocates=True)
+@helper
 def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
-    """Write the vertices of ``cells``, each once, to ``unique`` and the centre of their box; their number."""
+    """Write the vertices of ``cells``, each once, to ``unique``; returns how many.
+
+    The ``centre`` of their box is written, too, unless they are few.
+    """
     m = 0
-    d = len(centre)
-    low, high = np.full(d, np.inf), np.full(d, -np.inf)
     for i in range(len(cells)):
         for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
             v = vertices[h]
             if stamp[v] != b:
-                stamp[v] = b
-                unique[m] = v
+                stamp[v], unique[m] = b, v
                 m += 1
-                for k in range(d):
-                    low[k] = min(low[k], points[v, k])
-                    high[k] = max(high[k], points[v, k])
-    for k in range(d):
-        centre[k] = 0.5 * (low[k] + high[k])
+    for k in range(len(centre) if m > _FEW else 0):
+        low, high = np.inf, -np.inf
+        for i in range(m):
+            x = points[unique[i], k]
+            low, high = min(low, x), max(high, x)
+        centre[k] = 0.5 * (low + high)
     return m
 
 
@@ -92,7 +94,7 @@ def largest_distance(m, unique, centre, points):
     (lower bound) − (largest distance to the centre); only those few vertices are compared.
     """
     far, widest = m, 0.0
-    if m > 12:
+    if m > _FEW:
         reach, p = _farthest(m, unique, centre, points)
         for _ in range(3):
             best, q = _farthest(m, unique, points[p], points)

@@ -50,7 +50,7 @@ def _boxes(vertex_offsets, vertices, points):
     return low, high
 
 
-@helper(allocates=True)
+@helper
 def _union_fits(a, b, following, shapes, space, stamp, limit):
     """Whether the union of parts a and b has a diameter of at most ``limit``; often its box can tell."""
     vertex_offsets, vertices, points, low, high = shapes
@@ -73,7 +73,7 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
     return largest_distance(m, unique, centre, points) <= limit
 
 
-@helper(allocates=True)
+@helper
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
     """The neighbour in its block with which part c makes the roundest union that fits; −1 if none does.
 
