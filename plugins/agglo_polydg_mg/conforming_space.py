@@ -153,7 +153,7 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
         starts,
         unknowns,
         first,
-        _held_by_a_face(mesh, at_ends, np.bincount(unknowns, minlength=n_vertices)),
+        _held_by_a_face(mesh, at_ends, np.bincount(unknowns, minlength=n_vertices), n > n_vertices),
         frozen_float(_orthogonal(extra)),
         basis.boxes,
         basis.scale,
@@ -198,11 +198,13 @@ def _signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
     return frozen_float(signs)
 
 
-def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int) -> Mask:
+def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
     """Whether the unknowns at both ends of a face ``(n_faces, 2, 2)`` belong to the cells beside it alone.
 
-    ``corners (n_vertices,)`` is the number of cells that each belongs to.
+    ``corners (n_vertices,)`` is the number of cells that each belongs to. Without ``bubbles`` nobody asks.
     """
+    if not bubbles:
+        return np.zeros(mesh.n_faces, bool)
     inner = mesh.face_cells[:, 1] >= 0
     other = np.where(inner[:, None], ends[:, 1], ends[:, 0])
     apart = ends[:, 0, 0] != ends[:, 0, 1]
