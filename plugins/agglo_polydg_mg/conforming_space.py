@@ -28,7 +28,7 @@ _COMPARABLE = 3.0
 """A cell unites two groups whose stiffness is at most this many times its own."""
 _SQUARES = 6
 """Cells with more corners than the square of this depend on one corner in each square of a grid only."""
-_UNROLLED = 6
+_UNROLLED = 10
 """Blocks up to this size have a kernel of their own for PᵀAP."""
 _REGULARISATION = 1e-4
 """Times the squared degree: keeps polynomials small that vanish on the boundary."""

@@ -29,8 +29,8 @@ _SMALL_VERTICES = 0.01
 """Where single cells are smoothed, κ is of one size and there are no bubbles, positive entries up to this go
 to the diagonal: of polygons a quarter."""
 _WEAK = 0.05
-"""Couplings of vertices up to this part of the diagonal do not smooth the prolongation of aggregates: of squares
-four in five, which cost more in coarse matrices than they save in iterations."""
+"""Couplings of vertices up to this part of the diagonal do not smooth the prolongation of aggregates: four in
+five of those of squares, which cost more in coarse matrices than they save in iterations."""
 _ONE_SIZE = 4.0
 """Ratio of the largest to the smallest κ up to which it is of one size."""
 
