@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["patch_borders", "patch_inverses", "patch_sum", "patch_sweep"]
 
@@ -12,12 +15,13 @@ _TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes
 
 
 @kernel(reorder_sums=True)
-def patch_inverses(offsets, parts, indptr, indices, data, starts, out):
-    """Fill ``out`` with the inverses of the patches' matrices, patch i at ``starts[i]``.
+def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
+    """Fill ``out`` with the inverses of the patches' matrices by rows, patch i from ``starts[i]`` on.
 
-    The blocks ``data`` of the matrix must be symmetric; only those in the lower half of a patch are read.
-    Symmetric sweeps (M. Goodnight, Amer. Statist. 33, 1979) invert that half in place. Returns the first
-    patch that is not positive definite, −1 if there is none.
+    If ``half``, only the rows of their lower halves are stored, one after the other. The blocks ``data`` of
+    the matrix must be symmetric; only those in the lower half of a patch are read. Symmetric sweeps
+    (M. Goodnight, Amer. Statist. 33, 1979) invert that half in place. Returns the first patch that is not
+    positive definite, −1 if there is none.
     """
     n = data.shape[1]
     most = 0
@@ -68,14 +72,13 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, out):
         least = 0.0
         for r in range(m):
             least = max(least, -W[r, r] * _TINY)
-        inverse = out[starts[i] : starts[i] + m * m].reshape(m, m)
         for r in range(m):
-            row, into = W[r], inverse[r]
+            row, at = W[r], starts[i] + (r * (r + 1) // 2 if half else r * m)
             for c in range(r + 1):
-                into[c] = -row[c] if abs(row[c]) > least else 0.0
-        for r in range(m):
+                out[at + c] = -row[c] if abs(row[c]) > least else 0.0
+        for r in range(0 if half else m):
             for c in range(r):
-                inverse[c, r] = inverse[r, c]
+                out[starts[i] + c * m + r] = out[starts[i] + r * m + c]
     return -1
 
 
@@ -119,70 +122,78 @@ def patch_borders(offsets, parts, indptr, indices):
     return starts, known, blocks, columns
 
 
-@kernel(reorder_sums=True)
-def patch_sweep(offsets, parts, inverse_starts, inverses, starts, stops, blocks, columns, data, b, x, back):
-    """x after solving for the unknowns of each patch in turn, others fixed; ``back``: last patch first.
+@cache
+def patch_sweep(width: int) -> Any:
+    """Kernel ``(offsets, parts, inverse_starts, inverses, starts, stops, columns, border, b, x, back)``.
 
-    ``data`` are the blocks of the matrix, transposed. Blocks ``starts[a]:stops[a]`` of
-    :func:`patch_borders` enter: all, or those that can matter in a first sweep from x = 0.
+    It returns x after solving for the unknowns of each patch in turn, others fixed; ``back``: last patch
+    first. ``inverses`` are stored by half. Block h of :func:`patch_borders`, transposed, is ``border[h]``, of
+    size ``width``; 0 stands for any. Blocks ``starts[a]:stops[a]`` enter: all, or those that can matter in a
+    first sweep from x = 0.
     """
-    n, count = data.shape[1], len(offsets) - 1
-    most = 0
-    for i in range(count):
-        most = max(most, (offsets[i + 1] - offsets[i]) * n)
-    rest, better = np.empty(most, x.dtype), np.empty(most, x.dtype)
-    x = x.copy()
-    for s in range(count):
-        i = count - 1 - s if back else s
-        first, m = offsets[i], (offsets[i + 1] - offsets[i]) * n
-        for a in range(offsets[i], offsets[i + 1]):
-            own = rest[(a - first) * n : (a - first + 1) * n]
-            row = parts[a] * n
-            for r in range(n):
-                own[r] = b[row + r]
-            for h in range(starts[a], stops[a]):
-                block, column = data[blocks[h]], columns[h] * n
-                for c in range(n):
-                    value = x[column + c]
-                    for r in range(n):
-                        own[r] -= block[c, r] * value
-        for r in range(m):
-            better[r] = 0.0
-        start = inverse_starts[i]
-        for c in range(m):
-            value, inverse = rest[c], inverses[start + c * m : start + (c + 1) * m]
-            for r in range(m):
-                better[r] += inverse[r] * value
-        for a in range(offsets[i], offsets[i + 1]):
-            row = parts[a] * n
-            for r in range(n):
-                x[row + r] = better[(a - first) * n + r]
-    return x
+
+    @kernel(reorder_sums=True)
+    def sweep(offsets, parts, inverse_starts, inverses, starts, stops, columns, border, b, x, back):
+        n, count = width if width > 0 else border.shape[1], len(offsets) - 1
+        most = 0
+        for i in range(count):
+            most = max(most, (offsets[i + 1] - offsets[i]) * n)
+        own, rest, better = np.empty(n, x.dtype), np.empty(most, x.dtype), np.empty(most, x.dtype)
+        x = x.copy()
+        for s in range(count):
+            i = count - 1 - s if back else s
+            first, last = offsets[i], offsets[i + 1]
+            for a in range(first, last):
+                row, into = np.uint32(parts[a]) * n, (a - first) * n
+                for r in range(n):
+                    own[r] = b[row + r]
+                for h in range(starts[a], stops[a]):
+                    column = np.uint32(columns[h]) * n  # unsigned: no test whether it counts from the end
+                    for c in range(n):
+                        value = x[column + c]
+                        for r in range(n):
+                            own[r] -= border[h, c, r] * value
+                for r in range(n):
+                    rest[into + r] = own[r]
+            _solve(inverses, inverse_starts[i], rest, (last - first) * n, better)
+            for a in range(first, last):
+                row, into = np.uint32(parts[a]) * n, (a - first) * n
+                for r in range(n):
+                    x[row + r] = better[into + r]
+        return x
+
+    return sweep
+
+
+@helper(reorder_sums=True)
+def _solve(inverses, start, rest, m, better):
+    """``better[:m]`` becomes the product of ``rest`` with the symmetric matrix stored by half."""
+    at = start
+    for r in range(m):
+        inverse, value = inverses[at : at + r + 1], rest[r]
+        total = inverse[r] * value
+        for c in range(r):
+            total += inverse[c] * rest[c]
+            better[c] += inverse[c] * value
+        better[r] = total
+        at += r + 1
 
 
 @kernel(reorder_sums=True)
 def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
-    """The sum of the solutions of all patches; each part is weighted before and after."""
+    """The sum of the solutions of all patches, inverses by half; each part is weighted before and after."""
     most = 0
     for i in range(len(offsets) - 1):
         most = max(most, (offsets[i + 1] - offsets[i]) * n)
-    there = np.empty(most, r.dtype)
+    there, better = np.empty(most, r.dtype), np.empty(most, r.dtype)
     x = np.zeros_like(r)
     for i in range(len(offsets) - 1):
-        first, m = offsets[i], (offsets[i + 1] - offsets[i]) * n
-        for k in range(m):
-            there[k] = 0.0
-        start = inverse_starts[i]
-        for a in range(offsets[i], offsets[i + 1]):
-            row = parts[a] * n
+        first, last = offsets[i], offsets[i + 1]
+        for a in range(first, last):
             for c in range(n):
-                value = weights[parts[a]] * r[row + c]
-                at = start + ((a - first) * n + c) * m
-                inverse = inverses[at : at + m]
-                for k in range(m):
-                    there[k] += inverse[k] * value
-        for a in range(offsets[i], offsets[i + 1]):
-            row = parts[a] * n
+                there[(a - first) * n + c] = weights[parts[a]] * r[parts[a] * n + c]
+        _solve(inverses, inverse_starts[i], there, (last - first) * n, better)
+        for a in range(first, last):
             for c in range(n):
-                x[row + c] += weights[parts[a]] * there[(a - first) * n + c]
+                x[parts[a] * n + c] += weights[parts[a]] * better[(a - first) * n + c]
     return x

@@ -18,28 +18,31 @@ from agglo_core.errors import OptionError
 from agglo_core.kernels.block_sweeps import UNROLLED
 from agglo_core.kernels.group_sweeps import group_sweeps
 from agglo_core.kernels.patch_sweeps import patch_borders, patch_inverses, patch_sum, patch_sweep
+from agglo_core.multigrid.block_matrix import in_precision
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
 
-__all__ = ["AdditivePatches", "PatchSmoother", "VertexPatches", "rounded"]
+__all__ = ["AdditivePatches", "PatchSmoother", "VertexPatches"]
 
-_TINY = 1e-22  # of the largest entry
+_CUBICS = 10
+"""Unknowns of a cell at degree 3, where overlapping patches serve most: their sweep is compiled for it."""
 
 
 class _Inverses:
-    """Patches of a matrix in blocks, and the inverse of the matrix on each."""
+    """Patches of a matrix in blocks, and the inverse of the matrix on each: its lower half, or all of it."""
 
-    def __init__(self, A: Any, patches: Patches, dtype: Any) -> None:
+    def __init__(self, A: Any, patches: Patches, dtype: Any, half: bool) -> None:
         self.offsets, self.parts = frozen_int(patches.offsets), frozen_index(patches.parts)
         self.width = int(A.blocksize[0])
         self._check(A.shape[0] // self.width)
-        sizes = (np.diff(self.offsets) * self.width) ** 2
+        rows = np.diff(self.offsets) * self.width
+        sizes = rows * (rows + 1) // 2 if half else rows**2
         self.starts = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
         values = np.empty(self.starts[-1], dtype)
         blocks = frozen(A.data, A.dtype)
         failed = patch_inverses(
-            self.offsets, self.parts, *_pattern(A), blocks, frozen_int(self.starts[:-1]), values
+            self.offsets, self.parts, *_pattern(A), blocks, frozen_int(self.starts[:-1]), half, values
         )
         if failed >= 0:
             members = self.parts[self.offsets[failed] : self.offsets[failed + 1]].tolist()
@@ -93,18 +96,17 @@ class VertexPatches:
     """
 
     def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
-        self._inverses = _Inverses(A, patches, dtype)
-        self.A = rounded(A, dtype)
-        own = self._inverses
-        self._apart = len(own.parts) == self.A.shape[0] // own.width  # patches do not overlap
+        self._apart = len(patches.parts) == A.shape[0] // A.blocksize[0]  # patches do not overlap
+        own = self._inverses = _Inverses(A, patches, dtype, half=not self._apart)
+        self.A = in_precision(A, dtype)
         if self._apart:
             self._kernels = group_sweeps(own.width if own.width <= UNROLLED else 0)
             self._rows = (frozen_int(A.indptr), frozen_index(A.indices), frozen(self.A.data, dtype))
             return
         starts, known, blocks, columns = patch_borders(own.offsets, own.parts, *_pattern(A))
         self._starts, self._known = frozen_int(starts), frozen_int(known)
-        self._border = frozen_index(blocks), frozen_index(columns)
-        self._data = frozen(np.swapaxes(self.A.data, 1, 2), dtype)
+        self._columns, self._border = frozen_index(columns), frozen(self.A.data[blocks].swapaxes(1, 2), dtype)
+        self._sweep = patch_sweep(own.width if own.width == _CUBICS else 0)
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
@@ -129,11 +131,9 @@ class VertexPatches:
         return x
 
     def _overlapping(self, b: Real, x: Real, stops: Int, back: bool) -> Real:
-        dtype = self._data.dtype
-        given = (frozen(each, dtype) for each in (b, x))
-        swept: Real = patch_sweep(
-            *self._inverses.arrays, self._starts, stops, *self._border, self._data, *given, back
-        )
+        given = (frozen(each, self.A.dtype) for each in (b, x))
+        border = self._starts, stops, self._columns, self._border
+        swept: Real = self._sweep(*self._inverses.arrays, *border, *given, back)
         return swept
 
 
@@ -146,8 +146,8 @@ class AdditivePatches:
     """
 
     def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
-        self._inverses = _Inverses(A, patches, dtype)
-        self.A = rounded(A, dtype)
+        self._inverses = _Inverses(A, patches, dtype, half=True)
+        self.A = in_precision(A, dtype)
         shared = np.bincount(self._inverses.parts, minlength=A.shape[0] // A.blocksize[0])
         self._weights = frozen(1.0 / np.sqrt(shared), dtype)
         self._damping = self.A.dtype.type(4 / 3 / largest_eigenvalue(self.A, self._summed))
@@ -202,18 +202,6 @@ class PatchSmoother:
             return x
 
         return smooth
-
-
-def rounded(A: Any, dtype: Any) -> sparse.bsr_array:
-    """A matrix in another precision, entries far below the largest set to 0.
-
-    In single precision they, or their products, would be denormal numbers, which slow sweeps down tenfold.
-    """
-    if A.dtype == dtype:
-        return A
-    data = A.data.astype(dtype)
-    data[np.abs(data) < _TINY * np.abs(data).max(initial=0.0)] = 0.0
-    return sparse.bsr_array((data, A.indices, A.indptr), shape=A.shape)
 
 
 def _pattern(A: Any) -> tuple[Int, Any]:

@@ -141,8 +141,10 @@ def _weak_part(mesh: Mesh, sigma: Float) -> float:
     """Part of the inner faces at which a jump costs little, in both cells, next to their other faces."""
     jump, inner = sigma * mesh.face_measures, mesh.face_cells[:, 1] >= 0
     offsets, faces = mesh.cell_faces
-    most = np.maximum.reduceat(jump[faces], offsets[:-1])[mesh.face_cells[inner]].min(axis=1)
-    return float(np.mean(jump[inner] < _WEAK * most)) if inner.any() else 0.0
+    most = np.maximum.reduceat(jump[faces], offsets[:-1])
+    owner, other = mesh.face_cells[inner].T
+    weak = jump[inner] < _WEAK * np.minimum(most[owner], most[other])
+    return float(np.mean(weak)) if len(weak) else 0.0
 
 
 def _strength(mesh: Mesh, sigma: Float) -> Float:
@@ -151,4 +153,5 @@ def _strength(mesh: Mesh, sigma: Float) -> Float:
     offsets, faces = mesh.cell_faces
     positive = np.where(sigma > 0.0, sigma, np.inf)[faces]
     least = np.minimum.reduceat(positive, offsets[:-1])
-    return frozen_float(sigma[inner] / least[mesh.face_cells[inner]].min(axis=1))
+    owner, other = mesh.face_cells[inner].T
+    return frozen_float(sigma[inner] / np.minimum(least[owner], least[other]))

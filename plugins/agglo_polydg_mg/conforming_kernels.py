@@ -118,8 +118,9 @@ def corner_unknowns(offsets, faces, face_cells, ends, starts, coupling, stiffnes
 
 
 @helper
-def _polynomials(x, y, box, degree, out):
-    """The polynomials of a cell, not scaled, at a point."""
+def _polynomials(x, y, box, roots, out):
+    """The polynomials of a cell, not scaled, at a point; ``roots`` are (i + 1/2)^½ up to their degree."""
+    degree = len(roots) - 1
     x, y = along_box(x - box[0], y - box[1], box)
     x, y = x / box[2], y / box[3]
     k = 0
@@ -127,14 +128,14 @@ def _polynomials(x, y, box, degree, out):
     for i in range(degree + 1):  # L_i(x), at the places of (i, j) for all j
         k = i * (i + 1) // 2
         for j in range(degree + 1 - i):
-            out[k] = value * np.sqrt(i + 0.5)
+            out[k] = value * roots[i]
             k += i + j + 2
         before, value = value, ((2 * i + 1) * x * value - i * before) / (i + 1)
     before, value = 0.0, 1.0
     for j in range(degree + 1):
         k = j * (j + 3) // 2
         for i in range(degree + 1 - j):
-            out[k] *= value * np.sqrt(j + 0.5)
+            out[k] *= value * roots[j]
             k += i + j + 1
         before, value = value, ((2 * j + 1) * y * value - j * before) / (j + 1)
 
@@ -194,7 +195,9 @@ def fit_traces(
         if starts[c + 1] - starts[c] <= most:
             widest = max(widest, starts[c + 1] - starts[c] + extra * (offsets[c + 1] - offsets[c]))
     normal, right, values = np.empty((n, n)), np.empty((widest, n)), np.empty(n)
-    place, where = np.empty(most, np.int64), np.empty((most, 2))
+    place, where, roots = np.empty(most, np.int64), np.empty((most, 2)), np.empty(degree + 1)
+    for i in range(degree + 1):
+        roots[i] = np.sqrt(i + 0.5)
     position = 0
     for c in range(len(offsets) - 1):
         corners = starts[c + 1] - starts[c]
@@ -224,7 +227,7 @@ def fit_traces(
                         indices[position + count] = unknowns[ends[f, side, k]]
                         count += 1
                     i = place[s]
-                    _polynomials(where[i, 0], where[i, 1], box, degree, values)
+                    _polynomials(where[i, 0], where[i, 1], box, roots, values)
                     _add_point(0.5 * length, values, normal, n)
                     for j in range(n):
                         right[i, j] += 0.5 * length * values[j]
@@ -232,7 +235,7 @@ def fit_traces(
             first, last = ends[f, side, 0] - starts[c], ends[f, side, 1] - starts[c]
             for q in range(len(nodes)):
                 t, weight = nodes[q], weights[q] * length
-                _polynomials(ax + t * (bx - ax), ay + t * (by - ay), box, degree, values)
+                _polynomials(ax + t * (bx - ax), ay + t * (by - ay), box, roots, values)
                 _add_point(weight, values, normal, n)
                 bubble = 4.0 * t * (1.0 - t) * weight
                 for j in range(n):

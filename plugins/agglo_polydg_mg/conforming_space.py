@@ -28,7 +28,7 @@ _COMPARABLE = 3.0
 """A cell unites two groups whose stiffness is at most this many times its own."""
 _SQUARES = 6
 """Cells with more corners than the square of this depend on one corner in each square of a grid only."""
-_UNROLLED = 6
+_UNROLLED = 10
 """Blocks up to this size have a kernel of their own for PᵀAP."""
 _REGULARISATION = 1e-4
 """Times the squared degree: keeps polynomials small that vanish on the boundary."""
@@ -153,7 +153,7 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
         starts,
         unknowns,
         first,
-        _held_by_a_face(mesh, at_ends, np.bincount(unknowns, minlength=n_vertices)),
+        _held_by_a_face(mesh, at_ends, np.bincount(unknowns, minlength=n_vertices), n > n_vertices),
         frozen_float(_orthogonal(extra)),
         basis.boxes,
         basis.scale,
@@ -198,11 +198,13 @@ def _signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
     return frozen_float(signs)
 
 
-def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int) -> Mask:
+def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
     """Whether the unknowns at both ends of a face ``(n_faces, 2, 2)`` belong to the cells beside it alone.
 
-    ``corners (n_vertices,)`` is the number of cells that each belongs to.
+    ``corners (n_vertices,)`` is the number of cells that each belongs to. Without ``bubbles`` nobody asks.
     """
+    if not bubbles:
+        return np.zeros(mesh.n_faces, bool)
     inner = mesh.face_cells[:, 1] >= 0
     other = np.where(inner[:, None], ends[:, 1], ends[:, 0])
     apart = ends[:, 0, 0] != ends[:, 0, 1]

@@ -28,6 +28,9 @@ _ROUNDING = 1e-13
 _SMALL_VERTICES = 0.01
 """Where single cells are smoothed, κ is of one size and there are no bubbles, positive entries up to this go
 to the diagonal: of polygons a quarter."""
+_WEAK = 0.05
+"""Couplings of vertices up to this part of the diagonal do not smooth the prolongation of aggregates: four in
+five of those of squares, which cost more in coarse matrices than they save in iterations."""
 _ONE_SIZE = 4.0
 """Ratio of the largest to the smallest κ up to which it is of one size."""
 
@@ -98,7 +101,7 @@ def conforming_stack(
         ones = np.ones(C.shape[0])
         rest = multigrid.classical_stack(C, labels=of_vertices, near_null=ones, guide=guide, dtype=dtype)
     else:
-        rest = multigrid.aggregation_stack(C, labels=of_vertices, dtype=dtype)
+        rest = multigrid.aggregation_stack(C, labels=of_vertices, weak=_WEAK, dtype=dtype)
     return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)
 
 

@@ -49,8 +49,7 @@ def _square(lanes, scaled, traces):
         for j in range(i + 1):
             for lane in range(LANES):
                 shrink = 1.0 / traces[lane] if traces[lane] > 0.0 else 0.0
-                scaled[i, j, lane] = shrink * lanes[i, j, lane]
-            scaled[j, i] = scaled[i, j]
+                scaled[i, j, lane] = scaled[j, i, lane] = shrink * lanes[i, j, lane]
     for i in range(n):
         for j in range(i + 1):
             out, left, right = lanes[i, j], scaled[i], scaled[j]

@@ -9,7 +9,8 @@ from scipy import sparse
 from agglo_core import samples
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import AdditivePatches, VertexPatches, joined_patches, vertex_patches
-from agglo_core.multigrid.patch_smoother import PatchSmoother, rounded
+from agglo_core.multigrid.block_matrix import in_precision
+from agglo_core.multigrid.patch_smoother import PatchSmoother
 from agglo_core.problems import MultigridLevel, Patches
 
 Array = np.ndarray
@@ -102,8 +103,8 @@ def test_a_patch_of_everything_solves() -> None:
 
 def test_rounding_drops_what_would_be_denormal() -> None:
     A = sparse.csr_array([[1.0, 1e-30], [1e-30, 2.0]]).tobsr((2, 2))
-    assert rounded(A, np.float32).toarray().tolist() == [[1.0, 0.0], [0.0, 2.0]]
-    assert rounded(A, np.float64) is A
+    assert in_precision(A, np.float32).toarray().tolist() == [[1.0, 0.0], [0.0, 2.0]]
+    assert in_precision(A, np.float64) is A
 
 
 def level(A: sparse.bsr_array, patches: Patches | None, offsets: Array | None = None) -> MultigridLevel:
