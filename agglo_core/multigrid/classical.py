@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Float, Mask, frozen, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.coarse_points import classical_weights, coarse_first, coarse_points, strong_entries
 from agglo_core.kernels.galerkin_product import galerkin_product
@@ -54,7 +54,8 @@ def classical_stack(
     A : (n, n) sparse
     labels : sequence of (n,) int, optional
         Agglomerates, finest first, as in ``Hierarchy.levels``. After one classical step the unknowns that
-        stay are aggregated by these, as :func:`aggregation_stack` does. By default all levels are classical.
+        stay are aggregated by these, as :func:`aggregation_stack` does; with a guide, after as many as leave
+        no more unknowns than the first has agglomerates. By default all levels are classical.
     near_null : (n,) or (n, 1) float, optional
         A vector that A takes to nearly nothing, of positive entries. By default ones; where they are not
         such a vector, as after a scaling of the unknowns, what Gauss–Seidel leaves of them. The levels are
@@ -105,7 +106,8 @@ def classical_stack(
     if not 0.0 < theta <= 1.0:
         raise OptionError(f"theta must be between 0 and 1; given {theta!r}")
     levels: list[Level] = []
-    while matrix.shape[0] > coarsest and not (levels and given):
+    first = _agglomerates(given[:1]) if guide is not None else matrix.shape[0]
+    while matrix.shape[0] > coarsest and not (levels and given and matrix.shape[0] <= first):
         P, stays = _interpolation(matrix if guide is None else guide, theta)
         if stays.sum() > _SLOW * len(stays):
             break
@@ -117,6 +119,8 @@ def classical_stack(
         levels.append(Level(matrix.astype(dtype), own, P.astype(dtype), smoother))
         matrix, given = below, [each[stays] for each in given]
         guide = None if guide is None else _galerkin(guide, P)
+    if guide is not None:
+        given = [each for each in given if _agglomerates([each]) < matrix.shape[0]]
     rest = aggregation_stack(matrix, labels=given or None, dtype=dtype, coarsest=coarsest)
     unlabelled = [Level(each.A, each.block_offsets, each.P, each.smoother) for each in rest.levels]
     return LevelStack([*levels, *unlabelled], rest.coarse, dtype, None if D is None else sparse.csr_array(D))
@@ -158,6 +162,11 @@ class CoarseFirst:
     def after(self, b: Real, x: Real) -> Real:
         """Return x after the sweep in the opposite order."""
         return self._sweeps.after(b[self._order], x[self._order])[self._place]
+
+
+def _agglomerates(labels: Sequence[Int]) -> int:
+    """How many agglomerates labels have, 0 if there are none."""
+    return max((len(np.unique(each)) for each in labels), default=0)
 
 
 def _scale(A: Any, near_null: Float | None) -> Float | None:

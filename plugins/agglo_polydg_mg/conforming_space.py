@@ -18,7 +18,7 @@ from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_f
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.quadrature import gauss
 
-__all__ = ["ConformingSpace", "conforming_space", "directions"]
+__all__ = ["ConformingSpace", "bubble_signs", "conforming_space", "directions"]
 
 _SHORT = 0.5
 """A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
@@ -101,7 +101,9 @@ class ConformingSpace:
         return sparse.csr_array((data, indices, starts), shape=(self.n, self.n))
 
 
-def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True) -> ConformingSpace:
+def conforming_space(
+    basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True, orthogonal: bool = True
+) -> ConformingSpace:
     """The continuous space of a basis.
 
     Vertices joined by faces shorter than half of |K| / diam K share an unknown, as long as they lie that
@@ -128,6 +130,8 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
         Coefficient of the cells.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
+    orthogonal : bool
+        Whether bubbles are orthogonal to linear functions on the long faces of flat cells.
     """
     from agglo_polydg_mg.conforming_kernels import corner_unknowns, corners_of_cells, fit_traces
 
@@ -144,6 +148,8 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
     extra = p - 1 if bubbles else 0
     first, n = _bubbles(mesh, starts, short, n_vertices, extra)
     at_ends = np.where(ends < 0, -1, unknowns[ends])
+    corners = np.bincount(unknowns, minlength=n_vertices)
+    held = _held_by_a_face(mesh, at_ends, corners, orthogonal and n > n_vertices)
     nodes, weights = gauss(p + 1)
     room = len(unknowns) + 2 * (n - n_vertices)
     cells, indices, fitted = fit_traces(
@@ -153,7 +159,7 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
         starts,
         unknowns,
         first,
-        _held_by_a_face(mesh, at_ends, np.bincount(unknowns, minlength=n_vertices), n > n_vertices),
+        held,
         frozen_float(_orthogonal(extra)),
         basis.boxes,
         basis.scale,
@@ -168,7 +174,7 @@ def conforming_space(basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool 
     used[indices] = True  # of cells with many corners not all are
     places = np.where(used, np.cumsum(used) - 1, -1)
     counts = int(used[:n_vertices].sum()), int(used.sum())
-    fitted *= _signs(mesh, first, extra, n)[indices, None]
+    fitted *= bubble_signs(mesh, first, extra, n)[indices, None]
     return ConformingSpace(
         frozen_int(cells),
         frozen_index(places[indices]),
@@ -188,7 +194,7 @@ def directions(mesh: Mesh) -> Float:
     return frozen_float(np.where(vectors @ _DIRECTION < 0.0, -1.0, 1.0)[:, None] * vectors)
 
 
-def _signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
+def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
     """Sign ``(n,)`` of each unknown's function: bubbles of odd order change it as a face is turned."""
     signs, on = np.ones(n), bubbles >= 0
     a, b = mesh.face_pairs[on].T

@@ -16,8 +16,9 @@ from agglo_core.authoring import Float, Int, MultigridLevel, System, frozen_int,
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.coupling_network import coupling_network
+from agglo_polydg_mg.nodal_traces import nodal_basis, nodal_network
 
-__all__ = ["conforming_stack", "labels_of_vertices"]
+__all__ = ["conforming_stack", "labels_of_unknowns"]
 
 _SMALL = 1e-5
 """Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
@@ -52,8 +53,8 @@ def conforming_stack(
 
     The first is the system itself. The second has the vertices and the bubbles of
     :func:`~agglo_polydg_mg.conforming_space.conforming_space`, the third the vertices alone (where there are
-    no bubbles the second is that; in layers there is none), the others are smoothed aggregation or classical
-    multigrid.
+    no bubbles the second is that; in layers, too, where points of the faces take the place of bubbles), the
+    others are smoothed aggregation or classical multigrid.
 
     Parameters
     ----------
@@ -78,30 +79,36 @@ def conforming_stack(
         after a first classical step.
     layers : bool
         Whether classical levels are to be guided by the
-        :func:`~agglo_polydg_mg.coupling_network.coupling_network`. Without labels these have vertices and
-        bubbles, side by side.
+        :func:`~agglo_polydg_mg.coupling_network.coupling_network`, with bubbles by the
+        :func:`~agglo_polydg_mg.nodal_traces.nodal_network` of vertices and points of faces.
     dtype : float32 or float64
         Precision of the cycle; matrices are set up in double precision.
     """
-    space = conforming_space(basis, sigma, kappa, bubbles=bubbles)
+    nodal = layers and vertices == "classical" and bubbles and basis.degree > 1
+    space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal)
     inner = space.n > space.n_vertices
     even = smoother is None and not (inner or layers) and kappa.max() <= _ONE_SIZE * kappa.min()
-    limits = (_SMALL if inner else _ROUNDING, _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
-    C = space.galerkin(system.A, *limits)
+    small = _SMALL if inner else _ROUNDING
+    C = space.galerkin(system.A, small, small if nodal else _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
+    P, guide = space.prolongation(dtype), None
+    if nodal:
+        T = nodal_basis(space, basis.mesh)
+        C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P @ T.astype(dtype))
+        C.sort_indices()
+        guide = nodal_network(space, basis.mesh, kappa)
+    elif layers and vertices == "classical":
+        guide = coupling_network(space, basis.mesh, kappa)
     relaxed = (smoother or cell_sweeps)(system.A, system.block_offsets, dtype)
-    levels = [multigrid.Level(system.A, system.block_offsets, space.prolongation(dtype), relaxed)]
-    guide = coupling_network(space, basis.mesh, kappa) if layers and vertices == "classical" else None
-    if inner and guide is not None and labels is None:
-        inner = False  # bubbles are unknowns like those of vertices
-    if inner:
+    levels = [multigrid.Level(system.A, system.block_offsets, P, relaxed)]
+    if inner and not nodal:
         levels.append(_with_bubbles(C, space, dtype))
-        C, guide = (_of_vertices(space, each) for each in (C, guide))
-    of_vertices = None if labels is None else [labels_of_vertices(space, each) for each in labels]
+        C = sparse.csr_array(C[: space.n_vertices, : space.n_vertices])
+    n = C.shape[0]
+    given = None if labels is None else [labels_of_unknowns(space, each)[:n] for each in labels]
     if vertices == "classical":
-        ones = np.ones(C.shape[0])
-        rest = multigrid.classical_stack(C, labels=of_vertices, near_null=ones, guide=guide, dtype=dtype)
+        rest = multigrid.classical_stack(C, labels=given, near_null=np.ones(n), guide=guide, dtype=dtype)
     else:
-        rest = multigrid.aggregation_stack(C, labels=of_vertices, weak=_WEAK, dtype=dtype)
+        rest = multigrid.aggregation_stack(C, labels=given, weak=_WEAK, dtype=dtype)
     return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)
 
 
@@ -112,18 +119,12 @@ def cell_sweeps(A: Any, block_offsets: Int, dtype: Any) -> multigrid.LevelSmooth
     return multigrid.GaussSeidel().setup(level, dtype)
 
 
-def labels_of_vertices(space: ConformingSpace, labels: Int) -> Int:
-    """Label ``(n_vertices,)`` of the first cell that has the unknown of each vertex."""
+def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:
+    """Label ``(n,)`` of the first cell that has each unknown, those of vertices first."""
     cells = np.repeat(labels, np.diff(space.offsets))[::-1]
     found = np.empty(space.n, np.int64)
     found[space.unknowns[::-1]] = cells
-    return frozen_int(found[: space.n_vertices])
-
-
-def _of_vertices(space: ConformingSpace, matrix: Any) -> Any:
-    """The part of a matrix, if there is one, that belongs to vertices."""
-    n = space.n_vertices
-    return None if matrix is None else sparse.csr_array(matrix[:n, :n])
+    return frozen_int(found)
 
 
 def _with_bubbles(C: Any, space: ConformingSpace, dtype: Any) -> multigrid.Level:

@@ -15,7 +15,7 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import difficulty
 from agglo_polydg_mg.conforming_kernels import cluster_vertices
 from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
-from agglo_polydg_mg.conforming_stack import conforming_stack, labels_of_vertices
+from agglo_polydg_mg.conforming_stack import conforming_stack, labels_of_unknowns
 from agglo_polydg_mg.galerkin_kernels import thinned
 from agglo_polydg_mg.penalty import face_penalty
 
@@ -183,7 +183,7 @@ def test_a_chain_of_short_edges_becomes_more_than_one_cluster() -> None:
 def test_vertices_take_the_label_of_their_first_cell() -> None:
     mesh = samples.squares(3)
     _, space = space_on(mesh, 1)
-    found = labels_of_vertices(space, np.arange(9))
+    found = labels_of_unknowns(space, np.arange(9))
     for v in range(space.n_vertices):
         cells = [c for c in range(9) if v in space.unknowns[space.offsets[c] : space.offsets[c + 1]]]
         assert found[v] == min(cells)

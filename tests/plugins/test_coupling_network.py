@@ -54,13 +54,20 @@ def of_vertices_slowly(space: ConformingSpace, mesh: Mesh, kappa: np.ndarray) ->
     return found[: space.n_vertices, : space.n_vertices]
 
 
+def without_held(network: np.ndarray) -> np.ndarray:
+    """No couplings of unknowns whose own cost is more than twice that of their couplings."""
+    couplings = -(network - np.diag(network.diagonal())).sum(axis=1)
+    held = network.diagonal() - couplings > 2.0 * couplings
+    return np.where(held[:, None] | held, np.diag(network.diagonal()), network)
+
+
 @pytest.mark.parametrize("seed", FRESH)
 @pytest.mark.parametrize("degree", [1, 3])
 def test_vertices_are_joined_along_faces(seed: int, degree: int) -> None:
     for mesh in (graded(6, 1e-3), samples.random_triangles(20, seed=seed), samples.voronoi(12, seed=seed)):
         kappa = 10.0 ** np.random.default_rng(seed).uniform(-2, 2, mesh.n_cells)
         space, network = network_on(mesh, degree, kappa)
-        wanted = of_vertices_slowly(space, mesh, kappa)
+        wanted = without_held(of_vertices_slowly(space, mesh, kappa))
         n = space.n_vertices
         assert np.allclose(network[:n, :n], wanted, rtol=1e-9, atol=1e-12 * wanted.max())
         assert np.abs(network[:n, n:]).max(initial=0.0) == 0.0
@@ -73,21 +80,6 @@ def strip(n: int, flat: float) -> Mesh:
     """Cells of unit length, one above the other."""
     points = np.array([(x, flat * k) for k in range(n + 1) for x in (0.0, 1.0)])
     return Mesh.from_polygons(points, [[2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2] for k in range(n)])
-
-
-def test_bubbles_of_flat_cells_are_joined_in_chains() -> None:
-    flat, around = strip(5, 1e-2), strip(5, 1.0)
-    space, network = network_on(flat, 3, np.ones(5))
-    bubbles = network[space.n_vertices :, space.n_vertices :]
-    long = np.flatnonzero(flat.face_measures > 0.5)
-    heights = np.argsort(flat.points[flat.face_pairs[long, 0], 1])
-    for k in (0, 1):
-        chain = space.bubbles[long[heights]] + k - space.n_vertices
-        assert np.allclose(bubbles[chain[:-1], chain[1:]], -8 / 15 * 1e-2 / 1e-4)
-        assert np.count_nonzero(bubbles[chain]) == 6 + 2 * 5
-    space, network = network_on(around, 3, np.ones(5))
-    bubbles = network[space.n_vertices :, space.n_vertices :]
-    assert np.count_nonzero(bubbles) == len(bubbles)
 
 
 def test_bubbles_of_a_chain_have_one_sign() -> None:
