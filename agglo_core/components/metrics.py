@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph, functionals, moves
 from agglo_core.mesh import Mesh
@@ -222,8 +222,12 @@ class Components:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Components ``(k,)``; 1 where connected."""
-        parts = mesh.check_labels(labels)
-        component = mesh.graph.components(parts)
+        from agglo_core.kernels.graphs import broken_blocks
+
+        parts, graph = mesh.check_labels(labels), mesh.graph
+        if not broken_blocks(frozen_int([0, graph.n]), graph.indptr, graph.indices, parts).any():
+            return np.ones(int(parts.max()) + 1)
+        component = graph.components(parts)
         part_of = np.empty(int(component.max()) + 1, np.int64)
         part_of[component] = parts
         return np.bincount(part_of).astype(float)

@@ -194,7 +194,7 @@ class PieceGrowth:
         goal: tuple[float, int, int],
         handled: Callable[[int], None],
     ) -> tuple[Int, int]:
-        """As ``_advance``, large pieces at the same time: the largest are halved, then the largest of these."""
+        """As ``_advance``, several pieces at a time: the largest are halved, then the largest of these."""
         limit, small, check = goal
         stamp = self._stamp
 

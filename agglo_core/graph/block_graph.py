@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import Float, Index, Int, Mask, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
-from agglo_core.mesh import check_labels
+from agglo_core.mesh import check_labels, compared_diameters, diameters_of
 
 __all__ = ["BlockGraph"]
 
@@ -164,29 +164,21 @@ class BlockGraph:
 
     def diameters(self) -> Float:
         """Exact largest vertex distance of each block ``(B,)``."""
-        from agglo_core.kernels.geometry import block_diameters
-
         cells = frozen_int(np.arange(self.n))
-        return frozen_float(
-            block_diameters(self.offsets, cells, self.vertex_offsets, self.vertices, self.points)
-        )
+        return diameters_of(self.offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def part_diameters(self, labels: ArrayLike) -> Float:
         """Exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
-        from agglo_core.kernels.geometry import block_diameters
-
         array = check_labels(labels, self.n)
         cells = frozen_int(np.argsort(array, kind="stable"))
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
-        return frozen_float(block_diameters(offsets, cells, self.vertex_offsets, self.vertices, self.points))
+        return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
     def wide_parts(self, labels: ArrayLike, limit: float, cells: Int | None = None) -> Mask:
         """Whether each part ``(k,)``, labels 0..k−1, is wider than ``limit``: faster than all diameters.
 
         With ``cells``, which make up some of the parts, the others are not looked at, and not wide.
         """
-        from agglo_core.kernels.geometry import compare_diameters
-
         array = check_labels(labels, self.n)
         k = int(array.max()) + 1
         own = array if cells is None else array[cells]
@@ -194,7 +186,7 @@ class BlockGraph:
         in_parts = frozen_int(order if cells is None else cells[order])
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(own, minlength=k)))))
         limits, shape = frozen_float([limit]), (self.vertex_offsets, self.vertices, self.points)
-        return np.asarray(compare_diameters(offsets, in_parts, *shape, limits) > limit)
+        return np.asarray(compared_diameters(offsets, in_parts, *shape, limits) > limit)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""

@@ -71,7 +71,10 @@ def pair_half_edges(edges, bounds, first, beyond):
 
 @kernel
 def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
-    """Write the vertices and cells of the faces of cells ``first``, ..., in the order in which they meet them."""
+    """Write the vertices and cells of faces of cells ``first``, ..., in the order in which cells meet them.
+
+    Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``; there is room for its faces alone.
+    """
     f, c = 0, 0
     for h in range(offsets[0], offsets[len(offsets) - 1]):
         c += h == offsets[c + 1]

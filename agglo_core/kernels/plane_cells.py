@@ -55,7 +55,9 @@ def _moments(ends, own, start, stop):
 
 
 @kernel
-def plane_cells(points, offsets, edges, n_cells, area, centroid, boundary, sizes, vertices, indices, interface):
+def plane_cells(
+    points, offsets, edges, n_cells, area, centroid, boundary, sizes, vertices, indices, interface
+):
     """Moments, vertices and neighbours of some cells, with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
 
     Writes the area, centroid, exposed length and number of neighbours of each, its vertices, and its

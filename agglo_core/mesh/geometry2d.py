@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
-from agglo_core.mesh.plain_faces import first_places
-from agglo_core.threads import mapped, over_ranges, ranges
+from agglo_core.mesh.counting_sort import counting_sort
+from agglo_core.threads import over_ranges
 
 __all__ = ["Neighbours", "PlaneCells", "plane_cells"]
 
@@ -78,20 +78,13 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
 
 
 def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
-    """Half-edges (tail, head, cell beyond, owned) of the cells, and where those of each start."""
+    """Where the half-edges of each cell start; and all: tail, head, cell beyond, whether it owns the face."""
     from agglo_core.kernels.plane_cells import half_edges
 
     edges = np.empty((2 * len(face_cells), 4), np.int32)
-    spans = ranges(len(face_cells), shares=1)
 
-    def counted(span: tuple[int, int]) -> Int:
-        count, own = np.zeros(n_cells, np.int64), slice(*span)
-        half_edges(face_pairs[own], face_cells[own], count, edges[:0])
-        return count
+    def put(start: int, stop: int, places: Int, only_count: bool) -> None:
+        own = slice(start, stop)
+        half_edges(face_pairs[own], face_cells[own], places, edges[:0] if only_count else edges)
 
-    def sort(span: tuple[int, int], places: Int) -> None:
-        half_edges(face_pairs[slice(*span)], face_cells[slice(*span)], places, edges)
-
-    places, offsets = first_places(list(mapped(counted, spans)))
-    list(mapped(sort, spans, places))
-    return offsets, edges
+    return counting_sort(put, len(face_cells), n_cells, shares=1), edges

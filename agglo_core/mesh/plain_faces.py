@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Index, Int, frozen_int
+from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import mapped, over_ranges, ranges
 
-__all__ = ["first_places", "plain_faces"]
+__all__ = ["plain_faces"]
 
 _FEW_BUCKETS = 10  # of some 2,000 points
 
@@ -25,41 +26,21 @@ def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] |
     return None if beyond is None else _numbered(offsets, vertices, beyond)
 
 
-def first_places(counts: list[Int]) -> tuple[list[Int], Int]:
-    """Where each range begins to write to each row ``(rows,)``, and where the rows begin ``(rows + 1,)``.
-
-    ``counts`` is what each range has for each row: it comes row by row, in a row range by range.
-    """
-    rows = np.zeros(len(counts[0]) + 1, np.int64)
-    np.cumsum(counts[0] if len(counts) == 1 else np.sum(counts, axis=0), out=rows[1:])
-    places = [rows[:-1].copy()]
-    for count in counts[:-1]:
-        places.append(places[-1] + count)
-    return places, frozen_int(rows)
-
-
 def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
     """Cell beyond each half-edge: −1 outside, −2 at the later of two."""
     from agglo_core.kernels.pairing import BITS, pair_half_edges, to_buckets
 
-    buckets, spans = ((n_points - 1) >> BITS) + 1, ranges(len(offsets) - 1)
+    buckets = ((n_points - 1) >> BITS) + 1
     edges, beyond = np.empty((len(vertices), 4), np.int32), np.empty(len(vertices), np.int32)
 
-    def counted(span: tuple[int, int]) -> Int:
-        count = np.zeros(buckets, np.int64)
-        to_buckets(offsets[span[0] : span[1] + 1], vertices, span[0], count, edges[:0])
-        return count
-
-    def sort(span: tuple[int, int], places: Int) -> None:
-        to_buckets(offsets[span[0] : span[1] + 1], vertices, span[0], places, edges)
+    def put(start: int, stop: int, places: Int, only_count: bool) -> None:
+        to_buckets(offsets[start : stop + 1], vertices, start, places, edges[:0] if only_count else edges)
 
     def pairs(start: int, stop: int) -> int:
         return int(pair_half_edges(edges, bounds[start : stop + 1], start, beyond))
 
-    places, bounds = first_places(list(mapped(counted, spans)))
-    list(mapped(sort, spans, places))
-    found = over_ranges(pairs, buckets, few=_FEW_BUCKETS)
-    return None if min(found) < 0 else beyond
+    bounds = counting_sort(put, len(offsets) - 1, buckets)
+    return None if min(over_ranges(pairs, buckets, few=_FEW_BUCKETS)) < 0 else beyond
 
 
 def _numbered(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
@@ -68,10 +49,10 @@ def _numbered(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
 
     spans = ranges(len(offsets) - 1)
 
-    def counted(span: tuple[int, int]) -> int:
-        return int(np.count_nonzero(beyond[offsets[span[0]] : offsets[span[1]]] >= -1))
+    def counted(start: int, stop: int) -> int:
+        return int(np.count_nonzero(beyond[offsets[start] : offsets[stop]] >= -1))
 
-    stops = np.cumsum(list(mapped(counted, spans))).tolist()
+    stops = np.cumsum(list(mapped(counted, *zip(*spans, strict=True)))).tolist()
     face_vertices, face_cells = np.empty((stops[-1], 2), np.int64), np.empty((stops[-1], 2), np.int64)
 
     def number(span: tuple[int, int], first: int, last: int) -> None:
