@@ -54,8 +54,8 @@ def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
     Examples
     --------
     >>> import agglo_core as agglo
-    >>> with using_threads(2):
-    ...     values = agglo.quality(agglo.samples.squares(4), [0] * 16)
+    >>> with agglo.using_threads(2):
+    ...     graph = agglo.samples.squares(4).graph
     """
     if count is None:
         yield
