@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from agglo_core.errors import OptionError
 
-__all__ = ["mapped", "over_ranges", "ranges", "thread_count", "using_threads"]
+__all__ = ["mapped", "over_ranges", "ranges", "thread_count", "together", "using_threads"]
 
 _VARIABLE = "AGGLO_THREADS"
 _FEW = 20_000  # cells, faces: a millisecond of work or so
@@ -89,7 +89,7 @@ def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_R
         pool.shutdown(cancel_futures=True)
 
 
-def ranges(n: int, *, few: int = _FEW, shares: int = 4) -> list[tuple[int, int]]:
+def ranges(n: int, *, few: int = _FEW, shares: int = 4, work: int | None = None) -> list[tuple[int, int]]:
     """Ranges ``(start, stop)`` that together are 0..n−1, in order, for the threads of this run.
 
     Parameters
@@ -100,6 +100,8 @@ def ranges(n: int, *, few: int = _FEW, shares: int = 4) -> list[tuple[int, int]]
         Items below which other threads would cost more than they save: no range has fewer.
     shares : int
         Ranges for each thread, as some may take longer than others; 1 where each needs much room of its own.
+    work : int, optional
+        What is compared with ``few`` instead of n: the faces of n cells, say.
 
     Examples
     --------
@@ -109,17 +111,30 @@ def ranges(n: int, *, few: int = _FEW, shares: int = 4) -> list[tuple[int, int]]
     """
     threads, least = thread_count(), _few.get()
     few = few if least is None else least
-    count = 1 if threads == 1 else max(1, min(shares * threads, n // max(1, few)))
+    enough = (n if work is None else work) // max(1, few)
+    count = 1 if threads == 1 else max(1, min(shares * threads, n, enough))
     return [(n * k // count, n * (k + 1) // count) for k in range(count)]
 
 
 def over_ranges(
-    call: Callable[[int, int], _Result], n: int, *, few: int = _FEW, shares: int = 4
+    call: Callable[[int, int], _Result],
+    n: int,
+    *,
+    few: int = _FEW,
+    shares: int = 4,
+    work: int | None = None,
 ) -> list[_Result]:
     """Results of ``call(start, stop)`` for all :func:`ranges`, several at a time.
 
     Each call must leave alone what belongs to other ranges. Calls run at the same time where the kernels
     in them let go of the interpreter.
     """
-    spans = ranges(n, few=few, shares=shares)
+    spans = ranges(n, few=few, shares=shares, work=work)
     return [call(*spans[0])] if len(spans) == 1 else list(mapped(call, *zip(*spans, strict=True)))
+
+
+def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
+    """Results of calls that have nothing to do with each other, at the same time where n items are many."""
+    if len(ranges(n)) == 1:
+        return [call() for call in calls]
+    return list(mapped(lambda call: call(), calls))

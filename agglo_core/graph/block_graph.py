@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Index, Int, Mask, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import check_labels, compared_diameters, diameters_of
+from agglo_core.threads import together
 
 __all__ = ["BlockGraph"]
 
@@ -105,17 +106,23 @@ class BlockGraph:
             raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
         if len(blocks) == 0 or blocks[0] != 0 or blocks[-1] != len(order) or (np.diff(blocks) < 0).any():
             raise MeshError(f"block offsets must rise from 0 to {len(order)}")
-        indptr, indices, interface = permute_graph(self.indptr, self.indices, self.interface, order, blocks)
-        vertex_offsets, vertices = take_rows(self.vertex_offsets, self.vertices, order)
-        measures = frozen_float(self.measures[order])
+        edges = self.indptr, self.indices, self.interface
+        rows, (vertex_offsets, vertices), (centroids, measures, boundary) = together(
+            len(order),
+            lambda: permute_graph(*edges, order, blocks),
+            lambda: take_rows(self.vertex_offsets, self.vertices, order),
+            # take is ten times faster than indexing where items are rows
+            lambda: (self.centroids.take(order, axis=0), self.measures[order], self.boundary[order]),
+        )
+        measures = frozen_float(measures)
         return replace(
             self,
-            indptr=indptr,
-            indices=indices,
-            interface=interface,
-            centroids=self.centroids.take(order, axis=0),  # ten times faster than indexing
+            indptr=rows[0],
+            indices=rows[1],
+            interface=rows[2],
+            centroids=centroids,
             measures=measures,
-            boundary=self.boundary[order],
+            boundary=boundary,
             weights=measures if self.weights is self.measures else self.weights[order],
             vertex_offsets=vertex_offsets,
             vertices=vertices,

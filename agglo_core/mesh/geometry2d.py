@@ -55,7 +55,7 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
         return int(offsets[start]), int(found)
 
     used = 0
-    for start, found in over_ranges(measured, n_cells):
+    for start, found in over_ranges(measured, n_cells, work=count):
         if used < start:  # close the gap that the outer faces of cells before have left
             indices[used : used + found] = indices[start : start + found]
             interface[used : used + found] = interface[start : start + found]

@@ -49,7 +49,7 @@ def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, fac
         made: tuple[Int, Int, Int] = chain_loops(points, own, faces, face_pairs, face_cells, start)
         return made
 
-    found = over_ranges(chained, len(offsets) - 1, shares=1)
+    found = over_ranges(chained, len(offsets) - 1, shares=1, work=len(faces))
     if len(found) == 1:
         return Loops(*map(frozen_int, found[0]))
     cells, loops, vertices = zip(*found, strict=True)
