@@ -12,9 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph, functionals, moves
+from agglo_core.graph.connection import parts_connected
 from agglo_core.mesh import Mesh
 from agglo_core.threads import over_ranges
 
@@ -222,10 +223,8 @@ class Components:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Components ``(k,)``; 1 where connected."""
-        from agglo_core.kernels.graphs import broken_blocks
-
         parts, graph = mesh.check_labels(labels), mesh.graph
-        if not broken_blocks(frozen_int([0, graph.n]), graph.indptr, graph.indices, parts).any():
+        if parts_connected(graph.indptr, graph.indices, parts):
             return np.ones(int(parts.max()) + 1)
         component = graph.components(parts)
         part_of = np.empty(int(component.max()) + 1, np.int64)

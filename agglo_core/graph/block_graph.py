@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import Float, Index, Int, Mask, frozen, frozen_float, frozen_index, frozen_int
 from agglo_core.errors import MeshError
+from agglo_core.graph.connection import parts_connected
 from agglo_core.mesh import check_labels, compared_diameters, diameters_of
 from agglo_core.threads import together
 
@@ -197,15 +198,12 @@ class BlockGraph:
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
-        from agglo_core.kernels.graphs import broken_blocks, components
+        from agglo_core.kernels.graphs import components
 
         parts = frozen_int(np.zeros(self.n) if labels is None else labels)
         if parts.shape != (self.n,) or parts.min() < 0:
             raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
-        if (
-            labels is None
-            and not broken_blocks(frozen_int([0, self.n]), self.indptr, self.indices, parts).any()
-        ):
+        if labels is None and parts_connected(self.indptr, self.indices, parts):
             return parts
         nodes, offsets = components(self.indptr, self.indices, parts)
         component = np.empty(self.n, np.int64)

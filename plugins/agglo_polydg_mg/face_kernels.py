@@ -216,7 +216,7 @@ def face_blocks(
     A block ``(m, m)`` is that of the cell of its row; ``slots (F, 2, 2)`` says which one holds (owner or
     neighbour, owner or neighbour). ``kappa (F, 2, 1 or q)`` is the coefficient on both sides, ``sigma (F,)``
     the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted harmonically. With
-    jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ. Faces are taken ``LANES`` at a time.
+    jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ. Faces go ``LANES`` at a time.
     """
     m, rules = blocks.shape[1], len(nodes)
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2

@@ -16,6 +16,7 @@ import pytest
 import agglo_core as agglo
 from agglo_core import Mesh, samples
 from agglo_core.arrays import frozen_int
+from agglo_core.graph.connection import parts_connected
 from agglo_core.measure import measure_levels
 from agglo_core.mesh.counting_sort import counting_sort
 from agglo_core.threads import mapped, over_ranges, ranges, thread_count, using_threads
@@ -134,6 +135,23 @@ def test_items_are_sorted_as_a_stable_sort_does() -> None:
             offsets = counting_sort(put, 500, 9)
         assert np.array_equal(order, np.argsort(rows, kind="stable"))
         assert np.array_equal(offsets, np.concatenate(([0], np.cumsum(np.bincount(rows)))))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_connected_parts_are_known_from_any_ranges(seed: int) -> None:
+    """Random numbering: most edges lead from one range to another."""
+    rng, mesh = np.random.default_rng(seed), samples.voronoi(200, seed=seed)
+    order = rng.permutation(mesh.n_cells)
+    graph = mesh.graph.subgraph(order, [0, mesh.n_cells])
+    near = np.linalg.norm(mesh.cell_centroids[order][:, None] - rng.random((9, 2)), axis=2).argmin(axis=1)
+    whole = graph.components(frozen_int(near))
+    broken = whole.copy()
+    broken[rng.integers(200)] = rng.integers(whole.max() + 1)
+    for labels in (whole, frozen_int(broken), frozen_int(np.zeros(200))):
+        wanted = len(np.unique(graph.components(labels))) == len(np.unique(labels))
+        for count in (1, *COUNTS):
+            with using_threads(count, few=1):
+                assert parts_connected(graph.indptr, graph.indices, labels) == wanted
 
 
 def test_calls_run_at_the_same_time_and_see_one_thread() -> None:
