@@ -11,6 +11,8 @@ from agglo_core.threads import mapped, ranges
 
 __all__ = ["counting_sort"]
 
+_FEW = 20_000  # items one thread puts in their places in a millisecond
+
 
 def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int, *, shares: int = 4) -> Int:
     """Where each row begins ``(rows + 1,)``, after ``put`` has put all items there, in their order.
@@ -25,7 +27,7 @@ def counting_sort(put: Callable[[int, int, Int, bool], None], n: int, rows: int,
     shares : int
         As for :func:`~agglo_core.threads.ranges`; 1 where there are as many rows as items.
     """
-    spans = ranges(n, shares=shares)
+    spans = ranges(n, few=max(_FEW, rows // 2), shares=shares)  # each range counts in all rows
 
     def counted(start: int, stop: int) -> Int:
         count = np.zeros(rows, np.int64)

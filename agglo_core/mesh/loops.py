@@ -31,7 +31,7 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
     """Faces of each cell as CSR, in ascending order."""
     from agglo_core.kernels.faces import cell_faces
 
-    faces = np.empty(np.count_nonzero(face_cells >= 0), np.int64)
+    faces = np.empty(len(face_cells) + np.count_nonzero(face_cells[:, 1] >= 0), np.int64)
 
     def put(start: int, stop: int, places: Int, only_count: bool) -> None:
         cell_faces(face_cells[start:stop], start, places, faces[:0] if only_count else faces)
