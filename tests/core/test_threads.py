@@ -10,12 +10,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
 from agglo_core.arrays import frozen_int
+from agglo_core.cli.arguments import threads_option
 from agglo_core.graph.connection import parts_connected
 from agglo_core.measure import measure_levels
 from agglo_core.mesh.counting_sort import counting_sort
@@ -207,6 +210,18 @@ def test_a_listener_may_stop_a_run_in_several_threads() -> None:
     with pytest.raises(KeyboardInterrupt):
         agglo.agglomerate(samples.squares(280), cells_per_part=30, progress=listen, threads=2)
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize(("typed", "wanted"), [([], 1), (["--threads", "3"], 3)])
+def test_a_command_uses_as_many_threads_as_it_is_told(typed: list[str], wanted: int) -> None:
+    @click.command()
+    @threads_option
+    def count() -> None:
+        click.echo(thread_count())
+
+    assert CliRunner().invoke(count, typed).output == f"{wanted}\n"
+    assert thread_count() == 1
+    assert CliRunner().invoke(count, ["--threads", "0"]).exit_code == 2
 
 
 def labels_of(seed: int) -> list[int]:
