@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from agglo_core.progress import Progress
     from agglo_core.protocols import Target
     from agglo_core.registry import Command, Component, Registry, hookimpl
+    from agglo_core.threads import using_threads
 
     __version__: str
 
@@ -69,6 +70,7 @@ __all__ = [
     "read_hierarchy",
     "registry",
     "samples",
+    "using_threads",
     "write",
 ]
 
@@ -84,6 +86,7 @@ _HOME = {
     "progress": ("Progress",),
     "protocols": ("Target",),
     "registry": ("Command", "Component", "Registry", "hookimpl"),
+    "threads": ("using_threads",),
 }
 _MODULES = {
     "conformance": "conformance",

@@ -103,6 +103,7 @@ if TYPE_CHECKING:
     from agglo_core.registry import Command, Component, Record, Registry, default, describe, hookimpl
     from agglo_core.registry.attribution import Member, attributed
     from agglo_core.registry.code_options import ImportPath
+    from agglo_core.threads import over_ranges
 
 _TABLE = """
 registry: Command Component Record Registry default describe hookimpl
@@ -147,6 +148,7 @@ cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load
 cli.arguments: parse_spec
 cli.number_types: Number
 cli.tables: print_lines print_table
+threads: over_ranges
 """
 """Modules of the core, and the names taken from each."""
 _LINES = (line.partition(":") for line in _TABLE.strip().splitlines())
@@ -251,6 +253,7 @@ __all__ = [
     "metrics_option",
     "multigrid",
     "numbered_parts",
+    "over_ranges",
     "parse_spec",
     "pcg",
     "pcg_columns",

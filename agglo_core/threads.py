@@ -1,18 +1,22 @@
-"""How many threads kernels may use; results never depend on it."""
+"""How many threads kernels may use, and calls made by several; results never depend on their number."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import Any, TypeVar
 
 from agglo_core.errors import OptionError
 
-__all__ = ["thread_count", "using_threads"]
+__all__ = ["mapped", "over_ranges", "ranges", "thread_count", "together", "using_threads"]
 
 _VARIABLE = "AGGLO_THREADS"
+_FEW = 20_000  # cells, faces: a millisecond of work or so
+_Result = TypeVar("_Result")
 _chosen: ContextVar[int | None] = ContextVar("threads", default=None)
+_few: ContextVar[int | None] = ContextVar("few", default=None)
 
 
 def thread_count() -> int:
@@ -33,21 +37,104 @@ def thread_count() -> int:
 
 
 @contextmanager
-def using_threads(count: int | None) -> Iterator[None]:
+def using_threads(count: int | None, few: int | None = None) -> Iterator[None]:
     """Context in which this many threads are used; None leaves the number as it is.
+
+    Parameters
+    ----------
+    count : int or None
+    few : int, optional
+        Least number of items for a thread, in place of what each computation thinks worth while; for tests.
 
     Raises
     ------
     OptionError
         If the number is not a whole one from 1 on.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> with agglo.using_threads(2):
+    ...     graph = agglo.samples.squares(4).graph
     """
     if count is None:
         yield
         return
     if not isinstance(count, int) or isinstance(count, bool) or count < 1:
         raise OptionError(f"threads must be a whole number, 1 or more, given {count!r:.60}")
-    token = _chosen.set(count)
+    token, before = _chosen.set(count), _few.set(_few.get() if few is None else few)
     try:
         yield
     finally:
         _chosen.reset(token)
+        _few.reset(before)
+
+
+def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_Result]:
+    """As :func:`map`, with as many calls at a time as there are threads.
+
+    The threads end with the iteration. An exception of a call reaches the caller; after it, and where the
+    caller stops early, calls that have not begun are dropped. Calls see one thread, themselves.
+    """
+    todo, threads = list(zip(*columns, strict=True)), thread_count()
+    if threads == 1 or len(todo) < 2:
+        yield from (call(*row) for row in todo)
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    pool = ThreadPoolExecutor(min(threads, len(todo)), "agglo", lambda: _chosen.set(1))
+    try:
+        yield from pool.map(lambda row: call(*row), todo)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def ranges(n: int, *, few: int = _FEW, shares: int = 4, work: int | None = None) -> list[tuple[int, int]]:
+    """Ranges ``(start, stop)`` that together are 0..n−1, in order, for the threads of this run.
+
+    Parameters
+    ----------
+    n : int
+        Number of items.
+    few : int
+        Items below which other threads would cost more than they save: no range has fewer.
+    shares : int
+        Ranges for each thread, as some may take longer than others; 1 where each needs much room of its own.
+    work : int, optional
+        What is compared with ``few`` instead of n: the faces of n cells, say.
+
+    Examples
+    --------
+    >>> with using_threads(2):
+    ...     ranges(10, few=2, shares=1)
+    [(0, 5), (5, 10)]
+    """
+    threads, least = thread_count(), _few.get()
+    few = few if least is None else least
+    enough = (n if work is None else work) // max(1, few)
+    count = 1 if threads == 1 else max(1, min(shares * threads, n, enough))
+    return [(n * k // count, n * (k + 1) // count) for k in range(count)]
+
+
+def over_ranges(
+    call: Callable[[int, int], _Result],
+    n: int,
+    *,
+    few: int = _FEW,
+    shares: int = 4,
+    work: int | None = None,
+) -> list[_Result]:
+    """Results of ``call(start, stop)`` for all :func:`ranges`, several at a time.
+
+    Each call must leave alone what belongs to other ranges. Calls run at the same time where the kernels
+    in them let go of the interpreter.
+    """
+    spans = ranges(n, few=few, shares=shares, work=work)
+    return [call(*spans[0])] if len(spans) == 1 else list(mapped(call, *zip(*spans, strict=True)))
+
+
+def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
+    """Results of calls that have nothing to do with each other, at the same time where n items are many."""
+    if len(ranges(n)) == 1:
+        return [call() for call in calls]
+    return list(mapped(lambda call: call(), calls))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, Mask, UInt64, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
+from agglo_core.graph.connection import parts_connected
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Bisector, LevelBisector, Target
 from agglo_core.registry.attribution import Member, attributed
@@ -221,5 +222,7 @@ def broken_blocks(graph: Graph, labels: Int) -> Int:
     """Blocks with a part that is not connected."""
     from agglo_core.kernels import graphs
 
+    if graph.n_blocks == 1:
+        return frozen_int([] if parts_connected(graph.indptr, graph.indices, labels) else [0])
     found = graphs.broken_blocks(graph.offsets, graph.indptr, graph.indices, frozen_int(labels))
     return frozen_int(np.flatnonzero(found))

@@ -19,6 +19,7 @@ from agglo_core.agglomeration.quotas import share_out, split_quotas
 from agglo_core.arrays import Float, Int, Mask, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
+from agglo_core.mesh import compared_diameters
 from agglo_core.protocols import Target
 
 __all__ = ["TARGETS", "CountGoal", "Goal", "Numbers", "SizeGoal", "check_targets", "resolve_goals"]
@@ -64,13 +65,8 @@ class SizeGoal:
         self, graph: Graph, order: Int, offsets: Int, above: Float | None = None
     ) -> tuple[Float, Mask]:
         """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
-        from agglo_core.kernels.geometry import compare_diameters
-
-        diameter = frozen_float(
-            compare_diameters(
-                offsets, order, graph.vertex_offsets, graph.vertices, graph.points, self._limits
-            )
-        )
+        shape = graph.vertex_offsets, graph.vertices, graph.points
+        diameter = compared_diameters(offsets, order, *shape, self._limits)
         return diameter, (diameter <= self.limit) | (np.diff(offsets) == 1)
 
     @cached_property

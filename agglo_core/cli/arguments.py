@@ -38,6 +38,7 @@ from agglo_core.cli.specs import (
     split_specs,
 )
 from agglo_core.registry.options import parse_value
+from agglo_core.threads import using_threads
 
 __all__ = [
     "COMPONENT",
@@ -59,6 +60,7 @@ __all__ = [
     "refuse_duplicates",
     "refuse_twins",
     "split_specs",
+    "threads_option",
 ]
 
 
@@ -83,7 +85,7 @@ _TARGETS = {
     "cells_per_part": "--cells-per-part",
 }
 _BARE = ("refiners", "fixer", *_TARGETS, "seed")
-_LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code", "threads")
+_LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code")
 _ALL = ("bisector", "method", "nested", *_BARE, *_LAST)
 _SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
 
@@ -130,6 +132,19 @@ def bisectors_option(about: str) -> Decorator:
         help=f"{about} Repeatable, or a comma list; 'all' for all that can be used.",
     )
 
+
+def _use_threads(context: click.Context, _: click.Parameter, count: int | None) -> None:
+    context.with_resource(using_threads(count))
+
+
+threads_option = click.option(
+    "--threads",
+    type=Number(int, least=1),
+    expose_value=False,
+    callback=_use_threads,
+    help="Threads at work (default: AGGLO_THREADS, else 1); results do not depend on it.",
+)
+"""Decorator that adds ``--threads``: how many threads everything in the command may use."""
 
 metrics_option = click.option(
     "--metrics",
@@ -189,11 +204,6 @@ _CONFIG = (
         default=None,
         help="Let options in TOML files name code, which is imported and run.",
     ),
-    click.option(
-        "--threads",
-        type=Number(int, least=1),
-        help="Threads at work (default: AGGLO_THREADS, else 1); labels do not depend on it.",
-    ),
 )
 
 
@@ -229,6 +239,7 @@ def agglomeration_options(
     chosen = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
     options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, *_CONFIG]
+    options.append(threads_option)
     return lambda inner: _gathering(inner, options, _ALL)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from agglo_core.cli.arguments import FILE, bisectors_option, choice
+from agglo_core.cli.arguments import FILE, bisectors_option, choice, threads_option
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten, say
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, as_file_name, draw_runs
@@ -43,6 +43,7 @@ _FIRST = ("kmeans", "metis")
     show_default=True,
     help="Largest agglomerate, over the diameter of the brain.",
 )
+@threads_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, quiet: bool) -> int:

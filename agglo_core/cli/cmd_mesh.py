@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from agglo_core.cli.arguments import FILE
+from agglo_core.cli.arguments import FILE, threads_option
 from agglo_core.cli.console import quieten
 from agglo_core.cli.runs import watched
 from agglo_core.cli.stdout import OwnCommand
@@ -19,6 +19,7 @@ __all__ = ["mesh"]
 @click.command(cls=OwnCommand, short_help="Write a sample mesh to a file.")
 @click.argument("sample")
 @click.option("-o", "--output", required=True, type=FILE, help="File to write.")
+@threads_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 def mesh(sample: str, output: Path, quiet: bool) -> None:
     """Write SAMPLE (squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …) to a file."""

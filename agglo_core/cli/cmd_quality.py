@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from agglo_core.cli.arguments import FILE, metrics_option
+from agglo_core.cli.arguments import FILE, metrics_option, threads_option
 from agglo_core.cli.console import number, print_json, quieten
 from agglo_core.cli.runs import level_data, single_level, undefined, watched
 from agglo_core.cli.stdout import OwnCommand
@@ -24,6 +24,7 @@ __all__ = ["quality"]
 @click.command(cls=OwnCommand, short_help="Measure the agglomerates in a file.")
 @click.argument("file", type=FILE)
 @metrics_option
+@threads_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:

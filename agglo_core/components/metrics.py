@@ -15,7 +15,9 @@ import numpy as np
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph, functionals, moves
+from agglo_core.graph.connection import parts_connected
 from agglo_core.mesh import Mesh
+from agglo_core.threads import over_ranges
 
 __all__ = [
     "Cells",
@@ -30,6 +32,8 @@ __all__ = [
     "UniformityFactor99",
     "plane_agglomerates",
 ]
+
+_FEW = 500  # agglomerates whose circles one thread finds in some ten milliseconds
 
 Better = Literal["high", "low"]
 
@@ -54,10 +58,17 @@ def _circle_ratios(mesh: Mesh, labels: Int, name: str, anywhere: bool) -> Float:
     from agglo_core.kernels.circle import circles
 
     coarse = plane_agglomerates(mesh, labels, name)
-    diameters = coarse.cell_diameters
-    args = coarse.local_points, *coarse.cell_faces, coarse.face_pairs, coarse.local_centroids
-    radii: Float = circles(*args, diameters, anywhere)
-    ratios: Float = 2.0 * radii / diameters
+    points, pairs, (offsets, faces) = coarse.local_points, coarse.face_pairs, coarse.cell_faces
+    centroids, diameters = coarse.local_centroids, coarse.cell_diameters
+
+    def radii(start: int, stop: int) -> Float:
+        own = slice(start, stop)
+        found: Float = circles(
+            points, offsets[start : stop + 1], faces, pairs, centroids[own], diameters[own], anywhere
+        )
+        return found
+
+    ratios: Float = 2.0 * np.concatenate(over_ranges(radii, coarse.n_cells, few=_FEW)) / diameters
     return ratios
 
 
@@ -212,8 +223,10 @@ class Components:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Components ``(k,)``; 1 where connected."""
-        parts = mesh.check_labels(labels)
-        component = mesh.graph.components(parts)
+        parts, graph = mesh.check_labels(labels), mesh.graph
+        if parts_connected(graph.indptr, graph.indices, parts):
+            return np.ones(int(parts.max()) + 1)
+        component = graph.components(parts)
         part_of = np.empty(int(component.max()) + 1, np.int64)
         part_of[component] = parts
         return np.bincount(part_of).astype(float)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +12,9 @@ from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell
-from agglo_core.threads import thread_count
+from agglo_core.threads import mapped, thread_count
 
 __all__ = ["PieceGrowth"]
-
-_T = TypeVar("_T")
 
 _WORK = 4_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
@@ -128,14 +125,15 @@ class PieceGrowth:
 
         threads, done = thread_count(), share
         small = max(_SMALL, len(leaf) // (4 * threads)) if threads > 1 else _SMALL
-        put_off, stamp = self._advance(todo[large], leaf, tally, (limit, small, _CHECKED), handled)
+        advance = self._advance_together if threads > 1 else self._advance
+        put_off, stamp = advance(todo[large], leaf, tally, (limit, small, _CHECKED), handled)
 
         def finish(batch: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
             return batch, own, self._finish(batch, leaf, own, limit)
 
         self._stamp = stamp
-        for batch, own, last in _mapped(finish, _batches(np.concatenate((todo[~large], put_off))), threads):
+        for batch, own, last in mapped(finish, _batches(np.concatenate((todo[~large], put_off)))):
             tally += own
             stamp = max(stamp, last)
             done += (1.0 - share) * int((batch[:, 1] - batch[:, 0]).sum()) / len(leaf)
@@ -188,6 +186,35 @@ class PieceGrowth:
                 handled(int(tally[:, 1].sum()))
         return ready[: counts[1]], int(counts[2])
 
+    def _advance_together(
+        self,
+        todo: Int,
+        leaf: Mask,
+        tally: Int,
+        goal: tuple[float, int, int],
+        handled: Callable[[int], None],
+    ) -> tuple[Int, int]:
+        """As ``_advance``, several pieces at a time: the largest are halved, then the largest of these."""
+        limit, small, check = goal
+        stamp = self._stamp
+
+        def halve(piece: Int) -> tuple[Int, Int, int]:
+            own = np.zeros_like(tally)
+            return own, *self._advance(piece[None], leaf, own, (limit, enough, check), stamp=stamp)
+
+        sizes = todo[:, 1] - todo[:, 0]
+        while (sizes > small).any():
+            enough = max(small, 3 * int(sizes.max()) // 4)
+            smaller, last = [todo[sizes <= enough]], stamp
+            for own, made, following in mapped(halve, todo[sizes > enough]):
+                tally += own
+                smaller.append(made)
+                last = max(last, following)
+                handled(int(tally[:, 1].sum()))
+            todo, stamp = np.concatenate(smaller), last
+            sizes = todo[:, 1] - todo[:, 0]
+        return todo, stamp
+
     def _mend(self, lo: int, hi: int) -> None:
         """Connect both sides of a piece, as the built-in fixer does."""
         from agglo_core.kernels.repair import mend_piece
@@ -213,15 +240,6 @@ class PieceGrowth:
 
 def _enlarged(rows: Int) -> Int:
     return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), 4), np.int64)))
-
-
-def _mapped(call: Callable[[Int], _T], batches: list[Int], threads: int) -> Iterator[_T]:
-    """Results of the calls, in order; kernels run at the same time in several threads."""
-    if threads == 1 or len(batches) < 2:
-        yield from map(call, batches)
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(call, batches)
 
 
 def _batches(todo: Int) -> list[Int]:

@@ -16,10 +16,13 @@ from agglo_core.components.metrics import plane_agglomerates
 from agglo_core.errors import MeshError
 from agglo_core.graph import Graph, functionals, moves
 from agglo_core.mesh import Loops, Mesh
+from agglo_core.threads import over_ranges
 
 __all__ = ["BoxRatio", "Convexity", "EdgeRatio", "IsoperimetricQuotient", "StarShapedness"]
 
 _STRAIGHT = 1e-8  # radians; rounded coordinates turn collinear edges by less
+
+_FEW = 2_000  # agglomerates one thread looks at in some milliseconds
 
 Better = Literal["high", "low"]
 
@@ -91,8 +94,15 @@ class StarShapedness:
         from agglo_core.kernels.shapes import kernel_areas
 
         coarse = plane_agglomerates(mesh, labels, "star_shapedness")
-        hulls = _hulls(coarse)[1:]
-        areas = kernel_areas(coarse.local_points, *coarse.boundary_loops, *hulls)
+        points, (first, *loops) = coarse.local_points, coarse.boundary_loops
+        _, offsets, hulls = _hulls(coarse)
+
+        def kernels(start: int, stop: int) -> Float:
+            own = slice(start, stop + 1)
+            found: Float = kernel_areas(points, first[own], *loops, offsets[own], hulls)
+            return found
+
+        areas = np.concatenate(over_ranges(kernels, coarse.n_cells, few=_FEW))
         shares: Float = np.clip(areas / coarse.cell_measures, 0.0, 1.0)  # rounding may lead beyond
         return shares
 
@@ -115,7 +125,13 @@ class BoxRatio:
         from agglo_core.kernels.shapes import box_ratios
 
         coarse = plane_agglomerates(mesh, labels, "box_ratio")
-        ratios: Float = np.minimum(box_ratios(coarse.local_points, *_hulls(coarse)[1:]), 1.0)
+        points, (_, offsets, hulls) = coarse.local_points, _hulls(coarse)
+
+        def narrowest(start: int, stop: int) -> Float:
+            found: Float = box_ratios(points, offsets[start : stop + 1], hulls)
+            return found
+
+        ratios: Float = np.minimum(np.concatenate(over_ranges(narrowest, coarse.n_cells, few=_FEW)), 1.0)
         return ratios
 
 
@@ -146,8 +162,18 @@ def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
     """Areas ``(n_cells,)`` of the convex hulls, and their vertices as CSR, counter-clockwise."""
     from agglo_core.kernels.shapes import convex_hulls
 
-    areas, offsets, vertices = convex_hulls(mesh.local_points, *mesh.cell_vertices)
-    return frozen_float(areas), frozen_int(offsets), frozen_int(vertices)
+    points, (corners, vertices) = mesh.local_points, mesh.cell_vertices
+
+    def hulls(start: int, stop: int) -> tuple[Float, Int, Int]:
+        first, last = corners[start], corners[stop]
+        own = frozen_int(corners[start : stop + 1] - first)
+        found: tuple[Float, Int, Int] = convex_hulls(points, own, vertices[first:last])
+        return found
+
+    areas, offsets, found = zip(*over_ranges(hulls, mesh.n_cells, few=_FEW), strict=True)
+    sizes = np.concatenate([np.diff(each) for each in offsets])
+    ends = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+    return frozen_float(np.concatenate(areas)), ends, frozen_int(np.concatenate(found))
 
 
 def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:

@@ -71,24 +71,19 @@ def match_half_edges(offsets, vertices, n_points):
 
 
 @kernel
-def cell_faces(face_cells, n_cells):
-    """Faces of each cell as CSR, by counting sort: faces of a cell come in ascending order."""
-    offsets = np.zeros(n_cells + 1, np.int64)
-    for f in range(len(face_cells)):
-        for s in range(2):
-            if face_cells[f, s] >= 0:
-                offsets[face_cells[f, s] + 1] += 1
-    for c in range(n_cells):
-        offsets[c + 1] += offsets[c]
-    cursor = offsets[:-1].copy()
-    faces = np.empty(offsets[n_cells], np.int64)
+def cell_faces(face_cells, first, places, faces):
+    """Write the numbers of faces ``first``, ... to their cells; where ``faces`` is empty, count them only.
+
+    The next one of cell c is written to ``faces[places[c]]``, and ``places[c]`` is counted up.
+    """
+    only_count = len(faces) == 0
     for f in range(len(face_cells)):
         for s in range(2):
             c = face_cells[f, s]
             if c >= 0:
-                faces[cursor[c]] = f
-                cursor[c] += 1
-    return offsets, faces
+                if not only_count:
+                    faces[places[c]] = first + f
+                places[c] += 1
 
 
 @helper
@@ -124,10 +119,11 @@ def _around(start, end, size, walk):
 
 
 @kernel
-def chain_loops(points, offsets, faces, face_vertices, face_cells):
-    """Closed loops of each cell, the cell on their left; no loop meets a vertex twice.
+def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell):
+    """Closed loops of the cells ``first_cell``, ..., each on the left; no loop meets a vertex twice.
 
-    Returns loop counts per cell (n + 1,) as offsets, vertex offsets per loop, and vertices.
+    Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Returns loop counts per cell (n + 1,) as
+    offsets, vertex offsets per loop, and vertices.
     """
     n = len(offsets) - 1
     most = 0
@@ -140,14 +136,14 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells):
     first = np.empty(0, np.int64)  # latest edge of this cell that starts at a vertex
     place = np.empty(0, np.int64)  # where in the walk a vertex stands
     cell_loops = np.zeros(n + 1, np.int64)
-    loop_ends = np.zeros(len(faces) + 1, np.int64)
-    loops = np.empty(len(faces), np.int64)
+    loop_ends = np.zeros(offsets[n] - offsets[0] + 1, np.int64)
+    loops = np.empty(offsets[n] - offsets[0], np.int64)
     n_loops, filled = 0, 0
     for c in range(n):
         size = offsets[c + 1] - offsets[c]
         for h in range(size):
             f = faces[offsets[c] + h]
-            flip = 0 if face_cells[f, 0] == c else 1
+            flip = 0 if face_cells[f, 0] == first_cell + c else 1
             start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
             used[h] = False
         if size <= FEW and _around(start, end, size, walk):

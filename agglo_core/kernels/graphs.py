@@ -6,7 +6,16 @@ import numpy as np
 
 from agglo_core.kernels.compiling import kernel
 
-__all__ = ["broken_blocks", "child_order", "components", "dual_graph", "permute_graph", "take_rows"]
+__all__ = [
+    "broken_blocks",
+    "child_order",
+    "components",
+    "dual_graph",
+    "join_range",
+    "join_ranges",
+    "permute_graph",
+    "take_rows",
+]
 
 
 @kernel
@@ -161,3 +170,58 @@ def broken_blocks(offsets, indptr, indices, labels):
                 broken[b] |= seen[labels[i]] == b
                 seen[labels[i]] = b
     return broken
+
+
+@kernel
+def join_range(first, last, indptr, indices, labels, parent, later):
+    """Union-find of the nodes first..last−1 over edges of equal labels; their ``parent`` is written.
+
+    Those with such an edge to a node before the first are written to ``later``; returns how many.
+    """
+    count = 0
+    for i in range(first, last):
+        own, root, beyond = labels[i], np.int32(i), False
+        parent[i] = root
+        for h in range(indptr[i], indptr[i + 1]):
+            j = indices[h]
+            before = (j < i) & (labels[j] == own)
+            beyond |= before & (j < first)
+            other = parent[j] if before & (j >= first) else root
+            if other == root:
+                continue
+            while parent[other] != other:
+                other = parent[other]
+            if other != root:
+                root, child = min(root, other), max(root, other)
+                parent[child] = root
+        parent[i] = root
+        later[count] = i  # kept only if it has an edge to a node before
+        count += beyond
+    return count
+
+
+@kernel
+def join_ranges(later, indptr, indices, labels, parent):
+    """Join the nodes ``later`` with those before them; returns whether every label is one component."""
+    for i in later:
+        root = parent[i]
+        while parent[root] != root:
+            root = parent[root]
+        for h in range(indptr[i], indptr[i + 1]):
+            other = indices[h]
+            if other > i or labels[other] != labels[i]:
+                continue
+            while parent[other] != other:
+                other = parent[other]
+            root, child = min(root, other), max(root, other)
+            parent[child] = root
+    highest = -1
+    for i in range(len(labels)):
+        highest = max(highest, labels[i])
+    seen = np.zeros(highest + 1, np.bool_)
+    for i in range(len(labels)):
+        if parent[i] == i:
+            if seen[labels[i]]:
+                return False
+            seen[labels[i]] = True
+    return True

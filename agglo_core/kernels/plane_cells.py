@@ -17,28 +17,22 @@ _SHORT = 16  # edges of a cell whose neighbours are compared one by one
 
 
 @kernel
-def half_edges(face_vertices, face_cells, n_cells, edges):
+def half_edges(face_vertices, face_cells, places, edges):
     """Write (tail, head, cell beyond, whether the cell owns the face) of each cell's faces in their order.
 
-    ``edges`` has room for both sides of every face; returns where the edges of each cell start ``(n + 1,)``.
+    The next one of cell c is written to ``edges[places[c]]``, and ``places[c]`` is counted up; where
+    ``edges`` is empty they are counted only.
     """
-    offsets = np.zeros(n_cells + 1, np.int64)
-    for f in range(len(face_cells)):
-        for s in range(2):
-            if face_cells[f, s] >= 0:
-                offsets[face_cells[f, s] + 1] += 1
-    for c in range(n_cells):
-        offsets[c + 1] += offsets[c]
-    cursor = offsets[:-1].copy()
+    count_only = len(edges) == 0
     for f in range(len(face_cells)):
         for s in range(2):
             c = face_cells[f, s]
             if c >= 0:
-                h = cursor[c]
-                edges[h, 0], edges[h, 1] = face_vertices[f, s], face_vertices[f, 1 - s]
-                edges[h, 2], edges[h, 3] = face_cells[f, 1 - s], 1 - s
-                cursor[c] = h + 1
-    return offsets
+                h = places[c]
+                places[c] = h + 1
+                if not count_only:
+                    edges[h, 0], edges[h, 1] = face_vertices[f, s], face_vertices[f, 1 - s]
+                    edges[h, 2], edges[h, 3] = face_cells[f, 1 - s], 1 - s
 
 
 @kernel
@@ -61,20 +55,20 @@ def _moments(ends, own, start, stop):
 
 
 @kernel
-def plane_cells(points, offsets, edges, vertices, indices, interface):
-    """Moments, vertices and neighbours of cells with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
+def plane_cells(
+    points, offsets, edges, n_cells, area, centroid, boundary, sizes, vertices, indices, interface
+):
+    """Moments, vertices and neighbours of some cells, with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
 
-    Writes the vertices of each cell and the CSR of its neighbours, parallel faces summed. Returns areas,
-    centroids, the offsets of the CSR and each cell's exposed length.
+    Writes the area, centroid, exposed length and number of neighbours of each, its vertices, and its
+    neighbours, one cell after the other, parallel faces summed. Returns how many neighbours that are.
     """
-    n = len(offsets) - 1
+    n, start_of_all = len(offsets) - 1, offsets[0]
     most = 0
     for c in range(n):
         most = max(most, offsets[c + 1] - offsets[c])
     ends = np.empty((max(_ROOM, most), 4))
-    slot = np.full(n if most > _SHORT else 0, -1, np.int64)  # where in a long row a neighbour stands
-    area, centroid = np.empty(n), np.empty((n, 2))
-    indptr, boundary = np.zeros(n + 1, np.int64), np.zeros(n)
+    slot = np.full(n_cells if most > _SHORT else 0, -1, np.int64)  # where in a long row a neighbour stands
     first, last, m = 0, 0, 0
     for c in range(n):
         if c == last:  # fetch the next cells
@@ -85,9 +79,10 @@ def plane_cells(points, offsets, edges, vertices, indices, interface):
                 i, tail, head = h - offsets[first], edges[h, 0], edges[h, 1]
                 ends[i, 0], ends[i, 1] = points[tail, 0], points[tail, 1]
                 ends[i, 2], ends[i, 3] = points[head, 0], points[head, 1]
-                vertices[h] = tail
+                vertices[h - start_of_all] = tail
         start, stop = offsets[c] - offsets[first], offsets[c + 1] - offsets[first]
         area[c], centroid[c, 0], centroid[c, 1] = _moments(ends, edges[offsets[c], 3], start, stop)
+        boundary[c] = 0.0
         row = m
         for i in range(start, stop):
             j = edges[offsets[first] + i, 2]
@@ -108,5 +103,5 @@ def plane_cells(points, offsets, edges, vertices, indices, interface):
             else:
                 indices[m], interface[m] = j, length
                 m += 1
-        indptr[c + 1] = m
-    return area, centroid, indptr, boundary
+        sizes[c] = m - row
+    return m

@@ -6,6 +6,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.threads import over_ranges
 
 __all__ = ["check_polygons", "loop_faults", "plain_faults"]
 
@@ -116,10 +117,13 @@ def loop_faults(points, offsets, vertices, cells):
 
 def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
     """Signed area and a fault code of each polygon of 3 or more vertices (weak: it may touch itself)."""
-    area, fault = plain_faults(points, offsets, vertices, weak)
+    found = over_ranges(
+        lambda start, stop: plain_faults(points, offsets[start : stop + 1], vertices, weak), len(offsets) - 1
+    )
+    area, fault = found[0] if len(found) == 1 else map(np.concatenate, zip(*found, strict=True))
     bent = np.flatnonzero(fault >= _BENT)
     if len(bent):  # the search for crossings is compiled only where a polygon needs it
-        found = loop_faults(points, offsets, vertices, frozen_int(bent))
-        harmless = (found == OK) | (found == FOLDED)
-        fault[bent] = np.where(harmless & (fault[bent] == _BENT_ZERO), ZERO, found)
+        faults = loop_faults(points, offsets, vertices, frozen_int(bent))
+        harmless = (faults == OK) | (faults == FOLDED)
+        fault[bent] = np.where(harmless & (fault[bent] == _BENT_ZERO), ZERO, faults)
     return area, fault

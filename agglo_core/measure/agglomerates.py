@@ -16,6 +16,7 @@ from agglo_core.measure.selection import RATIOS, Metric, Selection, built_metric
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.threads import using_threads
 
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
@@ -93,6 +94,7 @@ def quality(
     registry: Registry | None = None,
     progress: Listener | None = None,
     verbose: bool = False,
+    threads: int | None = None,
 ) -> dict[str, Float]:
     """Quality of every agglomerate.
 
@@ -105,7 +107,7 @@ def quality(
         Names, ``(name, options)`` pairs or metric objects (keyed by class name).
     registry : Registry, optional
         Where names are looked up; by default the installed plugins.
-    progress, verbose : optional
+    progress, verbose, threads : optional
         As for :func:`agglo_core.agglomerate`.
 
     Returns
@@ -128,7 +130,11 @@ def quality(
     if not isinstance(mesh, Mesh):
         raise OptionError(f"quality needs a Mesh and its labels, given {type(mesh).__name__}")
     labels, chosen = mesh.check_labels(labels), built_metrics(metrics, registry)
-    with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
+    with (
+        using_threads(threads),
+        followed(progress, verbose) as listen,
+        phase(listen, "measuring") as tell,
+    ):
         return _measured(mesh, mesh.coarsen(labels), labels, chosen, tell)
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agglo_core.arrays import Int, first_of_each, frozen_int
+from agglo_core.threads import over_ranges
 
 __all__ = ["CoarseFaces", "coarse_faces", "surviving_tags"]
 
@@ -31,13 +32,19 @@ def coarse_faces(labels: Int, face_offsets: Int, face_vertices: Int, face_cells:
     face_offsets, face_vertices, face_cells
         As in :class:`~agglo_core.mesh.Mesh`.
     """
-    coarse = np.append(labels, -1)[face_cells]
-    kept = np.flatnonzero(coarse[:, 0] != coarse[:, 1])
+    labels_and_outside = np.append(labels, -1)
+
+    def between(start: int, stop: int) -> tuple[Int, Int]:
+        sides = labels_and_outside.take(face_cells[start:stop])
+        apart = np.flatnonzero(sides[:, 0] != sides[:, 1])
+        return apart + start, sides[apart]
+
+    kept, coarse = map(np.concatenate, zip(*over_ranges(between, len(face_cells)), strict=True))
     sizes = np.diff(face_offsets)[kept]
     offsets = np.concatenate(([0], np.cumsum(sizes)))
     vertices = np.arange(offsets[-1]) + np.repeat(face_offsets[kept] - offsets[:-1], sizes)
     return CoarseFaces(
-        frozen_int(offsets), frozen_int(face_vertices[vertices]), frozen_int(coarse[kept]), frozen_int(kept)
+        frozen_int(offsets), frozen_int(face_vertices[vertices]), frozen_int(coarse), frozen_int(kept)
     )
 
 

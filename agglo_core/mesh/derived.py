@@ -11,10 +11,11 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int, narrow
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import box_centre
+from agglo_core.mesh.diameters import diameters_of
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.geometry2d import Neighbours, PlaneCells, plane_cells
 from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhedron_vertices
-from agglo_core.mesh.loops import Loops
+from agglo_core.mesh.loops import Loops, faces_of_cells, loops_of_cells
 
 __all__ = ["Derived"]
 
@@ -64,10 +65,7 @@ class Derived:
     @cached_property
     def cell_faces(self) -> tuple[Int, Int]:
         """Face ids of each cell as CSR: offsets ``(n_cells + 1,)`` and faces."""
-        from agglo_core.kernels.faces import cell_faces
-
-        offsets, faces = cell_faces(self.face_cells, self.n_cells)
-        return frozen_int(offsets), frozen_int(faces)
+        return faces_of_cells(self.face_cells, self.n_cells)
 
     @cached_property
     def _moments(self) -> tuple[Float, Float]:
@@ -156,10 +154,8 @@ class Derived:
     @cached_property
     def cell_diameters(self) -> Float:
         """Largest vertex distance of each cell ``(n_cells,)``."""
-        from agglo_core.kernels.geometry import block_diameters
-
         cells = frozen_int(np.arange(self.n_cells + 1))
-        return frozen_float(block_diameters(cells, cells, *self.cell_vertices, self.local_points))
+        return diameters_of(cells, cells, *self.cell_vertices, self.local_points)
 
     @property
     def h(self) -> float:
@@ -175,12 +171,9 @@ class Derived:
         MeshError
             In 3-D.
         """
-        from agglo_core.kernels.faces import chain_loops
-
         if self.dim != 2:
             raise MeshError("boundary_loops exists only for 2-D meshes")
-        loops = chain_loops(self.local_points, *self.cell_faces, self.face_pairs, self.face_cells)
-        return Loops(*(frozen_int(part) for part in loops))
+        return loops_of_cells(self.local_points, *self.cell_faces, self.face_pairs, self.face_cells)
 
     @cached_property
     def graph(self) -> Any:

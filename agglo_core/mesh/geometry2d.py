@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.mesh.counting_sort import counting_sort
+from agglo_core.threads import over_ranges
 
 __all__ = ["Neighbours", "PlaneCells", "plane_cells"]
 
@@ -38,14 +41,26 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
     """Geometry of the cells of a 2-D mesh, whose arrays these are."""
     from agglo_core.kernels import plane_cells as kernels
 
-    edges = np.empty((2 * len(face_cells), 4), np.int32)
-    offsets = frozen_int(kernels.half_edges(face_pairs, face_cells, n_cells, edges))
+    offsets, edges = _half_edges(face_pairs, face_cells, n_cells)
     count = int(offsets[-1])
+    area, centroid, boundary = np.empty(n_cells), np.empty((n_cells, 2)), np.empty(n_cells)
     vertices, indices, interface = np.empty(count, np.int32), np.empty(count, np.int32), np.empty(count)
-    area, centroid, indptr, boundary = kernels.plane_cells(
-        points, offsets, edges, vertices, indices, interface
-    )
-    used = int(indptr[-1])
+    indptr = np.zeros(n_cells + 1, np.int64)
+
+    def measured(start: int, stop: int) -> tuple[int, int]:
+        own, corners = slice(start, stop), slice(offsets[start], offsets[stop])
+        of_cells = (each[own] for each in (area, centroid, boundary, indptr[1:]))
+        of_edges = (each[corners] for each in (vertices, indices, interface))
+        found = kernels.plane_cells(points, offsets[start : stop + 1], edges, n_cells, *of_cells, *of_edges)
+        return int(offsets[start]), int(found)
+
+    used = 0
+    for start, found in over_ranges(measured, n_cells, work=count):
+        if used < start:  # close the gap that the outer faces of cells before have left
+            indices[used : used + found] = indices[start : start + found]
+            interface[used : used + found] = interface[start : start + found]
+        used += found
+    np.cumsum(indptr, out=indptr)
     if used < 0.75 * count:  # many faces between the same cells: do not hold on to the rest
         indices, interface = indices[:used].copy(), interface[:used].copy()
     return PlaneCells(
@@ -60,3 +75,16 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
             frozen_float(boundary),
         ),
     )
+
+
+def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
+    """Where the half-edges of each cell start; and all: tail, head, cell beyond, whether it owns the face."""
+    from agglo_core.kernels.plane_cells import half_edges
+
+    edges = np.empty((2 * len(face_cells), 4), np.int32)
+
+    def put(start: int, stop: int, places: Int, only_count: bool) -> None:
+        own = slice(start, stop)
+        half_edges(face_pairs[own], face_cells[own], places, edges[:0] if only_count else edges)
+
+    return counting_sort(put, len(face_cells), n_cells, shares=1), edges

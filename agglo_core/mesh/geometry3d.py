@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.threads import over_ranges
 
 __all__ = ["face_moments", "polyhedron_moments", "polyhedron_vertices", "pyramid_moments", "sum_by"]
 
@@ -13,8 +14,11 @@ def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Flo
     """Area vectors and centroids of polygonal faces ``(F, 3)``, by fans of triangles."""
     from agglo_core.kernels.face_loops import loop_moments
 
-    total, centre = loop_moments(points, offsets, vertices)
-    return frozen_float(total), frozen_float(centre)
+    found = over_ranges(
+        lambda start, stop: loop_moments(points, offsets[start : stop + 1], vertices), len(offsets) - 1
+    )
+    total, centre = zip(*found, strict=True)
+    return frozen_float(np.concatenate(total)), frozen_float(np.concatenate(centre))
 
 
 def sum_by(groups: Int, values: Float, n: int) -> Float:

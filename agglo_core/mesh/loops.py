@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from agglo_core.arrays import Int
+import numpy as np
 
-__all__ = ["Loops"]
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.mesh.counting_sort import counting_sort
+from agglo_core.threads import over_ranges
+
+__all__ = ["Loops", "faces_of_cells", "loops_of_cells"]
 
 
 class Loops(NamedTuple):
@@ -20,3 +25,37 @@ class Loops(NamedTuple):
     cell_offsets: Int
     loop_offsets: Int
     vertices: Int
+
+
+def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
+    """Faces of each cell as CSR, in ascending order."""
+    from agglo_core.kernels.faces import cell_faces
+
+    faces = np.empty(len(face_cells) + np.count_nonzero(face_cells[:, 1] >= 0), np.int64)
+
+    def put(start: int, stop: int, places: Int, only_count: bool) -> None:
+        cell_faces(face_cells[start:stop], start, places, faces[:0] if only_count else faces)
+
+    offsets = counting_sort(put, len(face_cells), n_cells, shares=1)
+    return offsets, frozen_int(faces)
+
+
+def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
+    """Loops of the cells of a 2-D mesh, whose arrays these are."""
+    from agglo_core.kernels.faces import chain_loops
+
+    def chained(start: int, stop: int) -> tuple[Int, Int, Int]:
+        own = offsets[start : stop + 1]
+        made: tuple[Int, Int, Int] = chain_loops(points, own, faces, face_pairs, face_cells, start)
+        return made
+
+    found = over_ranges(chained, len(offsets) - 1, shares=1, work=len(faces))
+    if len(found) == 1:
+        return Loops(*map(frozen_int, found[0]))
+    cells, loops, vertices = zip(*found, strict=True)
+    return Loops(_joined(cells), _joined(loops), frozen_int(np.concatenate(vertices)))
+
+
+def _joined(offsets: Sequence[Int]) -> Int:
+    """Offsets of lists that follow each other."""
+    return frozen_int(np.concatenate(([0], np.cumsum(np.concatenate([np.diff(each) for each in offsets])))))

@@ -22,6 +22,7 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
+from agglo_core.mesh.plain_faces import plain_faces
 
 __all__ = ["Faces", "build_polygons"]
 
@@ -124,7 +125,7 @@ def _faces(offsets: Int, vertices: Int, used: Int, weak: bool, strict: bool) -> 
     """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
     from agglo_core.kernels.faces import match_half_edges
 
-    plain = _plain_faces(offsets, vertices, len(used))
+    plain = plain_faces(offsets, vertices, len(used))
     if plain is not None:
         return *plain, 0
     face_vertices, face_cells, double, (a, b, *cells) = match_half_edges(offsets, vertices, len(used))
@@ -141,22 +142,6 @@ def _faces(offsets: Int, vertices: Int, used: Int, weak: bool, strict: bool) -> 
         if strict:
             raise MeshError(f"cells {first} and {second} overlap: both lie on the same side of an edge")
     return frozen_int(face_vertices), frozen_int(face_cells), len(double)
-
-
-def _plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] | None:
-    """Face vertices and face cells if no edge is out of the ordinary, else None."""
-    from agglo_core.kernels.pairing import number_faces, pair_half_edges
-
-    n = len(vertices)
-    if n > np.iinfo(np.int32).max:
-        return None
-    beyond = np.empty(n, np.int32)
-    n_faces = pair_half_edges(offsets, vertices, n_points, np.empty((n, 4), np.int32), beyond)
-    if n_faces < 0:
-        return None
-    face_vertices, face_cells = np.empty((n_faces, 2), np.int64), np.empty((n_faces, 2), np.int64)
-    number_faces(offsets, vertices, beyond, face_vertices, face_cells)
-    return frozen_int(face_vertices), frozen_int(face_cells)
 
 
 def _refuse_duplicates(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int]]) -> None:

@@ -23,6 +23,7 @@ from agglo_core.authoring import (
     System,
     frozen_float,
     frozen_int,
+    over_ranges,
 )
 from agglo_polydg_mg.basis import Basis, products
 from agglo_polydg_mg.boundary import (
@@ -47,6 +48,8 @@ __all__ = [
     "positive",
     "stiffness",
 ]
+
+_FEW = 4_000  # cells whose blocks one thread adds up in some ten milliseconds
 
 
 def discretise(
@@ -173,22 +176,22 @@ def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> spars
     from agglo_polydg_mg.face_kernels import face_blocks
 
     mesh = basis.mesh
-    rule = basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2]
+    rule = gauss(basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2])
     indptr, indices, diagonal, slots = basis.pattern
-    blocks = face_blocks(
-        mesh.local_points,
-        mesh.face_pairs,
-        mesh.face_cells,
-        slots,
-        inside,
-        diagonal,
-        basis.boxes,
-        basis.scale,
-        sigma,
-        on_faces,
-        *gauss(rule),
-        len(indices),
-    )
+    blocks = np.zeros((len(indices), basis.n_local, basis.n_local))
+    blocks[diagonal] = inside
+    across = np.argsort(mesh.local_centroids[:, 0])
+
+    def add(start: int, stop: int) -> None:
+        """Rows of the cells of one strip of the mesh; only faces between two strips are looked at twice."""
+        mine = np.zeros(mesh.n_cells + 1, bool)  # the last one is outside
+        mine[across[start:stop]] = True
+        faces = frozen_int(np.flatnonzero(mine.take(cells).any(axis=1)))
+        face_blocks(points, pairs, cells, faces, mine, slots, *frames, sigma, on_faces, *rule, blocks)
+
+    points, pairs, cells = mesh.local_points, mesh.face_pairs, mesh.face_cells
+    frames = basis.boxes, basis.scale
+    over_ranges(add, mesh.n_cells, few=_FEW, shares=1)
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
 
 

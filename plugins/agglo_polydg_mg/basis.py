@@ -13,7 +13,17 @@ from functools import cache, cached_property
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, OptionError, frozen_float, frozen_int
+from agglo_core.authoring import (
+    Field,
+    Float,
+    Int,
+    Mesh,
+    MeshError,
+    OptionError,
+    frozen_float,
+    frozen_int,
+    over_ranges,
+)
 from agglo_polydg_mg.option_checks import require_count
 from agglo_polydg_mg.quadrature import gauss, moments, per_cell, weighted_moments
 
@@ -95,9 +105,15 @@ class Basis:
         """Bounding boxes ``(n_cells, 6)``: centre from the mesh's origin, half sides, direction of one."""
         from agglo_polydg_mg.legendre_kernels import bounding_boxes
 
-        mesh = self.mesh
-        cells = (mesh.local_points, *mesh.cell_faces, mesh.face_pairs)
-        return frozen_float(bounding_boxes(*cells, mesh.cell_measures, _FILL if self.scaled else 0.0))
+        mesh, least = self.mesh, _FILL if self.scaled else 0.0
+        points, (offsets, faces), areas = mesh.local_points, mesh.cell_faces, mesh.cell_measures
+
+        def boxes(start: int, stop: int) -> Float:
+            own, pairs = offsets[start : stop + 1], mesh.face_pairs
+            found: Float = bounding_boxes(points, own, faces, pairs, areas[start:stop], least)
+            return found
+
+        return frozen_float(np.concatenate(over_ranges(boxes, mesh.n_cells)))
 
     @cached_property
     def scale(self) -> Float:
@@ -201,7 +217,11 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, i
     blocks = np.zeros((len(integrals[0]), size, size))
     for weights, (dx, dy) in zip(integrals, derivatives, strict=True):
         most = (int(np.sqrt(8 * weights.shape[1] + 1)) - 3) // 2
-        sparse_products(frozen_float(weights), *_expansion(degree, most, dx, dy), blocks)
+        given, terms = frozen_float(weights), _expansion(degree, most, dx, dy)
+        over_ranges(
+            lambda start, stop: sparse_products(given[start:stop], *terms, blocks[start:stop]),  # noqa: B023
+            len(blocks),
+        )
     return blocks
 
 

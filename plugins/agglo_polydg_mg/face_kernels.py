@@ -10,7 +10,7 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-__all__ = ["block_pattern", "face_blocks", "triangle_heights"]
+__all__ = ["block_pattern", "face_blocks", "largest_triangles"]
 
 _SHRUNK = 1e-8  # how far into a triangle, in barycentric coordinates, an edge must reach to count
 
@@ -81,13 +81,12 @@ def _visible_height(start, end, m, k, convex, queue):
 
 
 @kernel
-def triangle_heights(points, offsets, faces, face_vertices, face_cells):
-    """Height ``(F, 2)`` over each face of the largest triangle in the owner and in the neighbour.
+def largest_triangles(points, offsets, faces, face_vertices, face_cells, first_cell, heights):
+    """Write the height over each face of the largest triangle in cells ``first_cell``, ...
 
-    Its base is the face, its apex a vertex of the cell, and it lies in the cell. Infinite outside the
-    domain and for faces of no length; 0 if no vertex is visible from a face.
+    Its base is the face, its apex a vertex of the cell, and it lies in the cell. ``heights (F, 2)`` are for
+    owner and neighbour; those of faces of no length are left as they are. 0 if no vertex is visible.
     """
-    heights = np.full((len(face_cells), 2), np.inf)
     most = 0
     for c in range(len(offsets) - 1):
         most = max(most, offsets[c + 1] - offsets[c])
@@ -96,7 +95,7 @@ def triangle_heights(points, offsets, faces, face_vertices, face_cells):
         m = offsets[c + 1] - offsets[c]
         for k in range(m):
             f = faces[offsets[c] + k]
-            flip = 0 if face_cells[f, 0] == c else 1
+            flip = 0 if face_cells[f, 0] == first_cell + c else 1
             queue[k] = k
             for x in range(2):
                 start[k, x] = points[face_vertices[f, flip], x]
@@ -105,9 +104,8 @@ def triangle_heights(points, offsets, faces, face_vertices, face_cells):
         for k in range(m):
             f = faces[offsets[c] + k]
             if start[k, 0] != end[k, 0] or start[k, 1] != end[k, 1]:
-                side = 0 if face_cells[f, 0] == c else 1
+                side = 0 if face_cells[f, 0] == first_cell + c else 1
                 heights[f, side] = _visible_height(start, end, m, k, convex, queue)
-    return heights
 
 
 @kernel
@@ -183,9 +181,12 @@ def _sum_points(jumps, rest, sums):
 
 
 @helper
-def _scatter(sums, lane, m, f, sides, slots, blocks):
-    """Add what a lane holds of face f to its blocks."""
-    for side in range(sides):
+def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
+    """Add what a lane holds of face f to its blocks in the rows of cells that are ``mine``."""
+    owner, neighbour = face_cells[f, 0], face_cells[f, 1]
+    for side in range(2):
+        if face_cells[f, side] < 0 or not mine[face_cells[f, side]]:
+            continue
         own, start = slots[f, side, side], side * m
         for i in range(m):
             for j in range(i):
@@ -193,33 +194,33 @@ def _scatter(sums, lane, m, f, sides, slots, blocks):
                 blocks[own, i, j] += value
                 blocks[own, j, i] += value
             blocks[own, i, i] += sums[start + i, start + i, lane]
-    if sides == 2:
-        lower, upper = slots[f, 1, 0], slots[f, 0, 1]
+    if neighbour < 0:
+        return
+    lower, upper = slots[f, 1, 0], slots[f, 0, 1]
+    if mine[neighbour]:
         for i in range(m):
             for j in range(m):
-                value = sums[m + i, j, lane]
-                blocks[lower, i, j] += value
-                blocks[upper, j, i] += value
+                blocks[lower, i, j] += sums[m + i, j, lane]
+    if mine[owner]:
+        for i in range(m):
+            for j in range(m):
+                blocks[upper, j, i] += sums[m + i, j, lane]
 
 
 @kernel
 def face_blocks(
-    points, face_vertices, face_cells, slots, inside, diagonal, boxes, scale, sigma, kappa, nodes, weights,
-    n_blocks,
+    points, face_vertices, face_cells, faces, mine, slots, boxes, scale, sigma, kappa, nodes, weights, blocks,
 ):  # fmt: skip
-    """Blocks ``(n_blocks, m, m)`` of −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v], and those ``inside`` the cells.
+    """Add −{κ∇u·n}[v] − {κ∇v·n}[u] + σ[u][v] of ``faces (k,)`` to the blocks of cells that are ``mine``.
 
-    ``inside (n, m, m)`` go to the places ``diagonal (n,)``; ``slots (F, 2, 2)`` says which block holds
-    (owner or neighbour, owner or neighbour); ``kappa (F, 2, 1 or q)`` is the coefficient on both sides,
-    ``sigma (F,)`` the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted
-    harmonically. With jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ. Faces are
-    taken ``LANES`` at a time.
+    A block ``(m, m)`` is that of the cell of its row; ``slots (F, 2, 2)`` says which one holds (owner or
+    neighbour, owner or neighbour). ``kappa (F, 2, 1 or q)`` is the coefficient on both sides, ``sigma (F,)``
+    the penalty without it. Faces of σ = 0 are skipped. Averages and penalty are weighted harmonically. With
+    jumps j and r = σ/2 j − g, g the average, each point adds j rᵀ + r jᵀ. Faces go ``LANES`` at a time.
     """
-    m, rules = inside.shape[1], len(nodes)
+    m, rules = blocks.shape[1], len(nodes)
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
-    blocks, table = np.zeros((n_blocks, m, m)), recurrences(degree)
-    for c in range(len(diagonal)):
-        blocks[diagonal[c]] = inside[c]
+    table = recurrences(degree)
     jumps, rest = np.empty((rules, 2 * m, LANES)), np.empty((rules, 2 * m, LANES))
     sums = np.empty((2 * m, 2 * m, LANES))
     lx, dx, ly, dy = (
@@ -230,11 +231,11 @@ def face_blocks(
     x, y, along_x, along_y, nx, ny = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
     signed, length, mean, stiff = frame[6], frame[7], shares[0], shares[1]
     following = 0
-    while following < len(face_cells):
+    while following < len(faces):
         count = 0
-        while count < LANES and following < len(face_cells):
-            if sigma[following] != 0.0:
-                chosen[count] = following
+        while count < LANES and following < len(faces):
+            if sigma[faces[following]] != 0.0:
+                chosen[count] = faces[following]
                 count += 1
             following += 1
         for side in range(2):
@@ -277,6 +278,4 @@ def face_blocks(
                         k += 1
         _sum_points(jumps, rest, sums)
         for lane in range(count):
-            f = chosen[lane]
-            _scatter(sums, lane, m, f, 1 if face_cells[f, 1] < 0 else 2, slots, blocks)
-    return blocks
+            _scatter(sums, lane, m, chosen[lane], face_cells, mine, slots, blocks)

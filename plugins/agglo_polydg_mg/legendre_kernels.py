@@ -120,10 +120,12 @@ def bounding_boxes(points, offsets, faces, face_vertices, areas, least):
 
 
 @kernel
-def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, nodes, weights, degree):
-    """Integrals ``(n, m)`` of the polynomials of a degree over each cell, by the divergence theorem.
+def boundary_moments(
+    points, offsets, faces, face_vertices, face_cells, first_cell, boxes, nodes, weights, degree
+):  # fmt: skip
+    """Integrals ``(n, m)`` of the polynomials of a degree over cells ``first_cell``, ...
 
-    ``nodes`` must integrate degree + 1 on [−1, 1].
+    By the divergence theorem; ``nodes`` must integrate degree + 1 on [−1, 1].
     """
     n = len(offsets) - 1
     moments = np.zeros((n, (degree + 1) * (degree + 2) // 2))
@@ -134,7 +136,7 @@ def boundary_moments(points, offsets, faces, face_vertices, face_cells, boxes, n
         cx, cy, hx, hy = box[0], box[1], box[2], box[3]
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]
-            flip = 0 if face_cells[f, 0] == c else 1
+            flip = 0 if face_cells[f, 0] == first_cell + c else 1
             a, b = face_vertices[f, flip], face_vertices[f, 1 - flip]
             ax, ay = along_box(points[a, 0] - cx, points[a, 1] - cy, box)
             bx, by = along_box(points[b, 0] - cx, points[b, 1] - cy, box)

@@ -12,9 +12,11 @@ from typing import Literal
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mesh, MeshError, OptionError, frozen_float
+from agglo_core.authoring import Float, Int, Mesh, MeshError, OptionError, frozen_float, over_ranges
 
-__all__ = ["PAPER", "Penalty", "face_penalty"]
+__all__ = ["PAPER", "Penalty", "face_penalty", "triangle_heights"]
+
+_FEW = 10_000  # cells one thread looks at in some milliseconds
 
 PAPER = 10.0
 """Constant C of the paper."""
@@ -40,11 +42,9 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
     OptionError
         If ``constant`` is not positive.
     """
-    from agglo_polydg_mg.face_kernels import triangle_heights
-
     if not (math.isfinite(constant) and constant > 0):
         raise OptionError(f"the penalty constant must be positive; given {constant!r}")
-    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    heights = triangle_heights(mesh)
     faces, sides = np.nonzero(heights == 0)
     if len(faces):
         cells = np.unique(mesh.face_cells[faces, sides])[:5].tolist()
@@ -55,3 +55,21 @@ def face_penalty(mesh: Mesh, degree: int, constant: float = PAPER, natural: Int 
     if natural is not None:
         sigma[natural] = 0.0
     return frozen_float(sigma)
+
+
+def triangle_heights(mesh: Mesh) -> Float:
+    """Height ``(n_faces, 2)`` over each face of the largest triangle in the owner and in the neighbour.
+
+    Its base is the face, its apex a vertex of the cell, and it lies in the cell. Infinite outside the
+    domain and for faces of no length; 0 if no vertex is visible from a face.
+    """
+    from agglo_polydg_mg.face_kernels import largest_triangles
+
+    heights = np.full((mesh.n_faces, 2), np.inf)
+    points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
+
+    def write(start: int, stop: int) -> None:
+        largest_triangles(points, offsets[start : stop + 1], faces, *sides, start, heights)
+
+    over_ranges(write, mesh.n_cells, few=_FEW)
+    return heights

@@ -23,6 +23,7 @@ from agglo_core.authoring import (
     OptionError,
     frozen_float,
     frozen_int,
+    over_ranges,
 )
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "weighted_moments",
 ]
 
+_FEW = 4_000  # cells one thread integrates over in some milliseconds
 _POINTS = 200_000  # in a batch: it stays in the cache of a processor
 
 
@@ -71,8 +73,15 @@ def moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
     from agglo_polydg_mg.legendre_kernels import boundary_moments
 
     rule = gauss((degree + 3) // 2)  # the antiderivative has one degree more
-    faces = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
-    return np.asarray(boundary_moments(mesh.local_points, *faces, frozen_float(boxes), *rule, degree))
+    points, (offsets, faces), boxes = mesh.local_points, mesh.cell_faces, frozen_float(boxes)
+    sides = mesh.face_pairs, mesh.face_cells
+
+    def integrals(start: int, stop: int) -> Float:
+        own = offsets[start : stop + 1]
+        found: Float = boundary_moments(points, own, faces, *sides, start, boxes[start:stop], *rule, degree)
+        return found
+
+    return np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
 
 
 def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: str) -> Float:
@@ -96,7 +105,14 @@ def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: 
     for batch in inside(mesh, degree + 5):
         values = frozen_float(sample(field, batch.points + mesh.origin, name) * batch.weights)
         part = slice(batch.first, batch.first + len(batch.offsets) - 1)
-        result[part] = point_moments(batch.points, values, batch.offsets, boxes[part], degree)
+        own, offsets, points = boxes[part], batch.offsets, batch.points
+
+        def integrals(start: int, stop: int) -> Float:
+            ends = offsets[start : stop + 1]  # noqa: B023
+            found: Float = point_moments(points, values, ends, own[start:stop], degree)  # noqa: B023
+            return found
+
+        result[part] = np.concatenate(over_ranges(integrals, len(own), few=_FEW))
     return result
 
 

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float
+from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float, over_ranges
 from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.penalty import triangle_heights
 from agglo_polydg_mg.quadrature import gauss, inside, sample
 
 __all__ = ["MARGIN", "sharp_penalty"]
+
+_FEW = 2_000  # cells one thread looks at in some milliseconds
 
 MARGIN = 0.25
 """Least eigenvalue of the matrix A relative to the square of the DG norm."""
@@ -54,20 +57,15 @@ def sharp_penalty(
         held[natural] = False
     fill = mesh.cell_measures / (4.0 * basis.boxes[:, 2] * basis.boxes[:, 3])
     rule = basis.degree if on_faces.shape[2] == 1 else on_faces.shape[2]
-    asked, resolved = side_penalties(
-        mesh.local_points,
-        *mesh.cell_faces,
-        mesh.face_pairs,
-        mesh.face_cells,
-        held,
-        basis.boxes,
-        basis.scale,
-        fill,
-        blocks,
-        on_faces,
-        *gauss(rule),
-        basis.degree,
-    )
+    points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
+    of_cells, asked = (basis.boxes, basis.scale, fill, blocks), np.zeros((mesh.n_faces, 2))
+
+    def ask(start: int, stop: int) -> np.ndarray:
+        own = [each[start:stop] for each in of_cells]
+        shape = points, offsets[start : stop + 1], faces, *sides, start
+        return np.asarray(side_penalties(*shape, held, *own, on_faces, *gauss(rule), basis.degree, asked))
+
+    resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
     if not resolved.all():
         asked += _by_triangles(basis, kappa, on_faces, held, ~resolved)
     return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
@@ -80,10 +78,8 @@ def _by_triangles(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray,
     p − 1 (T. Warburton, J. Hesthaven, Comput. Methods Appl. Mech. Engrg. 192, 2003). The triangles of a cell
     overlap, at worst all of them.
     """
-    from agglo_polydg_mg.face_kernels import triangle_heights
-
     mesh, p = basis.mesh, basis.degree
-    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    heights = triangle_heights(mesh)
     inner = mesh.face_cells[:, 1] >= 0
     sides = np.stack((mesh.face_cells[:, 0], np.where(inner, mesh.face_cells[:, 1], 0)), axis=1)
     counts = np.where(held[:, None] & thin[sides] & np.isfinite(heights), 1.0, 0.0)

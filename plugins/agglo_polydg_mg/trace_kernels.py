@@ -171,13 +171,13 @@ def _against(forms, face, n, lanes, lane):
 
 @kernel
 def side_penalties(
-    points, offsets, faces, face_vertices, face_cells, held, boxes, scale, fill, blocks, kappa, nodes,
-    weights, degree,
+    points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
+    nodes, weights, degree, asked,
 ):  # fmt: skip
-    """What each cell asks of the penalty of its faces, ``(F, 2)`` for owner and neighbour, and where it can.
+    """Write to ``asked (F, 2)`` what cells ``first_cell``, ... ask of the penalty of their faces; who can.
 
     With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
-    inside and κ at the boundary, ω the weight of the cell in the average: Σ_F T_F / s_F <= S. The second
+    inside and κ at the boundary, ω the weight of the cell in the average: Σ_F T_F / s_F <= S. The
     result is False for cells whose S is singular to rounding: nothing is said of them. Faces that are not
     ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills.
     """
@@ -185,7 +185,7 @@ def side_penalties(
     for begin in range(0, n_cells, LANES):
         most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])
     table, lines = recurrences(degree), np.empty((4, degree + 1))
-    asked, resolved = np.zeros((len(face_cells), 2)), np.ones(n_cells, np.bool_)
+    resolved = np.ones(n_cells, np.bool_)
     forms, lengths = np.zeros((most, (n * (n + 1)) // 2)), np.empty(most)
     first, second, inverse = np.empty(most), np.empty(most), np.empty(most)
     slopes, masses, factor = np.empty((rules, n)), np.empty(rules), np.empty((n, n))
@@ -214,7 +214,7 @@ def side_penalties(
                 ax, ay = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
                 along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
                 ax, ay = ax * wide, ay * high
-                side = 0 if face_cells[f, 0] == c else 1
+                side = 0 if face_cells[f, 0] == first_cell + c else 1
                 for q in range(rules):
                     at = min(q, kappa.shape[2] - 1)
                     own, across = kappa[f, side, at], kappa[f, 1 - side, at]
@@ -249,7 +249,7 @@ def side_penalties(
                 after += lengths[k] * balanced[lane] * second[k]
             for k in range(offsets[c] - start, offsets[c + 1] - start):
                 f = faces[start + k]
-                side = 0 if face_cells[f, 0] == c else 1
+                side = 0 if face_cells[f, 0] == first_cell + c else 1
                 own, other = uniform[lane] * first[k], balanced[lane] * second[k]
                 asked[f, side] = other if after < before else own
-    return asked, resolved
+    return resolved

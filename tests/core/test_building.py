@@ -11,7 +11,8 @@ from agglo_core import Mesh, samples
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.kernels.face_loops import loop_moments, repeated_points
 from agglo_core.kernels.faces import match_half_edges
-from agglo_core.kernels.pairing import number_faces, pair_half_edges
+from agglo_core.mesh.plain_faces import plain_faces
+from agglo_core.threads import using_threads
 
 
 @cache
@@ -32,13 +33,13 @@ def paired(loops: list[list[int]], n_points: int) -> tuple[np.ndarray, np.ndarra
     """Face vertices and cells by the fast kernels, None where they give up."""
     offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
     vertices = frozen_int(np.concatenate(loops))
-    beyond, room = np.empty(len(vertices), np.int32), np.empty((len(vertices), 4), np.int32)
-    count = pair_half_edges(offsets, vertices, n_points, room, beyond)
-    if count < 0:
-        return None
-    face_vertices, face_cells = np.empty((count, 2), np.int64), np.empty((count, 2), np.int64)
-    number_faces(offsets, vertices, beyond, face_vertices, face_cells)
-    return face_vertices, face_cells
+    found = plain_faces(offsets, vertices, n_points)
+    with using_threads(3, few=7):
+        again = plain_faces(offsets, vertices, n_points)
+    assert (found is None) == (again is None)
+    if found is not None and again is not None:
+        assert all(map(np.array_equal, found, again))
+    return found
 
 
 @pytest.mark.parametrize("name", ["voronoi", "triangles"])

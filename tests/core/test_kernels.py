@@ -23,12 +23,13 @@ from scipy.spatial.distance import pdist
 
 from agglo_core import Graph, Mesh, samples
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
-from agglo_core.kernels.faces import cell_faces, match_half_edges
+from agglo_core.kernels.faces import match_half_edges
 from agglo_core.kernels.geometry import block_diameters, compare_diameters
 from agglo_core.kernels.graphs import broken_blocks, child_order, components, permute_graph, take_rows
 from agglo_core.kernels.interface import relax_interface
 from agglo_core.kernels.polygon_faults import check_polygons
 from agglo_core.kernels.repair import absorb
+from agglo_core.mesh.loops import faces_of_cells
 from agglo_kmeans.kernel import two_means
 
 SEEDS = st.integers(0, 10**6)
@@ -115,7 +116,7 @@ def test_faces_of_cells(n: int, m: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     sides = rng.integers(0, n, (m, 2))
     sides[rng.random(m) < 0.4, 1] = -1
-    offsets, faces = cell_faces(frozen_int(sides), n)
+    offsets, faces = faces_of_cells(frozen_int(sides), n)
     for c in range(n):
         wanted = [f for f, pair in enumerate(sides.tolist()) for side in pair if side == c]
         assert faces[offsets[c] : offsets[c + 1]].tolist() == wanted

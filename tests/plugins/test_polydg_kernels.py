@@ -18,8 +18,7 @@ from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import discretise
 from agglo_polydg_mg.basis import Basis, legendre, orders, slopes
-from agglo_polydg_mg.face_kernels import triangle_heights
-from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.penalty import face_penalty, triangle_heights
 from agglo_polydg_mg.quadrature import inside, moments, weighted_moments
 
 Array = NDArray[np.float64]
@@ -186,7 +185,7 @@ def vars_of(mesh: Mesh) -> dict[str, NDArray[np.generic]]:
 
 
 def test_largest_triangles_are_those_shapely_finds(mesh: Mesh) -> None:
-    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    heights = triangle_heights(mesh)
     np.testing.assert_allclose(heights, reference_heights(mesh), rtol=1e-7)
 
 
@@ -196,13 +195,13 @@ def test_penalty_of_squares_is_twenty_over_h() -> None:
 
 def test_a_straight_side_cut_in_two_has_the_triangles_of_its_halves() -> None:
     mesh = Mesh.from_polygons([[0, 0], [1, 0], [2, 0], [2, 2], [0, 2]], [[0, 1, 2, 3, 4]])
-    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    heights = triangle_heights(mesh)
     np.testing.assert_allclose(heights[:, 0], 2.0)
 
 
 def test_a_reflex_vertex_hides_what_lies_behind_it() -> None:
     """An L: from its lower side the far corner of the upright is hidden, the corner at the bend is not."""
     mesh = Mesh.from_polygons([[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]], [range(6)])
-    heights = triangle_heights(mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    heights = triangle_heights(mesh)
     np.testing.assert_allclose(heights[0, 0], 1.0)  # from (0,0)–(3,0) to (3,1) or (1,1)
     np.testing.assert_allclose(heights, reference_heights(mesh))

@@ -170,9 +170,10 @@ def test_what_a_cell_asks_is_enough_and_no_more(callable_kappa: bool) -> None:
     on, blocks = face_coefficients(mesh, kappa, degree + 2), stiffness(basis, kappa)
     rule = degree if on.shape[2] == 1 else degree + 2
     fill = mesh.cell_measures / (4 * basis.boxes[:, 2] * basis.boxes[:, 3])
-    asked, resolved = side_penalties(
-        mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells,
-        np.ones(mesh.n_faces, bool), basis.boxes, basis.scale, fill, blocks, on, *gauss(rule), degree,
+    asked = np.zeros((mesh.n_faces, 2))
+    resolved = side_penalties(
+        mesh.local_points, *mesh.cell_faces, mesh.face_pairs, mesh.face_cells, 0,
+        np.ones(mesh.n_faces, bool), basis.boxes, basis.scale, fill, blocks, on, *gauss(rule), degree, asked,
     )  # fmt: skip
     assert resolved.all()
     for c in range(mesh.n_cells):
