@@ -16,14 +16,18 @@ _log = logging.getLogger("agglo")
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
-def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
+def kernel(
+    function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = True
+) -> Any:
     """Compile ``function`` with numba on first call, from the disk cache where one can be written.
 
-    ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run.
+    ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run. One that
+    ``allocates`` nothing, nor returns an array, need not count references to its arrays: counting them costs
+    more than the work where helpers are called many times with many arrays. Its helpers must say so too.
     """
     if function is None:
-        return lambda inner: kernel(inner, reorder_sums=reorder_sums)
-    options = _options(reorder_sums)
+        return lambda inner: kernel(inner, reorder_sums=reorder_sums, allocates=allocates)
+    options = _options(reorder_sums, allocates)
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError as error:  # numba's word for "no cache folder is writable"
@@ -33,7 +37,9 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
         return numba.njit(**options)(function)
 
 
-def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
+def helper(
+    function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = True
+) -> Any:
     """Let kernels call ``function``; called from Python it runs uncompiled.
 
     Whatever only kernels call should be a helper: it compiles in less time than a kernel, as it needs no
@@ -41,12 +47,13 @@ def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
     that both a kernel and a helper call is compiled for each of the two.
     """
     if function is None:
-        return lambda inner: helper(inner, reorder_sums=reorder_sums)
-    return register_jitable(**_options(reorder_sums))(function)
+        return lambda inner: helper(inner, reorder_sums=reorder_sums, allocates=allocates)
+    return register_jitable(**_options(reorder_sums, allocates))(function)
 
 
-def _options(reorder_sums: bool) -> dict[str, Any]:
-    return _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
+def _options(reorder_sums: bool, allocates: bool) -> dict[str, Any]:
+    options = _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
+    return options if allocates else options | {"_nrt": False}
 
 
 @cache  # once per process
