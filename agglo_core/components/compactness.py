@@ -21,9 +21,9 @@ class CompactnessRefiner:
     It lowers, in each block, J · L^0.3: J is the moment of inertia of the parts, the energy of k-means, and
     L the length of the interfaces. The product has no unit, so neither scale nor number of parts matter.
     Sweeps of single-cell moves go over the boundary cells of all parts until none pays; they take the parts,
-    and the cells of each, along an axis of the block, so the result does not depend on cell numbering. No part is emptied or
-    disconnected, none falls below ``floor`` times its measure at entry, and if the target is a size, none
-    that gets a cell is wider.
+    and the cells of each, along an axis of the block, so the result does not depend on cell numbering. No
+    part is emptied or disconnected, none falls below ``floor`` times its measure at entry, and if the target
+    is a size, no cell goes where it would be too far from others.
 
     Parameters
     ----------

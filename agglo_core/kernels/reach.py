@@ -56,13 +56,14 @@ def part_lists(parts, k):
 @helper(allocates=False)
 def _within(i, j, limit, corners):
     """Whether no vertex of cell i is farther than ``limit`` from one of cell j."""
-    d, most = corners.points.shape[1], 0.0
+    solid, most = corners.points.shape[1] > 2, 0.0
     for g in range(corners.offsets[i], corners.offsets[i + 1]):
         for h in range(corners.offsets[j], corners.offsets[j + 1]):
-            square = 0.0
-            for a in range(d):
-                one, other = corners.vertices[g], corners.vertices[h]
-                square += (corners.points[one, a] - corners.points[other, a]) ** 2
+            one, other = corners.vertices[g], corners.vertices[h]
+            x = corners.points[one, 0] - corners.points[other, 0]
+            y = corners.points[one, 1] - corners.points[other, 1]
+            z = corners.points[one, 2] - corners.points[other, 2] if solid else 0.0
+            square = x * x + y * y + z * z  # a loop over two or three takes twice the time
             most = max(most, square)
     return most <= limit * limit
 

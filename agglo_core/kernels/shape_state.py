@@ -28,7 +28,7 @@ MASS, ROOM, FLOOR, CELLS, SHARE, CENTRE = 0, 1, 2, 3, 4, 5
 
 
 class Cells(NamedTuple):
-    """Graph of the cells; weight, measure and centroid of each ``(n, 2 + d)``; an axis of each block."""
+    """Graph of the cells; weight, measure and centroid of each ``(n, 5)``; an axis of each block."""
 
     indptr: Any
     indices: Any
@@ -68,7 +68,7 @@ def part_tally(given, parts, starts, floor):
     at, else −1.
     """
     indptr, indices, interface, shapes, _ = given
-    n, d, k = len(parts), shapes.shape[1] - 2, starts[-1]
+    n, k = len(parts), starts[-1]
     tally, blocks = np.zeros((k, _COLUMNS)), np.zeros((len(starts) - 1, 2))
     owner, due = np.empty(k, np.int32), np.empty(n, np.int8)
     for b in range(len(blocks)):
@@ -79,18 +79,18 @@ def part_tally(given, parts, starts, floor):
         tally[p, MASS] += shapes[i, 0]
         tally[p, ROOM] += shapes[i, 1]
         tally[p, CELLS] += 1.0
-        for a in range(d):
+        for a in range(3):
             tally[p, CENTRE + a] += shapes[i, 0] * shapes[i, 2 + a]
     for p in range(k):
         mass = tally[p, MASS]
         tally[p, FLOOR] = floor * tally[p, ROOM]
-        for a in range(d):
+        for a in range(3):
             tally[p, CENTRE + a] = tally[p, CENTRE + a] / mass if mass > 0.0 else 0.0
     for i in range(n):
         p = parts[i]
         b, square, length = owner[p], 0.0, 0.0
         edge = False
-        for a in range(d):
+        for a in range(3):
             square += (shapes[i, 2 + a] - tally[p, CENTRE + a]) ** 2
         for h in range(indptr[i], indptr[i + 1]):
             q = parts[indices[h]]

@@ -30,9 +30,10 @@ def _sort_listed(given, state, work, b, lo, hi):
     """
     for c in range(lo, hi):
         i = state.listed[c]
-        work.keys[c - lo], work.rows[c - lo] = 0.0, given.indptr[i]
-        for a in range(given.axes.shape[1]):
-            work.keys[c - lo] += given.axes[b, a] * given.shapes[i, 2 + a]
+        key = 0.0
+        for a in range(3):
+            key += given.axes[b, a] * given.shapes[i, 2 + a]
+        work.keys[c - lo], work.rows[c - lo] = key, given.indptr[i]
     for c in range(hi - lo):
         row = work.rows[c]
         work.read[c] = given.interface[row] + given.indices[row]
@@ -46,6 +47,15 @@ def _sort_listed(given, state, work, b, lo, hi):
                 j -= gap
             work.keys[j], state.listed[lo + j] = key, i
         gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
+
+
+@helper(allocates=False)
+def _square(given, state, i, p):
+    """Square of the distance of cell i from the centre of part p."""
+    square = 0.0
+    for a in range(3):
+        square += (given.shapes[i, 2 + a] - state.tally[p, CENTRE + a]) ** 2
+    return square
 
 
 @helper(allocates=False)
@@ -72,21 +82,17 @@ def _best_move(given, state, bounds, scale, i, work):
     target, best, inertia, cut = np.int64(-1), 0.0, 0.0, 0.0
     if found == 0:
         return target, inertia, cut, beyond
-    d, w = given.shapes.shape[1] - 2, given.shapes[i, 0]
+    w = given.shapes[i, 0]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
-        for a in range(d):
-            lost += (given.shapes[i, 2 + a] - state.tally[home, CENTRE + a]) ** 2
-        lost *= w * mass / (mass - w)
+        lost = _square(given, state, i, home) * w * mass / (mass - w)
     length, energy = scale
     for m in range(found):
         p = np.int64(work.queue[m])
         shared, state.tally[p, SHARE] = state.tally[p, SHARE], 0.0
         mass, won = state.tally[p, MASS], 0.0
         if mass > 0.0:
-            for a in range(d):
-                won += (given.shapes[i, 2 + a] - state.tally[p, CENTRE + a]) ** 2
-            won *= w * mass / (mass + w)
+            won = _square(given, state, i, p) * w * mass / (mass + w)
         change = length * (won - lost) + energy * (own - shared)
         tie = _TIE * (length * (won + lost) + energy * total)
         first = target < 0
@@ -146,7 +152,7 @@ def _put(given, state, i, home, target):
     """Sums of the parts after cell i went from ``home`` to ``target``."""
     w, measure = given.shapes[i, 0], given.shapes[i, 1]
     left, joined = state.tally[home, MASS] - w, state.tally[target, MASS] + w
-    for a in range(given.shapes.shape[1] - 2):
+    for a in range(3):
         x = given.shapes[i, 2 + a]
         if left > 0.0:
             state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * w / left
