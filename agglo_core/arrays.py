@@ -23,6 +23,7 @@ __all__ = [
     "frozen_float",
     "frozen_index",
     "frozen_int",
+    "label_order",
     "narrow",
     "splitmix",
 ]
@@ -64,6 +65,15 @@ def frozen_int(values: ArrayLike) -> Int:
 def frozen_index(values: ArrayLike) -> Index:
     """Read-only int32 array (CSR indices)."""
     return frozen(values, np.int32)
+
+
+def label_order(labels: Int) -> Int:
+    """Stable order ``(n,)`` of labels from 0 on, by 16 bits at a time: several times faster than argsort."""
+    order = np.argsort((labels & 0xFFFF).astype(np.uint16), kind="stable")
+    for shift in range(16, int(labels.max(initial=0)).bit_length(), 16):
+        digits = (labels >> shift & 0xFFFF).astype(np.uint16)
+        order = order[np.argsort(digits[order], kind="stable")]
+    return frozen_int(order)
 
 
 def narrow(values: NDArray[Any]) -> NDArray[Any]:

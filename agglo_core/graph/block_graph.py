@@ -10,7 +10,17 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.arrays import Float, Index, Int, Mask, frozen, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import (
+    Float,
+    Index,
+    Int,
+    Mask,
+    frozen,
+    frozen_float,
+    frozen_index,
+    frozen_int,
+    label_order,
+)
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import parts_connected
 from agglo_core.mesh import check_labels, compared_diameters, diameters_of
@@ -136,7 +146,7 @@ class BlockGraph:
         array = check_labels(labels, self.n)
         if self.n_blocks == 1 and not array.any():  # one part: a connected mesh, most of the time
             return self, frozen_int(np.arange(self.n))
-        order = frozen_int(np.argsort(array, kind="stable"))
+        order = label_order(array)
         offsets = np.concatenate(([0], np.cumsum(np.bincount(array))))
         return self.subgraph(order, offsets), order
 
@@ -178,7 +188,7 @@ class BlockGraph:
     def part_diameters(self, labels: ArrayLike) -> Float:
         """Exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
         array = check_labels(labels, self.n)
-        cells = frozen_int(np.argsort(array, kind="stable"))
+        cells = label_order(array)
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
@@ -190,7 +200,7 @@ class BlockGraph:
         array = check_labels(labels, self.n)
         k = int(array.max()) + 1
         own = array if cells is None else array[cells]
-        order = np.argsort(own, kind="stable")
+        order = label_order(own)
         in_parts = frozen_int(order if cells is None else cells[order])
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(own, minlength=k)))))
         limits, shape = frozen_float([limit]), (self.vertex_offsets, self.vertices, self.points)

@@ -16,14 +16,17 @@ _log = logging.getLogger("agglo")
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
-def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
+def kernel(
+    function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = True
+) -> Any:
     """Compile ``function`` with numba on first call, from the disk cache where one can be written.
 
-    ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run.
+    ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run. One that
+    calls helpers many times with many arrays, and makes and returns none, may say ``allocates=False``.
     """
     if function is None:
-        return lambda inner: kernel(inner, reorder_sums=reorder_sums)
-    options = _options(reorder_sums, allocates=True)
+        return lambda inner: kernel(inner, reorder_sums=reorder_sums, allocates=allocates)
+    options = _options(reorder_sums, allocates)
     try:
         return numba.njit(cache=True, **options)(function)
     except RuntimeError as error:  # numba's word for "no cache folder is writable"

@@ -1,119 +1,174 @@
-"""How wide parts are while cells move: bounds from a few directions, exact where these do not decide."""
+"""How wide parts are while cells move: distances to their cells, or bounds from a few directions."""
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from agglo_core.kernels.compiling import helper
+from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["fits", "reaches", "take_in"]
+__all__ = ["Corners", "Reach", "fits", "part_lists", "take_in"]
 
-_LIMITED, _FREE, _FULL = 0, 1, 2
+_ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
+_WALKS = 16  # times the cells of a part are walked before its extents are found
+
+
+class Corners(NamedTuple):
+    """Vertices per cell (CSR), points, directions; cosine of the largest angle any makes with the next."""
+
+    offsets: Any
+    vertices: Any
+    points: Any
+    directions: Any
+    cosine: Any
+
+
+class Reach(NamedTuple):
+    """Of each part: its cells as a list, the cell that was too far last, cells looked at, extents if known.
+
+    ``extents (k, D, 2)`` are the least and the largest place along each direction, ``ends`` the cells where.
+    """
+
+    first: Any
+    after: Any
+    before: Any
+    far: Any
+    looks: Any
+    extents: Any
+    ends: Any
+
+
+@kernel
+def part_lists(parts, k):
+    """The cells of each part as a list: the first of each part, the next and the last one of each cell."""
+    n = len(parts)
+    first, after, before = np.full(k, -1, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    for i in range(n - 1, -1, -1):
+        p = parts[i]
+        after[i], before[i] = first[p], -1
+        if first[p] >= 0:
+            before[first[p]] = i
+        first[p] = i
+    return first, after, before
 
 
 @helper
 def _within(i, j, limit, corners):
     """Whether no vertex of cell i is farther than ``limit`` from one of cell j."""
-    offsets, vertices, points, _, _ = corners
-    for g in range(offsets[i], offsets[i + 1]):
-        for h in range(offsets[j], offsets[j + 1]):
-            square = 0.0
-            for k in range(points.shape[1]):
-                square += (points[vertices[g], k] - points[vertices[h], k]) ** 2
-            if square > limit * limit:
-                return False
-    return True
+    solid, most = corners.points.shape[1] > 2, 0.0
+    for g in range(corners.offsets[i], corners.offsets[i + 1]):
+        for h in range(corners.offsets[j], corners.offsets[j + 1]):
+            one, other = corners.vertices[g], corners.vertices[h]
+            x = corners.points[one, 0] - corners.points[other, 0]
+            y = corners.points[one, 1] - corners.points[other, 1]
+            z = corners.points[one, 2] - corners.points[other, 2] if solid else 0.0
+            square = x * x + y * y + z * z  # a loop over two or three takes twice the time
+            most = max(most, square)
+    return most <= limit * limit
 
 
 @helper
-def _widened(i, p, low, high, corners, keep):
-    """The extent of part p with cell i along the direction where it is largest; ``keep``: i joins it."""
-    offsets, vertices, points, directions, _ = corners
-    widest = 0.0
-    for a in range(len(directions)):
-        least, most = low[p, a], high[p, a]
-        for h in range(offsets[i], offsets[i + 1]):
-            place = 0.0
-            for k in range(points.shape[1]):
-                place += directions[a, k] * points[vertices[h], k]
-            least, most = min(least, place), max(most, place)
-        widest = max(widest, most - least)
-        if keep:
-            low[p, a], high[p, a] = least, most
-    return widest
+def _extent(i, a, corners):
+    """The least and the largest place of the vertices of cell i along direction a."""
+    least, most = np.inf, -np.inf
+    for h in range(corners.offsets[i], corners.offsets[i + 1]):
+        place = 0.0
+        for k in range(corners.points.shape[1]):
+            place += corners.directions[a, k] * corners.points[corners.vertices[h], k]
+        least, most = min(least, place), max(most, place)
+    return least, most
 
 
-@helper(allocates=True)
-def reaches(parts, k, limit, corners):
-    """What ``fits`` needs to know of ``k`` parts: extents, whether they may grow, and lists of their cells.
+@helper
+def _include(i, p, reach, corners):
+    """Let the extents of part p include cell i."""
+    for a in range(len(corners.directions)):
+        least, most = _extent(i, a, corners)
+        if least < reach.extents[p, a, 0]:
+            reach.extents[p, a, 0], reach.ends[p, a, 0] = least, i
+        if most > reach.extents[p, a, 1]:
+            reach.extents[p, a, 1], reach.ends[p, a, 1] = most, i
 
-    A single cell wider than ``limit`` stays alone; a part of several that is wider may have any cell.
-    ``corners`` holds vertices per cell (CSR), points, directions, and the least extent along one of these
-    of anything of diameter 1.
+
+@helper
+def _find_extents(p, reach, corners):
+    """Find the extents of part p once its cells were walked several times."""
+    if reach.looks[p] < 0:
+        return
+    i, cells = reach.first[p], 0
+    while i >= 0:
+        cells += 1
+        i = reach.after[i]
+    if reach.looks[p] < _WALKS * cells:
+        return
+    reach.looks[p] = -1
+    for a in range(len(corners.directions)):
+        reach.extents[p, a, 0], reach.extents[p, a, 1] = np.inf, -np.inf
+    i = reach.first[p]
+    while i >= 0:
+        _include(i, p, reach, corners)
+        i = reach.after[i]
+
+
+@helper
+def _by_extents(i, p, parts, reach, limit, corners):
+    """1 if cell i fits into part p, 0 if it does not, −1 if its extents do not tell.
+
+    They never shrink: that it is too wide they tell only while the cell at the end is one of the part.
     """
-    n, ways = len(parts), len(corners[3])
-    if limit == np.inf:
-        n, k = 0, 0
-    low, high = np.full((k, ways), np.inf), np.full((k, ways), -np.inf)
-    state, first = np.full(k, _LIMITED), np.full(k, -1)
-    after, before = np.full(n, -1), np.full(n, -1)
-    lists = (first, after, before)
-    widest = np.zeros(k)
-    for i in range(n):
-        p = parts[i]
-        _link(i, p, lists)
-        widest[p] = max(widest[p], _widened(i, p, low, high, corners, True))
-    for p in range(k):
-        i = first[p]
-        alone = i >= 0 and after[i] < 0
-        if widest[p] > limit:
-            state[p] = _FULL if alone else _FREE
-        elif alone and widest[p] > limit * corners[4] and not _within(i, i, limit, corners):
-            state[p] = _FULL
-    return low, high, state, lists
+    widest = 0.0
+    for a in range(len(corners.directions)):
+        least, most = _extent(i, a, corners)
+        low, high = reach.extents[p, a, 0], reach.extents[p, a, 1]
+        if most - low > limit * _ABOVE and parts[reach.ends[p, a, 0]] == p:
+            return 0
+        if high - least > limit * _ABOVE and parts[reach.ends[p, a, 1]] == p:
+            return 0
+        widest = max(widest, max(high, most) - min(low, least))
+    return 1 if widest <= limit * corners.cosine else -1
 
 
 @helper
-def _link(i, p, lists):
-    """Make cell i the first of part p's list."""
-    first, after, before = lists
-    after[i], before[i] = first[p], -1
-    if first[p] >= 0:
-        before[first[p]] = i
-    first[p] = i
-
-
-@helper
-def fits(i, p, reach, limit, corners):
-    """Whether part p may have cell i: it is at most ``limit`` wide with it, or too wide without."""
+def fits(i, p, parts, reach, limit, corners):
+    """Whether part p may have cell i: no vertex of the cell is farther than ``limit`` from one of either."""
     if limit == np.inf:
         return True
-    low, high, state, lists = reach
-    if state[p] != _LIMITED:
-        return state[p] == _FREE
-    if _widened(i, p, low, high, corners, False) <= limit * corners[4]:
-        return True
-    first, after, _ = lists
-    j = first[p]
-    while j >= 0:
+    far = reach.far[p]
+    if far >= 0 and parts[far] == p and not _within(i, far, limit, corners):
+        return False
+    if reach.looks[p] < 0:
+        found = _by_extents(i, p, parts, reach, limit, corners)
+        if found >= 0:
+            return found == 1
+    j = reach.first[p]
+    whole = _within(i, i, limit, corners) and (reach.after[j] >= 0 or _within(j, j, limit, corners))
+    looks = 0
+    while whole and j >= 0:
+        looks += 1
         if not _within(i, j, limit, corners):
-            return False
-        j = after[j]
-    return True
+            reach.far[p], whole = j, False
+        j = reach.after[j]
+    if reach.looks[p] >= 0:
+        reach.looks[p] += looks
+        _find_extents(p, reach, corners)
+    return whole
 
 
 @helper
 def take_in(i, home, p, reach, limit, corners):
-    """Move cell i from part ``home`` to part p; extents never shrink."""
+    """Move cell i from part ``home`` to part p."""
     if limit == np.inf:
         return
-    low, high, _, lists = reach
-    first, after, before = lists
-    if before[i] >= 0:
-        after[before[i]] = after[i]
+    if reach.before[i] >= 0:
+        reach.after[reach.before[i]] = reach.after[i]
     else:
-        first[home] = after[i]
-    if after[i] >= 0:
-        before[after[i]] = before[i]
-    _link(i, p, lists)
-    _widened(i, p, low, high, corners, True)
+        reach.first[home] = reach.after[i]
+    if reach.after[i] >= 0:
+        reach.before[reach.after[i]] = reach.before[i]
+    reach.after[i], reach.before[i] = reach.first[p], -1
+    if reach.first[p] >= 0:
+        reach.before[reach.first[p]] = i
+    reach.first[p] = i
+    if reach.looks[p] < 0:
+        _include(i, p, reach, corners)

@@ -1,190 +1,208 @@
-"""K-way polish: boundary cells move to where they make parts compact and their interfaces short."""
+"""K-way polish: boundary cells move to where they make parts compact and their interfaces short.
+
+Parts are numbered in a geometric order, those of a block one after the other. A sweep is made slice by slice:
+in a slice, parts of a block that follow one another trade cells among themselves. Slices know nothing of what
+happens in the others meanwhile, so that several threads may work at them.
+
+Nothing is allocated in a sweep, so that references need not be counted, which would cost more than the work.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
-from agglo_core.kernels.interface import sort_by_key
-from agglo_core.kernels.reach import fits, reaches, take_in
-from agglo_core.kernels.ring_search import keeps_whole
+from agglo_core.kernels.reach import fits, take_in
+from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, SHARE
 
-__all__ = ["relax_shapes"]
+__all__ = ["sweep_slices"]
 
-_SWEEPS = 12
+_REACH = 64  # cells visited before two neighbours count as not connected around a cell
+_CROWD = 256  # neighbours from which on rings do not grow from a cell: all would read them
 _TIE = 1e-9
 
 
 @helper
-def _inertia(graph_cells, tally, owner, energy):
-    """Weights, centres and cells of all parts; adds their moments of inertia to their blocks' ``energy``."""
-    centroids, weights = graph_cells
-    parts, mass, cells, centres = tally
-    d = centroids.shape[1]
-    for i in range(len(weights)):
-        p = parts[i]
-        mass[p] += weights[i]
-        cells[p] += 1
-        for k in range(d):
-            centres[p, k] += weights[i] * centroids[i, k]
-    for p in range(len(mass)):
-        for k in range(d):
-            centres[p, k] = centres[p, k] / mass[p] if mass[p] > 0.0 else 0.0
-    for i in range(len(weights)):
-        p = parts[i]
-        for k in range(d):
-            energy[owner[p]] += weights[i] * (centroids[i, k] - centres[p, k]) ** 2
+def _sort_listed(given, state, work, b, lo, hi):
+    """Put the cells listed from ``lo`` to ``hi`` in the order of their places (Shell's sort).
+
+    All that is needed of them is read beforehand, in loops in which no load waits for another.
+    """
+    for c in range(lo, hi):
+        i = state.listed[c]
+        key = 0.0
+        for a in range(3):
+            key += given.axes[b, a] * given.shapes[i, 2 + a]
+        work.keys[c - lo], work.rows[c - lo] = key, given.indptr[i]
+    for c in range(hi - lo):
+        row = work.rows[c]
+        work.read[c] = given.interface[row] + given.indices[row]
+    gap = (hi - lo) // 2 if hi - lo > 16 else 1
+    while gap > 0:
+        for c in range(gap, hi - lo):
+            i, key, j = state.listed[lo + c], work.keys[c], c
+            while j >= gap and work.keys[j - gap] > key:
+                work.keys[j] = work.keys[j - gap]
+                state.listed[lo + j] = state.listed[lo + j - gap]
+                j -= gap
+            work.keys[j], state.listed[lo + j] = key, i
+        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
 
 
 @helper
-def _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch):
-    """The part that cell i should move to, or −1, and what that adds to inertia and interface.
+def _square(given, state, i, p):
+    """Square of the distance of cell i from the centre of part p."""
+    square = 0.0
+    for a in range(3):
+        square += (given.shapes[i, 2 + a] - state.tally[p, CENTRE + a]) ** 2
+    return square
 
-    Blocks may share edges; these stay cut, whatever moves.
+
+@helper
+def _best_move(given, state, bounds, scale, i, work):
+    """The part of the slice that cell i should move to, or −1, and what that adds to inertia and interface.
+
+    The last of the results: whether parts of its block beyond the slice are beside the cell.
     """
-    indptr, indices, interface = graph
-    centroids, weights = graph_cells
-    parts, mass, _, centres = tally
-    owner, energy, length, axes = blocks
-    share, met = scratch
-    home, found, total = parts[i], 0, 0.0
-    b = owner[home]
-    for h in range(indptr[i], indptr[i + 1]):
-        p = parts[indices[h]]
-        if owner[p] == b:
-            if share[p] == 0.0:
-                met[found] = p
-                found += 1
-            share[p] += interface[h]
-            total += interface[h]
-    own, rest, lost = share[home], mass[home] - weights[i], 0.0
-    if rest > 1e-12 * mass[home]:
-        for k in range(centroids.shape[1]):
-            lost += (centroids[i, k] - centres[home, k]) ** 2
-        lost *= weights[i] * mass[home] / rest
-    target, best, inertia, cut = -1, 0.0, 0.0, 0.0
-    for m in range(found):
-        p = met[m]
-        shared, share[p] = share[p], 0.0
+    lo, hi, start, stop = bounds
+    home, own, total = state.parts[i], 0.0, 0.0
+    found, beyond = 0, False
+    for h in range(given.indptr[i], given.indptr[i + 1]):
+        p, length = state.parts[given.indices[h]], given.interface[h]
+        total += length
         if p == home:
-            continue
-        won = 0.0
-        if mass[p] > 0.0:
-            for k in range(centroids.shape[1]):
-                won += (centroids[i, k] - centres[p, k]) ** 2
-            won *= weights[i] * mass[p] / (mass[p] + weights[i])
-        change = length[b] * (won - lost) + alpha * energy[b] * (own - shared)
-        tie = _TIE * (length[b] * (won + lost) + alpha * energy[b] * total)
-        if change >= (best if target >= 0 else 0.0) - tie:
-            if target < 0 or change > best + tie:
-                continue
-            ahead = 0.0
-            for k in range(centroids.shape[1]):
-                ahead += axes[b, k] * (centres[p, k] - centres[target, k])
-            if ahead >= 0.0:
-                continue
-        target, best, inertia, cut = p, change, won - lost, own - shared
-    return target, inertia, cut
+            own += length
+        elif lo <= p < hi:
+            if state.tally[p, SHARE] == 0.0:
+                work.queue[found] = p
+                found += 1
+            state.tally[p, SHARE] += length
+        else:
+            beyond |= start <= p < stop
+    target, best, inertia, cut = np.int64(-1), 0.0, 0.0, 0.0
+    if found == 0:
+        return target, inertia, cut, beyond
+    w = given.shapes[i, 0]
+    mass, lost = state.tally[home, MASS], 0.0
+    if mass - w > 1e-12 * mass:
+        lost = _square(given, state, i, home) * w * mass / (mass - w)
+    length, energy = scale
+    for m in range(found):
+        p = np.int64(work.queue[m])
+        shared, state.tally[p, SHARE] = state.tally[p, SHARE], 0.0
+        mass, won = state.tally[p, MASS], 0.0
+        if mass > 0.0:
+            won = _square(given, state, i, p) * w * mass / (mass + w)
+        change = length * (won - lost) + energy * (own - shared)
+        tie = _TIE * (length * (won + lost) + energy * total)
+        first = target < 0
+        if change < (0.0 if first else best) - tie or (not first and change <= best + tie and p < target):
+            target, best, inertia, cut = p, change, won - lost, own - shared
+    return target, inertia, cut, beyond
 
 
 @helper
-def _paying(graph, graph_cells, tally, blocks, alpha, scratch, cells, m, keys, chosen):
-    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, by ``keys``; return how many."""
-    found = 0
-    for c in range(m):
-        i = cells[c]
-        if _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch)[0] >= 0:
-            chosen[found] = i
-            found += 1
-    sort_by_key(chosen, keys, found)
-    return found
+def _leaves_whole(given, state, i, target, work, stamp):
+    """Whether the part of cell i stays connected near it without it; then the cell is in ``target``.
 
-
-@helper
-def _put(graph_cells, tally, i, target):
-    """Move cell i to part ``target``; the sums follow."""
-    centroids, weights = graph_cells
-    parts, mass, cells, centres = tally
-    home, w = parts[i], weights[i]
-    left, joined = mass[home] - w, mass[target] + w
-    for k in range(centroids.shape[1]):
-        if left > 0.0:
-            centres[home, k] -= (centroids[i, k] - centres[home, k]) * w / left
-        if joined > 0.0:
-            centres[target, k] += (centroids[i, k] - centres[target, k]) * w / joined
-    parts[i], mass[home], mass[target] = target, left, joined
-    cells[home] -= 1
-    cells[target] += 1
-
-
-@helper(allocates=True)
-def _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
-    n, k = len(labels), len(owner)
-    indptr, indices, interface = graph
-    parts, keys = labels.copy(), places.copy()  # to be of types that callees are compiled for already
-    tally = (parts, np.zeros(k), np.zeros(k, np.int64), np.zeros((k, axes.shape[1])))
-    blocks = (owner, np.zeros(len(axes)), np.zeros(len(axes)), axes)
-    _inertia(graph_cells, tally, owner, blocks[1])
-    room, floors = np.zeros(k), np.zeros(k)
-    now, later, seen = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, -1, np.int64)
-    search = (np.empty(n, np.int64), np.empty(n, np.int64), np.full((n, 2), -1, np.int64))
-    scratch = (np.zeros(k), np.empty(n, np.int64))
-    candidates, stamp = 0, 0
-    for i in range(n):
-        p, edge = parts[i], False
-        room[p] += measures[i]
-        for h in range(indptr[i], indptr[i + 1]):
-            q = parts[indices[h]]
-            if q != p and owner[q] == owner[p]:
-                edge = True
-                blocks[2][owner[p]] += 0.5 * interface[h]
-        if edge:
-            later[candidates] = i
-            candidates += 1
-    for p in range(k):
-        floors[p] = floor * room[p]
-    reach = reaches(parts, k, limit, corners)
-    for sweep in range(_SWEEPS):
-        m = _paying(graph, graph_cells, tally, blocks, alpha, scratch, later, candidates, keys, now)
-        candidates = 0
-        for c in range(m):
-            i, home = now[c], parts[now[c]]
-            target, inertia, cut = _best_move(graph, graph_cells, tally, blocks, i, alpha, scratch)
-            if target < 0 or tally[2][home] < 2 or room[home] - measures[i] < floors[home]:
-                continue
-            stamp += 1
-            if not keeps_whole(indptr, indices, parts, i, search, stamp):
-                continue
-            if not fits(i, target, reach, limit, corners):
-                continue
-            _put(graph_cells, tally, i, target)
-            take_in(i, home, target, reach, limit, corners)
-            room[home] -= measures[i]
-            room[target] += measures[i]
-            blocks[1][owner[home]] += inertia
-            blocks[2][owner[home]] += cut
-            if seen[i] != sweep:
-                seen[i] = sweep
-                later[candidates] = i
-                candidates += 1
-            for h in range(indptr[i], indptr[i + 1]):
-                j = indices[h]
-                if seen[j] != sweep and owner[parts[j]] == owner[home]:
-                    seen[j] = sweep
-                    later[candidates] = j
-                    candidates += 1
-        if candidates == 0:
-            break
-    return parts
-
-
-@kernel
-def relax_shapes(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
-    """Sweeps of single-cell moves that lower, in each block, inertia times interface to the power ``alpha``.
-
-    Parts are numbered through all blocks; part p belongs to block ``owner[p]`` and trades cells with parts
-    of that block only. No part is emptied or disconnected, none falls below ``floor`` times its measure at
-    entry, and none that is at most ``limit`` wide becomes wider. In each sweep the cells worth moving are
-    taken by their ``places (n,)`` along the axis of their block, so that their numbering does not matter.
+    Complete rings of cells are grown around its neighbours until they meet, or many cells were visited: so
+    the outcome does not depend on the order of the cells. What other threads read of the cell meanwhile is
+    one part of the slice or another.
     """
-    return _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners)
+    home, filled, done = state.parts[i], 0, 0
+    for h in range(given.indptr[i], given.indptr[i + 1]):
+        j = given.indices[h]
+        if state.parts[j] == home:
+            state.marks[j, 0], state.marks[j, 1] = stamp, filled
+            work.queue[filled], work.root[filled] = j, filled
+            filled += 1
+    state.parts[i] = target
+    apart = filled - 1
+    while apart > 0 and done < filled <= _REACH:
+        ring = filled
+        while apart > 0 and done < ring:
+            node = work.queue[done]
+            done += 1
+            if given.indptr[node + 1] - given.indptr[node] > _CROWD:
+                continue
+            for h in range(given.indptr[node], given.indptr[node + 1]):
+                j = given.indices[h]
+                if state.parts[j] != home:
+                    continue
+                if state.marks[j, 0] != stamp:
+                    state.marks[j, 0], state.marks[j, 1] = stamp, state.marks[node, 1]
+                    work.queue[filled] = j
+                    filled += 1
+                    continue
+                one, other = state.marks[node, 1], state.marks[j, 1]
+                while work.root[one] != one:
+                    one = work.root[one]
+                while work.root[other] != other:
+                    other = work.root[other]
+                if one != other:
+                    work.root[one] = other
+                    apart -= 1
+    if apart > 0:
+        state.parts[i] = home
+    return apart <= 0
+
+
+@helper
+def _put(given, state, i, home, target):
+    """Sums of the parts after cell i went from ``home`` to ``target``."""
+    w, measure = given.shapes[i, 0], given.shapes[i, 1]
+    left, joined = state.tally[home, MASS] - w, state.tally[target, MASS] + w
+    for a in range(3):
+        x = given.shapes[i, 2 + a]
+        if left > 0.0:
+            state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * w / left
+        if joined > 0.0:
+            state.tally[target, CENTRE + a] += (x - state.tally[target, CENTRE + a]) * w / joined
+    state.tally[home, MASS], state.tally[target, MASS] = left, joined
+    state.tally[home, ROOM] -= measure
+    state.tally[target, ROOM] += measure
+    state.tally[home, CELLS] -= 1.0
+    state.tally[target, CELLS] += 1.0
+
+
+@kernel(allocates=False)
+def sweep_slices(given, state, work, slices, sweep, alpha, limit, reach, corners):
+    """Look once at each cell that is due in the slices; returns how many moved.
+
+    Each row of ``slices`` is: first part, last part plus 1, and the same of its block, and the block. Moves
+    lower inertia times interface to the power ``alpha``, of which the slopes stay for the sweep those of
+    ``blocks``. ``gains (k, 2)`` become what moves from each part added to inertia and interface. In a part,
+    cells are taken by their places, so that their numbering does not matter.
+    """
+    n = np.int64(len(state.parts))
+    stamp, moved = sweep * (n + 1), np.int64(0)
+    for s in range(len(slices)):
+        lo, hi, start, stop, b = slices[s, 0], slices[s, 1], slices[s, 2], slices[s, 3], slices[s, 4]
+        scale = (state.blocks[b, 1], alpha * state.blocks[b, 0])
+        for home in range(lo, hi):
+            _sort_listed(given, state, work, b, state.first[home], state.first[home + 1])
+            for c in range(state.first[home], state.first[home + 1]):
+                i = state.listed[c]
+                bounds = (lo, hi, start, stop)
+                target, inertia, cut, beyond = _best_move(given, state, bounds, scale, i, work)
+                state.due[i] = sweep + 1 if beyond else -1
+                if target < 0 or state.tally[home, CELLS] < 2.0:
+                    continue
+                if state.tally[home, ROOM] - given.shapes[i, 1] < state.tally[home, FLOOR]:
+                    continue
+                if not fits(i, target, state.parts, reach, limit, corners):
+                    continue
+                stamp += 1
+                if not _leaves_whole(given, state, i, target, work, stamp):
+                    continue
+                _put(given, state, i, home, target)
+                take_in(i, home, target, reach, limit, corners)
+                state.gains[home, 0] += inertia
+                state.gains[home, 1] += cut
+                moved += 1
+                for h in range(given.indptr[i], given.indptr[i + 1]):
+                    j = given.indices[h]
+                    p = state.parts[j]
+                    if start <= p < stop and not (lo <= p < hi and state.due[j] == sweep):
+                        state.due[j] = sweep + 1
+    return moved

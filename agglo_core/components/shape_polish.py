@@ -1,0 +1,131 @@
+"""Sweeps of the k-way polish: what they start from, and who makes which part of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.threads import thread_count
+
+__all__ = ["directions", "slices", "swept"]
+
+_SWEEPS = 12
+
+_WIDTH = 8.0
+"""Parts side by side in a slice, more or less."""
+
+_FEW = 2_000
+"""So few cells are looked at faster by one thread than by several."""
+
+
+def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, limit: float) -> Int:
+    """Labels ``(n,)`` after sweeps that lower inertia times interface to the power ``alpha`` in each block.
+
+    No part is emptied or disconnected, none falls below ``floor`` times its measure, none gets wider than
+    ``limit``.
+    """
+    from agglo_core.kernels.part_order import ordered_parts
+    from agglo_core.kernels.shape_state import Cells, State, listed_cells, part_tally
+    from agglo_core.kernels.shape_sweeps import sweep_slices
+
+    n, k = graph.n, len(block)
+    geometry = graph.centroids, graph.weights, graph.measures
+    parts, order, starts, axes, shapes = ordered_parts(labels, block, int(block.max()) + 1, *geometry)
+    cells = Cells(graph.indptr, graph.indices, graph.interface, shapes, axes)
+    tally, blocks, due = part_tally(cells, parts, starts, floor)
+    room = np.zeros((n, 2), np.int32), np.zeros((k, 2)), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
+    state = State(parts, tally, blocks, due, *room)
+    corners, reach = _reach(graph, parts, k, limit)
+    threads = thread_count()
+    work = [_work(n) for _ in range(threads)]
+    unshifted_and_shifted = [slices(starts, shift, graph.dim) for shift in range(2)]
+    with ThreadPoolExecutor(threads) as pool:  # starts none before it is used
+        for sweep in range(_SWEEPS):
+            count = listed_cells(state, work[0], sweep, starts)
+            if count == 0:
+                break
+            rows = unshifted_and_shifted[sweep % 2]
+            shares = _shares(rows, state.first, threads if count > _FEW else 1)
+
+            def make(share: Int, own: Any, sweep: int = sweep) -> None:
+                sweep_slices(cells, state, own, share, sweep, alpha, limit, reach, corners)
+
+            _each(make, shares, work, pool)
+    return frozen_int(order[parts])
+
+
+def _each(
+    make: Callable[[Int, Any], None], shares: list[Int], work: list[Any], pool: ThreadPoolExecutor
+) -> None:
+    """Make all shares, at the same time if they are several."""
+    if len(shares) == 1:
+        make(shares[0], work[0])
+    else:
+        list(pool.map(make, shares, work))
+
+
+def _work(n: int) -> Any:
+    from agglo_core.kernels.shape_state import Work
+
+    queues = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
+    return Work(*queues, np.empty(n), np.empty(n, np.int64), np.empty(n))
+
+
+def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
+    """What the kernels need to know of the widths of parts; nothing if these have no limit."""
+    from agglo_core.kernels.reach import Corners, Reach, part_lists
+
+    corners = Corners(graph.vertex_offsets, graph.vertices, graph.points, *directions(graph.dim))
+    if limit == np.inf:
+        parts, k = parts[:0], 0
+    extents = np.empty((k, len(corners.directions), 2))
+    ends = np.empty(extents.shape, np.int32)
+    first, after, before = part_lists(parts, k)
+    far, looks = np.full(k, -1, np.int32), np.zeros(k, np.int64)
+    return corners, Reach(first, after, before, far, looks, extents, ends)
+
+
+def _shares(rows: Int, first: Any, count: int) -> list[Int]:
+    """The slices in at most ``count`` shares with about as many cells to be looked at."""
+    if count == 1 or len(rows) == 1:
+        return [rows]
+    cells = first[rows[:, 1]]
+    cuts = np.searchsorted(cells, cells[-1] * np.arange(1, count) / count)
+    return [share for share in np.split(rows, cuts) if len(share)]
+
+
+def slices(starts: Int, shift: int, dim: int) -> Int:
+    """Which parts trade cells in a sweep, ``(S, 5)``: first, last plus 1, those of the block, and the block.
+
+    A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
+    others without.
+    """
+    counts = np.diff(starts)
+    strips = np.clip(counts ** (1.0 / dim) / _WIDTH, 1.0, 16.0).astype(np.int64)
+    shifts = np.where(strips > 1, shift, 0)
+    rows = strips + shifts
+    block = np.repeat(np.arange(len(counts)), rows)
+    place = 2 * (np.arange(len(block)) - (np.cumsum(rows) - rows)[block]) - shifts[block]
+    size, first = counts[block], starts[:-1][block]
+    ends = [first + np.clip(size * each // (2 * strips[block]), 0, size) for each in (place, place + 2)]
+    return frozen_int(np.stack((*ends, first, first + size, block), axis=1))
+
+
+@cache
+def directions(dim: int) -> tuple[Float, float]:
+    """Unit vectors ``(D, dim)``, and the cosine of the largest angle that any direction makes with the next.
+
+    In space they go through the corners, the middles of edges and of faces of a cube.
+    """
+    if dim == 2:
+        angles = np.arange(8) * np.pi / 8
+        return frozen_float(np.stack((np.cos(angles), np.sin(angles)), axis=1)), float(np.cos(np.pi / 16))
+    steps = np.array([step for step in np.ndindex(3, 3, 3) if step > (1, 1, 1)]) - 1.0
+    unit = frozen_float(steps / np.linalg.norm(steps, axis=1)[:, None])
+    return unit, float(1.0 / np.sqrt(1.0 + (np.sqrt(2.0) - 1.0) ** 2 + (np.sqrt(3.0) - np.sqrt(2.0)) ** 2))
