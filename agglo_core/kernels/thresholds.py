@@ -10,7 +10,9 @@ from agglo_core.kernels.compiling import helper, kernel
 __all__ = [
     "NO_CUT",
     "axes_block",
+    "bar_of",
     "centre_block",
+    "centre_points",
     "compactness",
     "edge_room",
     "edges_of_block",
@@ -18,6 +20,7 @@ __all__ = [
     "sweep_axes",
     "sweep_block",
     "sweep_level",
+    "thresholds_between",
     "write_sides",
 ]
 
@@ -64,9 +67,12 @@ def edges_of_block(start, n, indptr, indices, interface, room):
 
 
 @helper
-def _thresholds(low, high, reach):
-    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike."""
-    size = max(abs(low), abs(high))
+def thresholds_between(low, high, spread):
+    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike.
+
+    ``spread`` is their standard deviation.
+    """
+    size, reach = max(abs(low), abs(high)), _CLIP * spread
     low, high = max(low, -reach), min(high, reach)
     return low, (_BINS / (high - low) if high - low > 1e-12 * size else 0.0)
 
@@ -144,21 +150,33 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
     d = centroids.shape[1]
     total, measure = 0.0, 0.0
     for i in range(n):
+        shares[i] = weights[start + i]
         total += weights[start + i]
         measure += measures[start + i]
+    for k in range(d):
+        for i in range(n):
+            local[k, i] = centroids[start + i, k] - centroids[start, k]
+    for i in range(n if d == 2 else 0):
+        local[2, i] = 0.0
+    return centre_points(n, d, local, shares, total, measure)
+
+
+@helper
+def centre_points(n, d, local, shares, total, measure):
+    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights; see ``centre_block``.
+
+    ``total`` is the sum of the weights, ``measure`` that of the measures.
+    """
     for i in range(n):
-        shares[i] = weights[start + i] / total if total > 0.0 else 1.0 / n
+        shares[i] = shares[i] / total if total > 0.0 else 1.0 / n
     inertia = 0.0
     for k in range(d):
         mean = 0.0
         for i in range(n):
-            local[k, i] = centroids[start + i, k] - centroids[start, k]
             mean += shares[i] * local[k, i]
         for i in range(n):
             local[k, i] -= mean
             inertia += shares[i] * local[k, i] ** 2
-    for i in range(n if d == 2 else 0):
-        local[2, i] = 0.0
     scale = 1.0
     if measure > 0.0:
         scale = 1.0 / np.sqrt(measure) if d == 2 else measure ** (-2.0 / 3.0)
@@ -181,8 +199,8 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
 
     Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 45° off are
     left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
-    cost, the last bin below, the lowest threshold and thresholds per unit, and leaves the coordinates
-    along the best axis in ``score``.
+    cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis; leaves the
+    coordinates along it in ``score``.
     """
     cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
@@ -200,12 +218,19 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         low, high = _project(n, a, b, local[0], local[1], score)
-        low, rate = _thresholds(low, high, _CLIP * np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
+        low, rate = thresholds_between(low, high, np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
             best, p, q = (cost, last, low, rate), a, b
     _project(n, p, q, local[0], local[1], score)
-    return best
+    return best, p, q
+
+
+@helper
+def bar_of(found):
+    """The score above which cells lie on the right of the best threshold; infinite if there is none."""
+    best, last, low, rate = found
+    return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
 @helper
@@ -235,7 +260,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
         for c in range(scores.shape[1]):
             low, high, spread = _centred(start, n, scores[:, c], shares, score)
-            low, rate = _thresholds(low, high, _CLIP * spread)
+            low, rate = thresholds_between(low, high, spread)
             cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
             if cost < best[0] - 1e-9 * abs(best[0]):
                 best, column = (cost, last, low, rate), c
@@ -255,6 +280,6 @@ def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures
         start, n = offsets[b], offsets[b + 1] - offsets[b]
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
-        best = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
+        best, _, _ = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
         write_sides(start, n, best, score, bins, sides)
     return sides
