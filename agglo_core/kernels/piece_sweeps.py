@@ -38,7 +38,7 @@ def most_edges(todo, counts, cells, indptr):
 def score_room(m, edges):
     """Work arrays of the sweeps: scores, bins, their tally; ends and lengths of edges."""
     ends = np.empty(edges, np.int32), np.empty(edges, np.int32), np.empty(edges)
-    return np.empty(m), np.empty(m, np.int32), np.empty((32, 5)), ends
+    return np.empty(m), np.empty(m, np.int32), np.zeros((32, 5)), ends
 
 
 @helper

@@ -87,13 +87,17 @@ def _fill_bins(n, score, low, rate, bins):
 def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     """Cheapest threshold, and its cost: 1e300 if none leaves weight on both sides.
 
-    ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it;
-    the numbers are what lies below the first bin.
+    ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it, and is
+    cleared for the next time; the numbers are what lies below the first bin.
     """
     best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
-    for b in range(_BINS - 1):
+    for b in range(_BINS):
         x, y, z = x + tally[b, 0], y + tally[b, 1], z + tally[b, 2]
         share, cut = share + tally[b, 3], cut + tally[b, 4]
+        for k in range(5):
+            tally[b, k] = 0.0
+        if b == _BINS - 1:
+            break
         both = share * (1.0 - share)  # 1 / share + 1 / (1 − share) is its inverse
         cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
         if both > 1e-12 and cost < bar:
@@ -108,15 +112,12 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
     ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the work arrays that
     ``edges_of_block`` filled and their number; ``local (3, n)`` are positions about the centre of mass,
     ``shares`` the weights (sum 1); ``scales`` is one over the measure of a typical section, the inertia,
-    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays.
+    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays, the latter zeros.
     """
     if rate == 0.0:
         return NO_CUT, 0
     (tails, heads, lengths), count = edges
     _fill_bins(n, score, low, rate, bins)
-    for b in range(_BINS):
-        for k in range(5):
-            tally[b, k] = 0.0
     for i in range(n):
         own = np.uint32(bins[i])
         tally[own, 0] += shares[i] * local[0, i]
@@ -251,7 +252,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
     """Side of each node: the cheapest threshold over all columns of ``scores (n, C)``, block by block."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally, room = np.empty(largest, np.int32), np.empty((_BINS, 5)), edge_room(offsets, indptr)
+    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides = np.empty(len(weights), np.int64)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
@@ -274,7 +275,7 @@ def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures
     """Side of each node in the plane: the cheapest threshold along ``count`` axes."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally, room = np.empty(largest, np.int32), np.empty((_BINS, 5)), edge_room(offsets, indptr)
+    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]

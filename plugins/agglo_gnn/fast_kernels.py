@@ -121,9 +121,6 @@ def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, s
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
-    for b in range(_BINS):
-        for k in range(5):
-            tally[b, k] = 0.0
     cut = 0.0
     for i in range(n):
         own = bins[i]

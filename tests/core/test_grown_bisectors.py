@@ -80,8 +80,8 @@ def test_shapes_are_as_good_as_depth_by_depth(name: str, kind: str) -> None:
         one = grown(mesh, bisector=name, **options)
         other = agglo.agglomerate(mesh, bisector=DepthByDepth(name), **options)
         cuts = [length(mesh.graph, each.levels[0]) for each in (one, other)]
-        assert cuts[0] == pytest.approx(cuts[1], rel=0.02)
-        assert one.parts[0] == pytest.approx(other.parts[0], rel=0.03)
+        assert cuts[0] <= 1.04 * cuts[1]
+        assert one.parts[0] <= 1.03 * other.parts[0]
 
 
 @pytest.mark.parametrize("name", SPATIAL)
