@@ -68,16 +68,13 @@ if TYPE_CHECKING:
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
     from agglo_core.io.system_files import read_system, write_system
-    from agglo_core.kernels import helper, kernel, piece_splits
+    from agglo_core.kernels import helper, kernel, piece_driver, piece_splits, piece_sweeps
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
     from agglo_core.kernels.thresholds import (
         NO_CUT,
         axes_block,
         centre_block,
-        edge_room,
-        edges_of_block,
         scan_thresholds,
-        write_sides,
     )
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
@@ -136,7 +133,7 @@ problems.real_system: symmetric_system
 progress: Listener Progress Tell labelled phase to_nobody
 kernels: helper kernel
 kernels.axes: half_circle halvings planar_frame turned
-kernels.thresholds: NO_CUT axes_block centre_block edge_room edges_of_block scan_thresholds write_sides
+kernels.thresholds: NO_CUT axes_block centre_block scan_thresholds
 agglomeration: Pipeline agglomerate
 measure: RunResult quality
 io: check_writable read read_hierarchy write
@@ -153,7 +150,8 @@ threads: over_ranges
 """Modules of the core, and the names taken from each."""
 _LINES = (line.partition(":") for line in _TABLE.strip().splitlines())
 _HOME = MappingProxyType({name: module for module, _, names in _LINES for name in names.split()})
-_MODULES = MappingProxyType({"conformance": "", "multigrid": "", "samples": "", "piece_splits": "kernels."})
+_PIECES = dict.fromkeys(("piece_driver", "piece_splits", "piece_sweeps"), "kernels.")
+_MODULES = MappingProxyType({"conformance": "", "multigrid": "", "samples": ""} | _PIECES)
 
 __all__ = [
     "COMPONENT",
@@ -232,8 +230,6 @@ __all__ = [
     "curve_order",
     "default",
     "describe",
-    "edge_room",
-    "edges_of_block",
     "energy_of_solution",
     "frozen",
     "frozen_float",
@@ -258,7 +254,9 @@ __all__ = [
     "pcg",
     "pcg_columns",
     "phase",
+    "piece_driver",
     "piece_splits",
+    "piece_sweeps",
     "planar_frame",
     "principal_frames",
     "print_lines",
@@ -281,7 +279,6 @@ __all__ = [
     "turned",
     "two_norm",
     "write",
-    "write_sides",
     "write_system",
 ]
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import Int, UInt64
+from agglo_core.components.piece_growth import PieceGrowth
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import principal_frames
@@ -42,3 +46,11 @@ class SweepBisection:
             return sweep(level, principal_frames(level)[1] @ np.concatenate((np.eye(3), diagonals)).T)
         sides: Int = sweep_axes(*sweep_arrays(level), self.axes)
         return sides
+
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
+        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer."""
+        from agglo_core.kernels.piece_sweeps import split_along_axes
+
+        return PieceGrowth.for_components(
+            graph, pieces, partial(split_along_axes, self.axes), refiners, fixer
+        )

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.kernels.compiling import helper
 from agglo_core.kernels.ring_search import keeps_whole
 
-__all__ = ["refine_sides"]
+__all__ = ["refine_sides", "sort_by_keys"]
 
 _SWEEPS = 10
 _SEEN, _LISTED = np.int64(2), np.int64(3)  # columns of the marks; bare numbers would be types of their own
@@ -70,7 +70,7 @@ def _put(measures, tag, i, other, sides):
 
 
 @helper
-def _sort(items, keys, m):
+def sort_by_keys(items, keys, m):
     """Shell sort of ``items[:m]`` by ascending ``keys[:m]``, which are sorted along."""
     gap = 1
     while gap < m // 3:
@@ -102,7 +102,7 @@ def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now
             for k in range(centroids.shape[1]):
                 keys[found] += axis[k] * centroids[i, k]
             found += 1
-    _sort(now, keys, found)
+    sort_by_keys(now, keys, found)
     return found
 
 

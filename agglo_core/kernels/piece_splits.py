@@ -85,7 +85,7 @@ def reach_of_cells(indptr, indices, centroids):
     return reach
 
 
-@kernel
+@helper
 def cells_beside(indptr, indices, tag, left, right, cells, m):
     """Keep those of ``cells[:m]`` that are beside the other side of their piece; returns how many."""
     found = 0

@@ -10,7 +10,9 @@ from agglo_core.kernels.compiling import helper, kernel
 __all__ = [
     "NO_CUT",
     "axes_block",
+    "bar_of",
     "centre_block",
+    "centre_points",
     "compactness",
     "edge_room",
     "edges_of_block",
@@ -18,6 +20,7 @@ __all__ = [
     "sweep_axes",
     "sweep_block",
     "sweep_level",
+    "thresholds_between",
     "write_sides",
 ]
 
@@ -64,9 +67,12 @@ def edges_of_block(start, n, indptr, indices, interface, room):
 
 
 @helper
-def _thresholds(low, high, reach):
-    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike."""
-    size = max(abs(low), abs(high))
+def thresholds_between(low, high, spread):
+    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike.
+
+    ``spread`` is their standard deviation.
+    """
+    size, reach = max(abs(low), abs(high)), _CLIP * spread
     low, high = max(low, -reach), min(high, reach)
     return low, (_BINS / (high - low) if high - low > 1e-12 * size else 0.0)
 
@@ -81,13 +87,17 @@ def _fill_bins(n, score, low, rate, bins):
 def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
     """Cheapest threshold, and its cost: 1e300 if none leaves weight on both sides.
 
-    ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it;
-    the numbers are what lies below the first bin.
+    ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it, and is
+    cleared for the next time; the numbers are what lies below the first bin.
     """
     best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
-    for b in range(_BINS - 1):
+    for b in range(_BINS):
         x, y, z = x + tally[b, 0], y + tally[b, 1], z + tally[b, 2]
         share, cut = share + tally[b, 3], cut + tally[b, 4]
+        for k in range(5):
+            tally[b, k] = 0.0
+        if b == _BINS - 1:
+            break
         both = share * (1.0 - share)  # 1 / share + 1 / (1 − share) is its inverse
         cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
         if both > 1e-12 and cost < bar:
@@ -102,15 +112,12 @@ def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
     ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the work arrays that
     ``edges_of_block`` filled and their number; ``local (3, n)`` are positions about the centre of mass,
     ``shares`` the weights (sum 1); ``scales`` is one over the measure of a typical section, the inertia,
-    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays.
+    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays, the latter zeros.
     """
     if rate == 0.0:
         return NO_CUT, 0
     (tails, heads, lengths), count = edges
     _fill_bins(n, score, low, rate, bins)
-    for b in range(_BINS):
-        for k in range(5):
-            tally[b, k] = 0.0
     for i in range(n):
         own = np.uint32(bins[i])
         tally[own, 0] += shares[i] * local[0, i]
@@ -144,21 +151,33 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
     d = centroids.shape[1]
     total, measure = 0.0, 0.0
     for i in range(n):
+        shares[i] = weights[start + i]
         total += weights[start + i]
         measure += measures[start + i]
+    for k in range(d):
+        for i in range(n):
+            local[k, i] = centroids[start + i, k] - centroids[start, k]
+    for i in range(n if d == 2 else 0):
+        local[2, i] = 0.0
+    return centre_points(n, d, local, shares, total, measure)
+
+
+@helper
+def centre_points(n, d, local, shares, total, measure):
+    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights; see ``centre_block``.
+
+    ``total`` is the sum of the weights, ``measure`` that of the measures.
+    """
     for i in range(n):
-        shares[i] = weights[start + i] / total if total > 0.0 else 1.0 / n
+        shares[i] = shares[i] / total if total > 0.0 else 1.0 / n
     inertia = 0.0
     for k in range(d):
         mean = 0.0
         for i in range(n):
-            local[k, i] = centroids[start + i, k] - centroids[start, k]
             mean += shares[i] * local[k, i]
         for i in range(n):
             local[k, i] -= mean
             inertia += shares[i] * local[k, i] ** 2
-    for i in range(n if d == 2 else 0):
-        local[2, i] = 0.0
     scale = 1.0
     if measure > 0.0:
         scale = 1.0 / np.sqrt(measure) if d == 2 else measure ** (-2.0 / 3.0)
@@ -181,8 +200,8 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
 
     Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 45° off are
     left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
-    cost, the last bin below, the lowest threshold and thresholds per unit, and leaves the coordinates
-    along the best axis in ``score``.
+    cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis; leaves the
+    coordinates along it in ``score``.
     """
     cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
@@ -200,12 +219,19 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         low, high = _project(n, a, b, local[0], local[1], score)
-        low, rate = _thresholds(low, high, _CLIP * np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
+        low, rate = thresholds_between(low, high, np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
         cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
         if cost < best[0] - 1e-9 * abs(best[0]):
             best, p, q = (cost, last, low, rate), a, b
     _project(n, p, q, local[0], local[1], score)
-    return best
+    return best, p, q
+
+
+@helper
+def bar_of(found):
+    """The score above which cells lie on the right of the best threshold; infinite if there is none."""
+    best, last, low, rate = found
+    return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
 
 
 @helper
@@ -226,7 +252,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
     """Side of each node: the cheapest threshold over all columns of ``scores (n, C)``, block by block."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally, room = np.empty(largest, np.int32), np.empty((_BINS, 5)), edge_room(offsets, indptr)
+    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides = np.empty(len(weights), np.int64)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
@@ -235,7 +261,7 @@ def sweep_level(offsets, indptr, indices, interface, centroids, weights, measure
         best, column = (NO_CUT, 0, 0.0, 0.0), 0
         for c in range(scores.shape[1]):
             low, high, spread = _centred(start, n, scores[:, c], shares, score)
-            low, rate = _thresholds(low, high, _CLIP * spread)
+            low, rate = thresholds_between(low, high, spread)
             cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
             if cost < best[0] - 1e-9 * abs(best[0]):
                 best, column = (cost, last, low, rate), c
@@ -249,12 +275,12 @@ def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures
     """Side of each node in the plane: the cheapest threshold along ``count`` axes."""
     largest = np.diff(offsets).max()
     local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
-    bins, tally, room = np.empty(largest, np.int32), np.empty((_BINS, 5)), edge_room(offsets, indptr)
+    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
     sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
     for b in range(len(offsets) - 1):
         start, n = offsets[b], offsets[b + 1] - offsets[b]
         scales = centre_block(start, n, centroids, weights, measures, local, shares)
         edges = room, edges_of_block(start, n, indptr, indices, interface, room)
-        best = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
+        best, _, _ = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
         write_sides(start, n, best, score, bins, sides)
     return sides

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, frozen_float, sweep_arrays
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    Int,
+    OptionError,
+    PieceGrowth,
+    Target,
+    UInt64,
+    frozen_float,
+    sweep_arrays,
+)
 
 __all__ = ["SHAPES", "FastGNN"]
 
@@ -93,6 +103,17 @@ class FastGNN:
 
             return look_ahead(level, self.fast_sides, self.lookahead, self._h_star)
         return self.fast_sides(level)
+
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
+        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer.
+
+        Not when it looks ahead, nor in space, where there is nothing that it could do.
+        """
+        if self._h_star is not None or graph.dim != 2:
+            return None
+        from agglo_gnn.fast_kernels import split_fast
+
+        return PieceGrowth.for_components(graph, pieces, partial(split_fast, self.net), refiners, fixer)
 
     def fast_sides(self, level: Graph) -> Int:
         """Side of each node ``(n,)``, without looking ahead."""

@@ -7,20 +7,19 @@ import numpy as np
 from agglo_core.authoring import (
     NO_CUT,
     axes_block,
-    centre_block,
-    edge_room,
-    edges_of_block,
     half_circle,
     halvings,
     helper,
     kernel,
+    piece_driver,
+    piece_splits,
+    piece_sweeps,
     scan_thresholds,
     turned,
-    write_sides,
 )
 from agglo_gnn.raster_kernels import fill_raster, raster_room, to_frame
 
-__all__ = ["bisect_fast", "direction"]
+__all__ = ["bisect_fast", "direction", "split_fast"]
 
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 _BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
@@ -104,26 +103,33 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
 
 
 @helper
-def _band_sweep(start, n, graph, local, shares, scales, p, q, spread, bins, tally):
+def _number_cells(cells, lo, hi, tag, marks):
+    """Tag the cells of a piece as on the left, and write their numbers to the second column of the marks."""
+    own, _ = piece_splits.side_tags(lo, hi)
+    for k in range(hi - lo):
+        tag[cells[lo + k]], marks[cells[lo + k], 1] = own, k
+
+
+@helper
+def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, spread, bins, tally):
     """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
 
     Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
     """
-    indptr, indices, interface = graph
+    indptr, indices, interface = graph[0], graph[1], graph[2]
+    n, piece = hi - lo, tag[cells[lo]]
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
-    for b in range(_BINS):
-        for k in range(5):
-            tally[b, k] = 0.0
     cut = 0.0
     for i in range(n):
         own = bins[i]
         if own < 0 or own >= _BINS:
             continue
-        rise = 0.0
-        for h in range(indptr[start + i], indptr[start + i + 1]):
-            other = bins[indices[h] - start]
+        rise, cell = 0.0, cells[lo + i]
+        for h in range(indptr[cell], indptr[cell + 1]):
+            j = indices[h]
+            other = bins[marks[j, 1]] if tag[j] == piece else own
             rise += interface[h] * ((other > own) - (other < own))
             cut += interface[h] * (other < 0)
         tally[own, 0] += shares[i] * local[0, i]
@@ -144,23 +150,27 @@ def _equal(n, shares):
 
 
 @helper
-def _cut_large(start, n, graph, local, shares, scales, uv, room, net, turns, finer, score, bins, tally):
+def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     """Cheapest cut near the mean of the network's score.
 
     With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
-    Returns what ``_band_sweep`` does, and leaves the score in ``score``.
+    Returns what ``_band_sweep`` does, leaves the score in the score room and its gradient in ``axis``.
     """
-    grid, place, nodes, near, areas, features = room
+    (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv), net = own
+    grid, place, nodes, near, areas, features = raster
+    n = hi - lo
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
     count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
     pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
     few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
     first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
+    section = scales[0], scales[1], scales[2]
+    _number_cells(cells, lo, hi, tag, marks)
     for c in range(first, last + 1):
         f = (c - 1) // 2
         if c < 0:
-            a, b = turns[c - first]
+            a, b = turns[c - first, 0], turns[c - first, 1]
             if long and abs(a) < 0.9:
                 continue  # a long piece is not cut lengthwise
         elif c == 0:
@@ -172,38 +182,88 @@ def _cut_large(start, n, graph, local, shares, scales, uv, room, net, turns, fin
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
         spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
-        trial = _band_sweep(start, n, graph, local, shares, scales, x, y, spread, bins, tally)
+        trial = _band_sweep(
+            graph, cells, lo, hi, tag, marks, local, shares, section, x, y, spread, bins, tally
+        )
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
-    x, y = p * ux + q * vx, p * uy + q * vy
+    axis[0], axis[1] = p * ux + q * vx, p * uy + q * vy
     for i in range(n):
-        score[i] = x * local[0, i] + y * local[1, i]
+        score[i] = axis[0] * local[0, i] + axis[1] * local[1, i]
     return best
+
+
+@helper
+def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
+    """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
+    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _), _ = own
+    n, axis, best = hi - lo, sums[2], (NO_CUT, 0, 0.0, 0.0)
+    axis[2] = 0.0
+    if n >= _SMALL and scales[1] > 1e-299:
+        best = _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis)
+    if best[0] == NO_CUT:
+        some = finer[: (n >= 16) + (n >= 32)]  # few cells have few cuts
+        edges = ends, piece_sweeps.edges_of_piece(graph, cells, lo, hi, tag, marks, ends)
+        section = scales[0], scales[1], scales[2]
+        best, axis[0], axis[1] = axes_block(n, edges, local, shares, section, turns, some, score, bins, tally)
+    unit = 1.0 / np.hypot(axis[0], axis[1])
+    return piece_driver.tag_sides(
+        graph, cells, lo, hi, score, piece_sweeps.bar_of(best), unit, extent, tag, near, sums
+    )
+
+
+@helper(allocates=True)
+def _room(m, edges, net):
+    """Work arrays for pieces of at most m cells, and the network."""
+    directions = half_circle(_AXES), halvings(_AXES, _FINER), np.empty((2, m))
+    return piece_sweeps.point_room(m), piece_sweeps.score_room(m, edges), raster_room(m), directions, net
 
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
     """Side of each node of a planar graph: the network's cut, or the best of some axes if it is small."""
-    largest = np.diff(offsets).max()
-    local, uv, shares = np.empty((3, largest)), np.empty((2, largest)), np.empty(largest)
-    score, bins, tally = np.empty(largest), np.empty(largest, np.int32), np.empty((_BINS, 5))
-    turns, finer, graph = half_circle(_AXES), halvings(_AXES, _FINER), (indptr, indices, interface)
-    sides = np.empty(len(weights), np.int64)
-    room, edges = raster_room(largest), edge_room(offsets, indptr)
+    n, largest, most = len(weights), np.int64(0), np.int64(0)
     for b in range(len(offsets) - 1):
-        start, n = offsets[b], offsets[b + 1] - offsets[b]
-        scales = centre_block(start, n, centroids, weights, measures, local, shares)
-        best = (NO_CUT, 0, 0.0, 0.0)
-        if n >= _SMALL and scales[1] > 1e-299:
-            best = _cut_large(
-                start, n, graph, local, shares, scales, uv, room, net, turns, finer, score, bins, tally
-            )
-            cost, last, low, rate = best
-            for i in range(n if cost < NO_CUT else 0):
-                sides[start + i] = np.floor((score[i] - low) * rate - _TIE) > last
-        if best[0] == NO_CUT:
-            some = finer[: (n >= 16) + (n >= 32)]  # few cells have few cuts
-            found = edges, edges_of_block(start, n, indptr, indices, interface, edges)
-            best = axes_block(n, found, local, shares, scales, turns, some, score, bins, tally)
-            write_sides(start, n, best, score, bins, sides)
+        largest = max(largest, offsets[b + 1] - offsets[b])
+        most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
+    own, sums = _room(largest, most // 2 + 1, net), (np.empty(2), np.empty(2, np.int64), np.empty(3))
+    cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
+    near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
+    graph = (indptr, indices, interface, centroids, measures, weights, reach, (1.0, 1.0))
+    for i in range(n):
+        cells[i] = i
+    for b in range(len(offsets) - 1):
+        lo, hi = offsets[b], offsets[b + 1]
+        extent = piece_sweeps.load_piece(graph, cells, lo, hi, own)
+        _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums)
+    sides = np.empty(n, np.int64)
+    for i in range(n):
+        sides[i] = tag[i] & 1
     return sides
+
+
+@kernel
+def split_fast(net, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
+    """Split pieces, the last in ``todo`` first; the arguments but the first are those of ``PieceGrowth``."""
+    m, edges = (
+        piece_driver.largest_piece(todo, counts),
+        piece_sweeps.most_edges(todo, counts, cells, graph[0]),
+    )
+    own = _room(m, edges, net)
+    piece_driver.split_pieces(
+        piece_sweeps.load_piece,
+        _cut,
+        own,
+        graph,
+        shape,
+        cells,
+        tag,
+        marks,
+        todo,
+        ready,
+        leaf,
+        counts,
+        tally,
+        goal,
+        work,
+    )

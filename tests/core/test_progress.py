@@ -120,7 +120,7 @@ def test_a_run_that_is_measured_and_written_tells_every_phase(
     how: dict[str, Any], expected: list[str], tmp_path: Path, unhurried: None
 ) -> None:
     told: list[Progress] = []
-    hierarchy = agglo.agglomerate(MESH, progress=told.append, **({"bisector": "inertial"} | how))
+    hierarchy = agglo.agglomerate(MESH, progress=told.append, **({"bisector": "spectral"} | how))
     measure_levels(MESH, hierarchy, progress=told.append)
     for suffix in (".vtu", ".npz"):
         agglo.write(tmp_path / f"a{suffix}", MESH, hierarchy, progress=told.append)

@@ -1,0 +1,144 @@
+"""All splits of pieces, in place: what every bisector needs but the cut itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.kernels.compiling import helper
+from agglo_core.kernels.piece_splits import (
+    cells_beside,
+    is_narrow,
+    part_list,
+    piece_room,
+    quota_of_left,
+    refine_sides,
+    side_sizes,
+    side_tags,
+    sides_connected,
+)
+
+__all__ = ["largest_piece", "split_pieces", "tag_sides"]
+
+_ROUNDING = 1e-12  # of the extent: what heights in double precision may be off, with room
+
+
+@helper
+def largest_piece(todo, counts):
+    """Cells of the largest piece to be split."""
+    largest = np.int64(0)
+    for k in range(counts[0]):
+        largest = max(largest, todo[k, 1] - todo[k, 0])
+    return largest
+
+
+@helper
+def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums):
+    """Tag the cells of a piece: right where ``heights`` exceed ``bar``, left elsewhere; both sides get some.
+
+    Writes measures and cells of both sides to ``sums``, and the cells that may be beside the cut to ``near``:
+    those no further from it than their neighbours are from them, if ``unit`` times heights are lengths.
+    Returns how many.
+    """
+    measures, reach = graph[4], graph[6]
+    size, count, _ = sums
+    left, right = side_tags(lo, hi)
+    ones, below, above, m = np.int64(0), 0.0, 0.0, np.int64(0)
+    for k in range(hi - lo):
+        i = cells[lo + k]
+        side = np.int64(heights[k] > bar)
+        tag[i] = right if side else left
+        above += side * measures[i]
+        below += (1 - side) * measures[i]
+        ones += side
+        near[m] = i
+        m += abs(heights[k] - bar) * unit <= reach[i] + _ROUNDING * extent
+    if ones == 0 or ones == hi - lo:  # any halving will do
+        ones, below, above, m = (hi - lo) // 2, 0.0, 0.0, hi - lo
+        for k in range(m):
+            i = cells[lo + k]
+            side = np.int64(k >= m - ones)
+            tag[i], near[k] = right if side else left, i
+            above += side * measures[i]
+            below += (1 - side) * measures[i]
+    size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
+    return m
+
+
+@helper
+def _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp):
+    """Cut a piece and refine the sides; returns the cells along the cut, and the next stamp."""
+    indptr, indices, interface, centroids, measures, _, _, _ = graph
+    size, count, axis = sums
+    edge = cut(graph, cells, lo, hi, extent, own, tag, marks, room[0], sums)
+    left, right = side_tags(lo, hi)
+    edge = cells_beside(indptr, indices, tag, left, right, room[0], edge)
+    if floor < 0.0:
+        return edge, stamp
+    sign = 1.0 if size[1] < size[0] else -1.0
+    for k in range(3):
+        axis[k] *= sign
+    structure, sides = (indptr, indices, interface), (size, count)
+    return refine_sides(
+        structure, centroids, measures, tag, left, right, axis, sides, floor, edge, room, stamp
+    )
+
+
+@helper(allocates=True)
+def split_pieces(
+    load, cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
+):
+    """Split pieces, the last in ``todo`` first; the arguments from ``graph`` on are those of ``PieceGrowth``.
+
+    Parameters
+    ----------
+    load : helper ``(graph, cells, lo, hi, own) -> extent``
+        Looks at the piece ``cells[lo:hi]`` and returns its extent along some axis, or any less.
+    cut : helper ``(graph, cells, lo, hi, extent, own, tag, marks, near, sums) -> int``
+        Tags the cells of the piece that was loaded, writes measures and cells of both sides and the normal of
+        the cut (3 numbers) to ``sums``, and to ``near`` the cells that may be beside the cut: returns how
+        many. :func:`tag_sides` does all but the normal. The second column of the marks may be written to.
+    own : tuple
+        What these two work with.
+    """
+    indptr, indices, _, _, measures, _, _, _ = graph
+    limit, floor, small, check = goal
+    waiting, put_off, stamp = counts[0], counts[1], counts[2]
+    room, size = piece_room(largest_piece(todo, counts), marks), np.empty(2)
+    sums = (size, np.empty(2, np.int64), np.empty(3))
+    while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
+        waiting -= 1
+        lo, hi, quota, depth = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
+        if quota == 1 or hi - lo == 1:
+            leaf[lo] = True
+            continue
+        if hi - lo <= small:
+            for k in range(4):
+                ready[put_off, k] = todo[waiting, k]
+            put_off += 1
+            continue
+        if counts[3] == 0:
+            extent = load(graph, cells, lo, hi, own)
+            if limit > 0.0 and extent <= limit and is_narrow(cells[lo:hi], shape, limit):
+                leaf[lo] = True
+                continue
+            edge, stamp = _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp)
+            stamp += 2
+            if check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):
+                waiting += 1
+                counts[3] = 1  # somebody else is to mend them
+                break
+        else:
+            side_sizes(tag, measures, cells, lo, hi, size)
+        row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
+        tally[row, 2] += counts[3]
+        counts[3] = 0
+        middle = part_list(tag, cells, lo, hi, room[0])
+        first = quota_of_left(quota, size, middle - lo, hi - middle)
+        tally[row, 0] += one
+        tally[row, 1] += one * (hi - lo)
+        work -= hi - lo
+        todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
+        todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
+        todo[waiting, 3], todo[waiting + 1, 3] = depth + 1, depth + 1
+        waiting += 2
+    counts[0], counts[1], counts[2] = waiting, put_off, stamp

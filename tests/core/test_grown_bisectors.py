@@ -1,0 +1,174 @@
+"""Bisectors of the core and the learned one, in one call: as good as depth by depth, with all guarantees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from growth_checks import assert_kept, grown, length, lumpy_graph
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy_constraints import Line
+
+import agglo_core as agglo
+from agglo_core import Mesh, samples
+from agglo_core.graph.blocks import principal_frames, split_at_median
+from agglo_core.kernels import kernel
+from agglo_core.kernels.piece_frames import load_piece, point_room, principal_frame
+from agglo_core.kernels.piece_medians import halve
+from agglo_core.registry import default
+from agglo_core.threads import using_threads
+
+SEEDS = st.integers(0, 10**6)
+PLANAR = ("inertial", "sweep", "gnn")
+SPATIAL = ("inertial", "sweep")
+
+
+class DepthByDepth:
+    """A bisector that the driver asks for one depth after the other."""
+
+    def __init__(self, name: str) -> None:
+        self.tool = default().build("bisector", name)
+
+    def bisect_level(self, level, seeds):
+        return self.tool.bisect_level(level, seeds)
+
+
+@pytest.mark.parametrize(("name", "dim"), [*((name, 2) for name in PLANAR), *((name, 3) for name in SPATIAL)])
+@settings(max_examples=20, deadline=None)
+@given(n=st.integers(3, 90), seed=SEEDS, refined=st.booleans(), data=st.data())
+def test_counts_are_exact_on_any_graph(
+    name: str, dim: int, n: int, seed: int, refined: bool, data: st.DataObject
+) -> None:
+    graph = lumpy_graph(n, dim, seed)
+    least = int(graph.components().max()) + 1
+    parts = data.draw(st.lists(st.integers(least, n), min_size=1, max_size=3))
+    hierarchy = grown(graph, bisector=name, refiners=("interface",) if refined else (), n_parts=parts)
+    assert hierarchy.parts == sorted(parts, reverse=True)
+    assert_kept(hierarchy)
+
+
+@pytest.mark.parametrize("name", PLANAR)
+@settings(max_examples=10, deadline=None)
+@given(n=st.integers(20, 400), seed=SEEDS, factors=st.lists(st.floats(0.5, 6.0), min_size=1, max_size=3))
+def test_no_part_is_wider_than_asked(name: str, n: int, seed: int, factors: list[float]) -> None:
+    mesh = samples.voronoi(n, seed=seed)
+    hierarchy = grown(mesh, bisector=name, h_factor=sorted(set(factors)))
+    assert_kept(hierarchy)
+    for labels, target in zip(hierarchy.levels, hierarchy.targets, strict=True):
+        wide = mesh.graph.part_diameters(labels) > target["h_star"] * (1 + 1e-9)
+        assert (np.bincount(labels)[wide] == 1).all()
+
+
+MESHES = {
+    "triangles": lambda seed: samples.random_triangles(3000, seed=seed),
+    "voronoi": lambda seed: samples.voronoi(4000, seed=seed),
+    "tetrahedra": lambda seed: samples.tetrahedra(10),
+}
+
+
+@pytest.mark.parametrize("kind", MESHES)
+@pytest.mark.parametrize("name", PLANAR)
+def test_shapes_are_as_good_as_depth_by_depth(name: str, kind: str) -> None:
+    mesh = MESHES[kind](11)
+    if mesh.dim == 3 and name not in SPATIAL:
+        return
+    targets: list[dict[str, Any]] = [{"cells_per_part": 16}, {"h_factor": 4.0}]
+    for target in targets:
+        options = {**target, "polish": False}
+        one = grown(mesh, bisector=name, **options)
+        other = agglo.agglomerate(mesh, bisector=DepthByDepth(name), **options)
+        cuts = [length(mesh.graph, each.levels[0]) for each in (one, other)]
+        assert cuts[0] <= 1.04 * cuts[1]
+        assert one.parts[0] <= 1.03 * other.parts[0]
+
+
+@pytest.mark.parametrize("name", SPATIAL)
+def test_space(name: str) -> None:
+    for mesh in (samples.boxes(6), samples.tetrahedra(4)):
+        hierarchy = grown(mesh, bisector=name, n_parts=(27, 5))
+        assert hierarchy.parts == [27, 5]
+        assert_kept(hierarchy)
+        assert_kept(grown(mesh, bisector=name, h_factor=(2.0, 4.0)))
+
+
+def turned(mesh: Mesh, angle: float, shift: float) -> Mesh:
+    cos, sin = np.cos(angle), np.sin(angle)
+    loops = mesh.boundary_loops
+    points = mesh.points @ np.array([[cos, sin], [-sin, cos]]) + shift
+    return Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices))
+
+
+@pytest.mark.parametrize("name", ["sweep", "gnn"])
+@pytest.mark.parametrize(("angle", "shift"), [(0.0, 0.0), (0.3, 0.0), (1.1, 1e6)])
+def test_squares_of_the_paper_become_squares(name: str, angle: float, shift: float) -> None:
+    for mesh in (samples.paper("squares"), samples.paper("triangles"), samples.squares(24)):
+        hierarchy = grown(turned(mesh, angle, shift), bisector=name, h_star=np.sqrt(2) / 4)
+        assert hierarchy.parts == [16]
+        area = np.bincount(hierarchy.levels[0], mesh.graph.measures)
+        np.testing.assert_allclose(area, 1 / 16, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_constraints_are_kept_and_threads_change_nothing(name: str) -> None:
+    mesh = samples.random_triangles(20_000, seed=3)
+    options = {"bisector": name, "cells_per_part": (20, 200), "constraints": [Line()]}
+    one, two = (grown_with(count, mesh, options) for count in (1, 3))
+    for labels, others in zip(one.levels, two.levels, strict=True):
+        assert np.array_equal(labels, others)
+        right = np.bincount(labels, mesh.graph.centroids[:, 0] > 0.5)
+        assert np.isin(right / np.bincount(labels), (0.0, 1.0)).all()
+
+
+def grown_with(threads: int, mesh: Mesh, options: dict[str, Any]) -> agglo.Hierarchy:
+    with using_threads(threads):
+        return grown(mesh, **options)
+
+
+def test_a_bisector_that_looks_ahead_is_asked_depth_by_depth() -> None:
+    mesh = samples.voronoi(60, seed=1)
+    hierarchy = agglo.agglomerate(mesh, bisector=("gnn", {"lookahead": 3}), h_factor=4.0)
+    assert "grow" not in hierarchy.statistics["seconds"]
+
+
+# --- the kernels, against obvious references --------------------------------------------------------------
+
+
+@kernel
+def halved(graph, cells, frame):
+    """Heights of the cells of a graph about the plane that halves them, and in how many places it was cut."""
+    n = len(cells)
+    room, score = point_room(n), np.empty(n)
+    load_piece(graph, cells, 0, n, (room,))
+    principal_frame(n, graph[3].shape[1] == 2, room[0], room[1], frame)
+    bar = halve(n, room[0], room[1], frame, score, np.empty(n, np.int32), np.empty(n), np.empty(256))
+    return score, bar
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(2, 400), st.sampled_from([2, 3]), SEEDS, st.booleans())
+def test_a_piece_is_halved_as_a_block_is(n: int, dim: int, seed: int, lattice: bool) -> None:
+    rng = np.random.default_rng(seed)
+    graph = lumpy_graph(n, dim, seed)
+    points = rng.standard_normal((n, dim)) * (3.0, 2.0, 1.0)[:dim]
+    if lattice:  # whole numbers: many are equally high
+        points = np.rint(4 * points)
+        points[:, 0] *= 3.0
+    weights = rng.integers(0, 3, n) + 1e-3 * (not lattice)
+    block = agglo.Graph.from_arrays(graph.indptr, graph.indices, points, measures=weights, weights=weights)
+    frames, coordinates = principal_frames(block)
+    frame = np.empty((3, 3))
+    arrays = (block.indptr, block.indices, block.interface, block.centroids, block.measures, block.weights)
+    score, bar = halved((*arrays, np.zeros(n, np.float32), (1.0, 1.0)), np.arange(n, dtype=np.int32), frame)
+    clear = np.abs(np.sum(frame[0, :dim] * frames[0, 0])) > 1 - 1e-9  # not for moments that nearly agree
+    if not np.isfinite(bar) or not clear:
+        return
+    upper = score > bar
+    heaviest = weights.max() or 1.0
+    assert abs(weights[upper].sum() - weights[~upper].sum()) <= heaviest * (1 + 1e-9)
+    if not lattice:
+        usual = split_at_median(block, coordinates[:, 0], coordinates[:, 1:]) == 1
+        if frame[0, :dim] @ frames[0, 0] < 0:
+            usual = ~usual
+        assert np.count_nonzero(upper != usual) <= 1
