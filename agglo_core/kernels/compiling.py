@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numba
-from numba.extending import register_jitable
+from numba.extending import is_jitted, register_jitable
+
+try:
+    from agglo_core.kernels.kernel_cache import KernelCache
+except (ImportError, AttributeError):  # a numba that is otherwise within: its own cache serves
+    KernelCache = None  # type: ignore[assignment, misc]
 
 __all__ = ["helper", "kernel"]
 
-_log = logging.getLogger("agglo")
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
@@ -23,14 +25,10 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
     """
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums)
-    options = _options(reorder_sums)
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError as error:  # numba's word for "no cache folder is writable"
-        if "cache" not in str(error):
-            raise
-        _warn_unwritable()
-        return numba.njit(**options)(function)
+    compiled: Any = numba.njit(**_options(reorder_sums))(function)
+    if is_jitted(compiled):  # not so under NUMBA_DISABLE_JIT
+        _keep(compiled, function)
+    return compiled
 
 
 def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
@@ -45,13 +43,12 @@ def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
     return register_jitable(**_options(reorder_sums))(function)
 
 
+def _keep(compiled: Any, function: Callable[..., Any]) -> None:
+    if KernelCache is None:
+        compiled.enable_caching()
+    else:
+        compiled._cache = KernelCache(function)
+
+
 def _options(reorder_sums: bool) -> dict[str, Any]:
     return _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
-
-
-@cache  # once per process
-def _warn_unwritable() -> None:
-    _log.warning(
-        "no folder for compiled kernels is writable: they are compiled again in each run; "
-        "set NUMBA_CACHE_DIR to a folder that is"
-    )
