@@ -33,14 +33,14 @@ def planar_frame(n, x, y, shares):
     return np.cos(angle), np.sin(angle), xx, xy, yy
 
 
-@helper
+@helper(allocates=True)
 def half_circle(count):
     """Cosines and sines of ``count`` angles evenly over the half circle, from 0 on ``(count, 2)``."""
     angles = np.arange(count) * (np.pi / count)
     return np.stack((np.cos(angles), np.sin(angles)), axis=1)
 
 
-@helper
+@helper(allocates=True)
 def halvings(count, times):
     """Cosines and sines of the angles that halve those of ``half_circle(count)``, again and again."""
     angles = np.pi / count / 2.0 ** np.arange(1, times + 1)

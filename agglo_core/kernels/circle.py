@@ -28,7 +28,7 @@ _SHORT = 32  # edges in a list that is not worth shortening
 _THIN = 3.0  # ratio of the sides of a box from which on the axis along which it is halved matters
 
 
-@helper
+@helper(allocates=True)
 def _polished(edges, m, x, y, radius, trio, weight):
     """Centre and radius after a few Newton steps towards the circle that touches three edges.
 
@@ -135,7 +135,7 @@ def _pop(heap, size, box):
     _move(heap, size - 1, heap, i)
 
 
-@helper
+@helper(allocates=True)
 def _push(heap, size, box):
     """Put a box on the heap of ``size``, in a longer copy if it is full."""
     if size == len(heap):
@@ -151,7 +151,7 @@ def _push(heap, size, box):
     return heap
 
 
-@helper
+@helper(allocates=True)
 def _largest(edges, m, diameter, best, heap):
     """Radius of the largest circle, at least ``best`` (that about the origin); edges and heap to reuse."""
     best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0

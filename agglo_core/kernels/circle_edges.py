@@ -27,7 +27,7 @@ __all__ = [
 ROWS = 7  # numbers that describe an edge
 
 
-@helper
+@helper(allocates=True)
 def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
     """The table of one agglomerate, in ``edges`` if there is room, and the number of its edges.
 
@@ -148,7 +148,7 @@ def apart(edges, start, stop, x, y, sx, sy):
     return meeting == 0
 
 
-@helper
+@helper(allocates=True)
 def shortened(edges, start, stop, limit, top):
     """Copy the edges whose square is at most ``limit`` to column ``top`` and on, if half of them are left.
 

@@ -13,7 +13,7 @@ from agglo_core.kernels.compiling import helper, kernel
 __all__ = ["quotient_edges", "union_of_rows"]
 
 
-@helper
+@helper(allocates=True)
 def _edges_by_part(labels, n_parts, indptr, indices, interface):
     """Edges that leave a part, part by part: first and last place of each, cells beyond, interfaces.
 

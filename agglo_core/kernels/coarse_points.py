@@ -56,7 +56,7 @@ def coarse_points(indptr, indices, strong, needy):
     return stays
 
 
-@helper
+@helper(allocates=True)
 def _dependents(indptr, indices, strong):
     """CSR of the unknowns that depend on each, and their number."""
     n = len(indptr) - 1
@@ -75,7 +75,7 @@ def _dependents(indptr, indices, strong):
     return start, dependent, worth
 
 
-@helper
+@helper(allocates=True)
 def _independent(indptr, indices, strong, start, dependent, worth):
     """The first pass. Free unknowns of one worth are a doubly linked list, the last changed at its head."""
     n = len(worth)
@@ -139,7 +139,7 @@ def _unlink(i, worth, head, before, after):
         before[after[i]] = before[i]
 
 
-@helper
+@helper(allocates=True)
 def _second_pass(indptr, indices, strong, stays):
     """The second pass; ``stays`` is changed."""
     n = len(stays)

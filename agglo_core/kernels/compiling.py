@@ -25,22 +25,27 @@ def kernel(function: Callable[..., Any] | None = None, *, reorder_sums: bool = F
     """
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums)
-    compiled: Any = numba.njit(**_options(reorder_sums))(function)
+    compiled: Any = numba.njit(**_options(reorder_sums, allocates=True))(function)
     if is_jitted(compiled):  # not so under NUMBA_DISABLE_JIT
         _keep(compiled, function)
     return compiled
 
 
-def helper(function: Callable[..., Any] | None = None, *, reorder_sums: bool = False) -> Any:
+def helper(
+    function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = False
+) -> Any:
     """Let kernels call ``function``; called from Python it runs uncompiled.
 
     Whatever only kernels call should be a helper: it compiles in less time than a kernel, as it needs no
     entry from Python, and a literal argument does not make a second signature. It cannot call itself. One
     that both a kernel and a helper call is compiled for each of the two.
+
+    Arrays are borrowed from the caller, so that no references are counted: two atomic additions for every
+    array of every call. One that makes arrays, or calls a helper that does, says ``allocates=True``.
     """
     if function is None:
-        return lambda inner: helper(inner, reorder_sums=reorder_sums)
-    return register_jitable(**_options(reorder_sums))(function)
+        return lambda inner: helper(inner, reorder_sums=reorder_sums, allocates=allocates)
+    return register_jitable(**_options(reorder_sums, allocates))(function)
 
 
 def _keep(compiled: Any, function: Callable[..., Any]) -> None:
@@ -50,5 +55,6 @@ def _keep(compiled: Any, function: Callable[..., Any]) -> None:
         compiled._cache = KernelCache(function)
 
 
-def _options(reorder_sums: bool) -> dict[str, Any]:
-    return _OPTIONS | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
+def _options(reorder_sums: bool, allocates: bool) -> dict[str, Any]:
+    options = _OPTIONS | {"_nrt": allocates}  # inherited from the caller unless it is given
+    return options | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})

@@ -18,7 +18,7 @@ def galerkin_product(indptr, indices, data, graph, to, weight, columns):
     return _transposed(out, out_to, values, columns)  # itself, but sorted
 
 
-@helper
+@helper(allocates=True)
 def _transposed(indptr, indices, data, columns):
     """The transpose as CSR, its columns sorted."""
     n = len(indptr) - 1
@@ -39,7 +39,7 @@ def _transposed(indptr, indices, data, columns):
     return start, to, values
 
 
-@helper
+@helper(allocates=True)
 def _product(indptr, indices, data, graph, to, weight, columns):
     """The product of two CSR matrices; the columns of a row in any order, the arrays longer than needed."""
     n = len(indptr) - 1

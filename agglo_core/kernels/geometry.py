@@ -11,7 +11,7 @@ __all__ = ["block_diameters", "box", "compare_diameters", "distinct_vertices", "
 _MANY = 64  # vertices from which on not every pair of them is compared
 
 
-@helper
+@helper(allocates=True)
 def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
     """Write the vertices of ``cells``, each once, to ``unique`` and the centre of their box; their number."""
     m = 0

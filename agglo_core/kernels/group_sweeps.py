@@ -104,7 +104,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     return residual_sweep, sweep
 
 
-@helper
+@helper(allocates=True)
 def _room(offsets, n, like):
     """Work arrays for right-hand side and solution of the largest group."""
     most = 0

@@ -181,7 +181,7 @@ def _add_new(graph, i, cells, m, seen, stamp):
     return m
 
 
-@helper
+@helper(allocates=True)
 def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
     n, d = len(measures), centroids.shape[1]
     parts = labels.copy()

@@ -54,7 +54,7 @@ def _sort(order, values, spare):
         width *= 2
 
 
-@helper
+@helper(allocates=True)
 def _untied(columns, axis, group, gap):
     """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
 
@@ -77,7 +77,7 @@ def _untied(columns, axis, group, gap):
     return order
 
 
-@helper
+@helper(allocates=True)
 def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
     """Tag the cells below and above the weighted median along the longest side of a piece."""
     axis, length, other = _longest_axis(columns, lists, lo, hi, tie)

@@ -37,7 +37,7 @@ def _renewed(c, lists, root, grown, now, places, seen, stamp):
     length[c] = kept - start[c]
 
 
-@helper
+@helper(allocates=True)
 def _boxes(vertex_offsets, vertices, points):
     """Lowest and highest coordinates of the vertices of each part."""
     n, d = len(vertex_offsets) - 1, points.shape[1]
@@ -50,7 +50,7 @@ def _boxes(vertex_offsets, vertices, points):
     return low, high
 
 
-@helper
+@helper(allocates=True)
 def _union_fits(a, b, following, shapes, space, stamp, limit):
     """Whether the union of parts a and b has a diameter of at most ``limit``; often its box can tell."""
     vertex_offsets, vertices, points, low, high = shapes
@@ -73,7 +73,7 @@ def _union_fits(a, b, following, shapes, space, stamp, limit):
     return largest_distance(m, unique, centre, points) <= limit
 
 
-@helper
+@helper(allocates=True)
 def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
     """The neighbour in its block with which part c makes the roundest union that fits; −1 if none does.
 
@@ -97,7 +97,7 @@ def _partner(c, lists, outline, owner, following, shapes, space, stamps, limit):
     return partner
 
 
-@helper
+@helper(allocates=True)
 def _compacted(lists, root):
     """Move the lists of all parts that are left to the front; returns where they end."""
     near, shared, fits, start, length = lists

@@ -15,7 +15,7 @@ __all__ = ["number_faces", "pair_half_edges"]
 _BITS = 11  # points of a bucket, as a power of two
 
 
-@helper
+@helper(allocates=True)
 def _to_buckets(offsets, vertices, n_points, edges):
     """Write (lower end, upper end, half-edge, cell), sorted by buckets of lower ends; where they end.
 

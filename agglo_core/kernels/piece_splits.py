@@ -36,7 +36,7 @@ def side_tags(lo, hi):
     return np.int64(2 * lo), np.int64(2 * hi - 1)
 
 
-@helper
+@helper(allocates=True)
 def piece_room(m, marks):
     """Work arrays of pieces of at most m cells, and with them the ``marks (n, 4)`` of cells, zeros at first.
 
@@ -194,7 +194,7 @@ def quota_of_left(quota, size, cells_left, cells_right):
     return np.int64(min(max(share, least), most))
 
 
-@helper
+@helper(allocates=True)
 def is_narrow(cells, shape, limit):
     """Whether no two vertices of the cells are further apart than ``limit``."""
     vertex_offsets, vertices, points = shape

@@ -43,7 +43,7 @@ def _widened(i, p, low, high, corners, keep):
     return widest
 
 
-@helper
+@helper(allocates=True)
 def reaches(parts, k, limit, corners):
     """What ``fits`` needs to know of ``k`` parts: extents, whether they may grow, and lists of their cells.
 

@@ -26,7 +26,7 @@ def _before(one, other, value, beside, places):
     return one < other
 
 
-@helper
+@helper(allocates=True)
 def keepers(part_of, sizes, places, n_parts):
     """The component that each part keeps ``(n_parts,)``: its largest, of equal ones the foremost; or −1.
 
@@ -40,7 +40,7 @@ def keepers(part_of, sizes, places, n_parts):
     return kept
 
 
-@helper
+@helper(allocates=True)
 def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, keeper, places):
     """Part of each node once every loose component has joined a kept one.
 
@@ -89,7 +89,7 @@ def absorb(indptr, indices, interface, kept, nodes, component_offsets, loose, ke
     return parts
 
 
-@helper
+@helper(allocates=True)
 def _places(cells, centroids, nodes, offsets):
     """Where each component lies in a piece, ``(components, 3 + d)`` numbers of order 1.
 
@@ -126,7 +126,7 @@ def _places(cells, centroids, nodes, offsets):
     return places
 
 
-@helper
+@helper(allocates=True)
 def _piece(cells, indptr, indices, interface, local):
     """CSR of the piece ``cells``, which rise, numbered in that order; ``local (n,)`` is a work array."""
     m, count = len(cells), 0

@@ -117,7 +117,7 @@ def _put(graph_cells, tally, i, target):
     cells[target] += 1
 
 
-@helper
+@helper(allocates=True)
 def _relaxed(graph, graph_cells, measures, labels, owner, axes, places, alpha, floor, limit, corners):
     n, k = len(labels), len(owner)
     indptr, indices, interface = graph

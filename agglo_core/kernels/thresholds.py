@@ -40,7 +40,7 @@ def compactness(n):
     return max(_COMPACT, _GROWTH * np.sqrt(n))
 
 
-@helper
+@helper(allocates=True)
 def edge_room(offsets, indptr):
     """Work arrays for the edges of the largest block: ends, lengths."""
     most = 0

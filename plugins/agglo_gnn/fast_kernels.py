@@ -32,7 +32,7 @@ _LONG = 0.5  # ratio of principal moments below which a piece is long
 _FEW = 400  # cells below which the axes are tried beside the network's direction
 
 
-@helper
+@helper(allocates=True)
 def _sage(count, near, given, own, other, bias, out):
     """``out = ReLU(given · own + mean over neighbours of given · other + bias)``."""
     inputs, outputs = own.shape

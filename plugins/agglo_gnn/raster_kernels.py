@@ -123,7 +123,7 @@ def fill_raster(n, uv, shares, grid, place, nodes, near, areas):
     return count
 
 
-@helper
+@helper(allocates=True)
 def raster_room(largest):
     """Work arrays for one piece at a time."""
     bins = min(_ROOM, largest)

@@ -68,7 +68,7 @@ def two_means(offsets, centroids, weights):
     return sides
 
 
-@helper
+@helper(allocates=True)
 def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
     """Cut a piece by 2-means and refine the sides; returns the cells along the cut, and the next stamp."""
     indptr, indices, interface, centroids, measures, _, reach, _ = graph
@@ -87,7 +87,7 @@ def _cut(graph, cells, lo, hi, extent, means, tag, sums, floor, room, stamp):
     )
 
 
-@helper
+@helper(allocates=True)
 def _split(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
     indptr, indices, _, centroids, measures, weights, _, units = graph
     limit, floor, small, check = goal

@@ -14,7 +14,7 @@ _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
 _AXES = 8
 
 
-@helper
+@helper(allocates=True)
 def means_room(m):
     """Work arrays for sets of at most m points: coordinates and weights, bins, axes."""
     bins = max(_BINS_2D**2, _BINS_3D**3)
@@ -144,7 +144,7 @@ def _planar_axes(x, y, w, n, second, frame, axes):
     return count
 
 
-@helper
+@helper(allocates=True)
 def _spatial_axes(second, frame, axes):
     """Fill ``axes`` with three principal and four diagonal directions, by Jacobi's rotations."""
     a = np.empty((3, 3))
@@ -223,7 +223,7 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
     return m
 
 
-@helper
+@helper(allocates=True)
 def axes_to_try(x, y, w, n, second, planar, frame, axes):
     """Fill ``axes`` with the directions to try and ``frame`` with an orthogonal frame; returns how many."""
     return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, frame, axes)

@@ -63,7 +63,7 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
     return inertia, nx, ny, nz, t
 
 
-@helper
+@helper(allocates=True)
 def separator(room, n, planar):
     """The plane ``normal · point > t`` of the 2-means split of least energy of the loaded points.
 

@@ -20,7 +20,7 @@ _MOST_ADDED = 0.25
 """A row whose small entries add up to more than this part of its diagonal one keeps them."""
 
 
-@helper
+@helper(allocates=True)
 def _holders(offsets, indices, size):
     """Where each unknown stands in ``indices``, as a CSR, and the cell of each of these places."""
     starts = np.zeros(size + 1, np.int64)
@@ -97,7 +97,7 @@ def half_product(width: int) -> Callable[..., Any]:
     return galerkin_half
 
 
-@helper
+@helper(allocates=True)
 def _longer(array):
     """The array with as much room again."""
     longer = np.empty(2 * len(array), array.dtype)

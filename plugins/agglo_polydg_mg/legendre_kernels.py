@@ -31,7 +31,7 @@ CONSTANT = np.sqrt(0.5)
 """The Legendre polynomial of degree 0."""
 
 
-@helper
+@helper(allocates=True)
 def recurrences(degree):
     """Coefficients a, b, c, d ``(4, degree)`` of the recurrences of Legendre polynomials up to a degree.
 

@@ -119,6 +119,45 @@ def test_python_calls_no_helper(compiled: tuple[dict[str, str], dict[str, set[st
     assert slow == set(), "called from Python they run uncompiled"
 
 
+MAKERS = {
+    "empty",
+    "zeros",
+    "ones",
+    "full",
+    "arange",
+    "empty_like",
+    "zeros_like",
+    "array",
+    "concatenate",
+    "copy",
+}
+
+
+def calls_of(node: ast.AST) -> set[str]:
+    """Names of the functions and methods that are called."""
+    calls = [each.func for each in ast.walk(node) if isinstance(each, ast.Call)]
+    plain = {func.id for func in calls if isinstance(func, ast.Name)}
+    return plain | {func.attr for func in calls if isinstance(func, ast.Attribute)}
+
+
+def test_helpers_that_make_arrays_or_call_such_say_so() -> None:
+    said, needed = set(), set()
+    calls: dict[tuple[str, str], set[tuple[str, str]]] = {}
+    for file in [file for top in ("agglo_core", "plugins") for file in (ROOT / top).rglob("*.py")]:
+        tree = ast.parse(file.read_text())
+        froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+        home = {alias.name: str(node.module).split(".")[-1] for node in froms for alias in node.names}
+        helpers = (node for node in tree.body if isinstance(node, ast.FunctionDef))
+        for node in (node for node in helpers if decoration(node) == "helper"):
+            key, used = (file.stem, node.name), calls_of(node)
+            calls[key] = {(home.get(name, file.stem), name) for name in used}
+            said |= {key} if "allocates=True" in ast.unparse(node.decorator_list[0]) else set()
+            needed |= {key} if MAKERS & used else set()
+    while wider := {key for key, used in calls.items() if used & needed} - needed:
+        needed |= wider
+    assert said == needed, "without it numba refuses to compile, or what a helper returned is never freed"
+
+
 @pytest.mark.slow
 def test_readme_compiles_few_functions(tmp_path: Path) -> None:
     report = tmp_path / "compiled.json"
