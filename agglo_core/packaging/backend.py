@@ -31,6 +31,7 @@ __all__ = [
 ]
 
 _NEWEST_TESTED = (3, 14)
+_CONSTRAINING = ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT", "UV_BUILD_CONSTRAINT")
 _CONSTRAINTS = Path(__file__).parents[2] / "constraints.txt"
 
 
@@ -47,7 +48,7 @@ def needed_to_compile() -> list[str]:
     if os.environ.get("AGGLO_PREBUILD") == "0":
         return []
     free = ["numba>=0.60", "numpy>=2.0"]
-    constrained = any(name in os.environ for name in ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT"))
+    constrained = any(name in os.environ for name in _CONSTRAINING)
     if constrained or sys.version_info[:2] > _NEWEST_TESTED or not _CONSTRAINTS.is_file():
         return free
     return re.findall(

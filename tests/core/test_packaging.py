@@ -21,7 +21,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 @pytest.fixture(autouse=True)
 def at_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    for name in ("AGGLO_PREBUILD", "PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT"):
+    for name in ("AGGLO_PREBUILD", *backend._CONSTRAINING):
         monkeypatch.delenv(name, raising=False)
 
 
@@ -35,7 +35,7 @@ def test_a_wheel_is_built_with_the_tested_versions() -> None:
     assert set(needed()) <= set(tested)
 
 
-@pytest.mark.parametrize("name", ["PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT"])
+@pytest.mark.parametrize("name", backend._CONSTRAINING)
 def test_constraints_of_the_user_are_left_their_choice(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(name, "mine.txt")
     assert len(needed()) == 2
