@@ -62,11 +62,11 @@ def quieten() -> None:
 
 
 def explain_compilation() -> None:
-    """Say on stderr why the first run on a machine takes longer, if this is the first."""
-    from agglo_core.kernels.first_run import first_use
+    """Say on stderr why this run takes longer, once it compiles kernels."""
+    from agglo_core.kernels.first_run import watch_compilation
 
-    if first_use():
-        say("note: compiling the numerical kernels, once on this machine (about a minute)")
+    note = "note: compiling numerical kernels, once on this machine (up to a minute)"
+    click.get_current_context().with_resource(watch_compilation(lambda: say(note)))
 
 
 def say(line: str) -> None:

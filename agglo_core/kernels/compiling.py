@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numba
-from numba.extending import register_jitable
+from numba.extending import is_jitted, register_jitable
+
+try:
+    from agglo_core.kernels.kernel_cache import KernelCache
+except (ImportError, AttributeError):  # a numba that is otherwise within: its own cache serves
+    KernelCache = None  # type: ignore[assignment, misc]
 
 __all__ = ["helper", "kernel"]
 
-_log = logging.getLogger("agglo")
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 
 
@@ -26,14 +28,10 @@ def kernel(
     """
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums, allocates=allocates)
-    options = _options(reorder_sums, allocates)
-    try:
-        return numba.njit(cache=True, **options)(function)
-    except RuntimeError as error:  # numba's word for "no cache folder is writable"
-        if "cache" not in str(error):
-            raise
-        _warn_unwritable()
-        return numba.njit(**options)(function)
+    compiled: Any = numba.njit(**_options(reorder_sums, allocates))(function)
+    if is_jitted(compiled):  # not so under NUMBA_DISABLE_JIT
+        _keep(compiled, function)
+    return compiled
 
 
 def helper(
@@ -53,14 +51,13 @@ def helper(
     return register_jitable(**_options(reorder_sums, allocates))(function)
 
 
+def _keep(compiled: Any, function: Callable[..., Any]) -> None:
+    if KernelCache is None:
+        compiled.enable_caching()
+    else:
+        compiled._cache = KernelCache(function)
+
+
 def _options(reorder_sums: bool, allocates: bool) -> dict[str, Any]:
     options = _OPTIONS | {"_nrt": allocates}  # inherited from the caller unless it is given
     return options | ({"fastmath": {"reassoc", "contract", "nsz"}} if reorder_sums else {})
-
-
-@cache  # once per process
-def _warn_unwritable() -> None:
-    _log.warning(
-        "no folder for compiled kernels is writable: they are compiled again in each run; "
-        "set NUMBA_CACHE_DIR to a folder that is"
-    )

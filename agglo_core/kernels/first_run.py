@@ -1,17 +1,33 @@
-"""Whether the kernels still have to be compiled."""
+"""Whether kernels have to be compiled, which takes longer than most runs."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 
-from agglo_core.kernels.graphs import permute_graph
+from numba.core.event import Listener, install_listener
 
-__all__ = ["first_use"]
+__all__ = ["watch_compilation"]
 
 
-def first_use() -> bool:
-    """Whether the kernels of the recursion are not compiled on disk yet (the first run takes longer)."""
-    if permute_graph.signatures:
-        return False
-    folder = permute_graph.stats.cache_path  # None where no folder is writable
-    return folder is None or not any(Path(folder).glob("graphs.permute_graph-*.nbi"))
+def watch_compilation(tell: Callable[[], None]) -> AbstractContextManager[None]:
+    """Call ``tell`` when numba compiles something for the first time within the context.
+
+    Kernels that are on disk are loaded, not compiled.
+    """
+    watch: AbstractContextManager[None] = install_listener("numba:compile", _Once(tell))
+    return watch
+
+
+class _Once(Listener):
+    def __init__(self, tell: Callable[[], None]) -> None:
+        self._tell, self._told = tell, False
+
+    def on_start(self, event: object) -> None:
+        """Called by numba."""
+        if not self._told:
+            self._told = True
+            self._tell()
+
+    def on_end(self, event: object) -> None:
+        """Called by numba."""

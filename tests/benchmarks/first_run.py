@@ -1,6 +1,8 @@
 """CPU seconds of README's command on its first and second run, and the kernels that cost most to compile.
 
-python tests/benchmarks/first_run.py
+python tests/benchmarks/first_run.py            # a checkout: kernels are compiled on first use
+python tests/benchmarks/first_run.py --wheel    # an installed wheel: kernels are compiled while it is built
+python tests/benchmarks/first_run.py --record   # writes the list of the kernels that a wheel has
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
+ROOT = Path(__file__).parents[2]
 COMMAND = "run voronoi:n=5000,seed=3 --bisector kmeans --bisector metis -o out.vtu --plot out.png"
+HEAD = "# Kernels in a wheel, the dearest first. Written by tests/benchmarks/first_run.py --record\n"
 
 
 class Compilation(NamedTuple):
@@ -27,15 +31,15 @@ class Compilation(NamedTuple):
 
 
 class Run(NamedTuple):
-    """CPU seconds of the whole process, those of compilation, and what was compiled."""
+    """CPU seconds of the whole process, what was compiled, and what was loaded: kernel, name, arguments."""
 
     total: float
-    compiling: float
     compiled: list[Compilation]
+    loaded: list[tuple[str, str, str]]
 
 
 def watched_run(arguments: list[str], report: Path) -> None:
-    """Run the command in this process and write to ``report`` what numba compiled."""
+    """Run the command in this process and write to ``report`` what numba compiled and loaded."""
     from numba.core import event
 
     compiled: list[tuple[str, float, float]] = []
@@ -59,40 +63,88 @@ def watched_run(arguments: list[str], report: Path) -> None:
     try:
         main(arguments)
     finally:
-        report.write_text(json.dumps(compiled))
+        report.write_text(json.dumps({"compiled": compiled, "loaded": loaded_kernels()}))
 
 
-def measured(cache: Path, folder: Path) -> Run:
-    """README's command in a new process that keeps compiled kernels in ``cache``."""
-    report = folder / "compiled.json"
+def loaded_kernels() -> list[tuple[str, str, str]]:
+    """Module, name and arguments of our kernels that this process took from disk."""
+    from numba.core.dispatcher import Dispatcher
+
+    ours = [module for name, module in sys.modules.items() if name.startswith("agglo_")]
+    kernels = {each for module in ours for each in vars(module).values() if isinstance(each, Dispatcher)}
+    return sorted(
+        (kernel.py_func.__module__, kernel.py_func.__qualname__, repr(arguments))
+        for kernel in kernels
+        for arguments in kernel.stats.cache_hits
+    )
+
+
+def measured(command: str, folder: Path, cache: Path, packages: Path | None = None) -> Run:
+    """A command in a new process that keeps kernels in ``cache``, with agglo from ``packages`` if given."""
+    report = folder / "report.json"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+    if packages is not None:
+        environment["PYTHONPATH"] = str(packages)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
-        [sys.executable, str(Path(__file__).resolve()), str(report), *COMMAND.split()],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        cwd=folder, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        [sys.executable, str(Path(__file__).resolve()), str(report), *command.split()],
+        env=environment, cwd=folder, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
+    total = seconds_since(before)
+    found = json.loads(report.read_text())
+    return Run(
+        total, [Compilation(*row) for row in found["compiled"]], [tuple(row) for row in found["loaded"]]
+    )
+
+
+def seconds_since(before: resource.struct_rusage) -> float:
+    """CPU seconds of ended child processes since then."""
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    total = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    compiled = [Compilation(*row) for row in json.loads(report.read_text())]
-    return Run(total, sum(one.own for one in compiled), compiled)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def main() -> None:
+def installed(folder: Path) -> Path:
+    """A folder with the packages of a wheel built from this checkout, in this environment."""
+    packages = folder / "packages"
+    options = ["-q", "--no-build-isolation", "--no-deps", "--no-index", "--target", str(packages)]
+    command = [sys.executable, "-m", "pip", "install", *options, str(ROOT)]
+    subprocess.run(command, check=True, capture_output=True)
+    return packages
+
+
+def record(first: Run, second: Run) -> None:
+    """Write the list: what the second run loaded, in the order of what it cost the first to compile."""
+    from agglo_core.kernels.ahead_of_time import LISTED
+
+    seconds = {one.function: one.seconds for one in first.compiled}
+    rows = sorted(second.loaded, key=lambda row: (-seconds.get(f"{row[0]}.{row[1]}", 0.0), row))
+    LISTED.write_text(HEAD + "".join(" ".join(row) + "\n" for row in rows))
+
+
+def main(options: list[str]) -> None:
     """Print the figures."""
     with tempfile.TemporaryDirectory() as name:
         cache, folder = Path(name, "cache"), Path(name, "run")
         folder.mkdir()
-        first, second = measured(cache, folder), measured(cache, folder)
+        packages = None
+        if "--wheel" in options:
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            packages = installed(Path(name))
+            print(f"building    {seconds_since(before):6.2f} CPU s")
+        first, second = (measured(COMMAND, folder, cache, packages) for _ in range(2))
     ours = [one for one in first.compiled if one.function.startswith("agglo_")]
-    print(f"first run   {first.total:6.2f} CPU s, {first.compiling:.2f} of them compiling")
+    compiling = sum(one.own for one in first.compiled)
+    print(f"first run   {first.total:6.2f} CPU s, {compiling:.2f} of them compiling")
     print(f"second run  {second.total:6.2f} CPU s, {len(second.compiled)} compilations")
     print(f"compiled    {len(ours)} of ours, {len(first.compiled) - len(ours)} of numba's; the dearest:")
     for one in sorted(ours, key=lambda one: -one.own)[:10]:
         print(f"{one.own:6.2f} {one.seconds:6.2f} with what it calls  {one.function}")
+    if "--record" in options:
+        record(first, second)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) > 1:
+    if len(sys.argv) > 2:
         watched_run(sys.argv[2:], Path(sys.argv[1]))
     else:
-        main()
+        main(sys.argv[1:])

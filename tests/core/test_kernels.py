@@ -499,23 +499,27 @@ def test_every_kernel_has_one_signature_in_the_plane() -> None:
 PERMUTE = """
 import numpy as np
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
-from agglo_core.kernels.first_run import first_use
+from agglo_core.kernels.first_run import watch_compilation
 from agglo_core.kernels.graphs import permute_graph
 
 def permute():
     one, ends = frozen_int([0]), frozen_int([0, 1])
     return permute_graph(frozen_int([0, 0]), frozen_index([]), frozen_float([]), one, ends)[0].tolist()
 
+told = []
+with watch_compilation(lambda: told.append("told")):
+    found = [permute(), permute()]
+print(*found, *told)
 """
 
 
-def test_first_use_is_over_once_a_kernel_is_kept_on_disk(tmp_path: Path) -> None:
-    run = python(PERMUTE + "print(first_use(), permute() and first_use())", NUMBA_CACHE_DIR=str(tmp_path))
-    assert run.stdout.split() == ["True", "False"]
-    again = python(PERMUTE + "print(first_use())", NUMBA_CACHE_DIR=str(tmp_path))
-    assert again.stdout.split() == ["False"]
-    elsewhere = python(PERMUTE + "print(first_use())", NUMBA_CACHE_DIR=str(tmp_path / "other"))
-    assert elsewhere.stdout.split() == ["True"]
+def test_compilation_is_told_of_once_and_not_when_a_kernel_is_on_disk(tmp_path: Path) -> None:
+    run = python(PERMUTE, NUMBA_CACHE_DIR=str(tmp_path))
+    assert run.stdout == "[0, 0] [0, 0] told\n"
+    again = python(PERMUTE, NUMBA_CACHE_DIR=str(tmp_path))
+    assert again.stdout == "[0, 0] [0, 0]\n"
+    elsewhere = python(PERMUTE, NUMBA_CACHE_DIR=str(tmp_path / "other"))
+    assert elsewhere.stdout == "[0, 0] [0, 0] told\n"
 
 
 UNWRITABLE = """
@@ -531,7 +535,7 @@ logging.basicConfig(format="%(levelname)s %(name)s %(message)s")
 
 
 def test_without_a_writable_folder_there_is_one_warning_and_it_works() -> None:
-    run = python(UNWRITABLE + PERMUTE + "print(first_use(), permute(), first_use())")
-    assert run.stdout == "True [0, 0] False\n"
+    run = python(UNWRITABLE + PERMUTE)
+    assert run.stdout == "[0, 0] [0, 0] told\n"
     assert run.stderr.count("\n") == 1
     assert run.stderr.startswith("WARNING agglo no folder for compiled kernels is writable")

@@ -30,6 +30,7 @@ MAY_IMPORT = {
     "registry": {"errors"},
     "threads": {"errors"},
     "kernels": EVERYBODY,
+    "packaging": set(),
     "mesh": EVERYBODY | {"kernels"},
     "graph": EVERYBODY | {"kernels", "mesh"},
     "hierarchy": EVERYBODY | {"graph", "mesh"},

@@ -1,0 +1,48 @@
+"""The hook by which hatchling puts compiled kernels into a wheel."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+__all__ = ["CompiledKernels"]
+
+_COMPILE = "agglo_core.kernels.ahead_of_time"
+
+
+class CompiledKernels(BuildHookInterface[Any]):
+    """Compiles kernels into ``agglo_core/kernels/compiled``; where that fails, the wheel is built without."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Called by hatchling before it collects files."""
+        if version == "editable" or os.environ.get("AGGLO_PREBUILD") == "0":
+            return
+        self._room = TemporaryDirectory()
+        kernels, kept = Path(self._room.name, "compiled"), Path(self._room.name, "kept")
+        kernels.mkdir()
+        run = subprocess.run(
+            [sys.executable, "-m", _COMPILE, str(kernels)],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(kept), "PYTHONPATH": self._import_path()},
+            cwd=self.root, capture_output=True, text=True,
+        )  # fmt: skip
+        if run.returncode:
+            self.app.display_warning(f"these kernels are compiled on first use instead: {run.stderr.strip()}")
+        found = len(list(kernels.glob("*.nbi")))
+        self.app.display_info(f"{found} kernels compiled for this processor")
+        if found:
+            build_data["force_include"][str(kernels)] = "agglo_core/kernels/compiled"
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Called by hatchling once the wheel is written."""
+        if hasattr(self, "_room"):
+            self._room.cleanup()
+
+    def _import_path(self) -> str:
+        ours = [self.root, str(Path(self.root, "plugins"))]
+        return os.pathsep.join([*ours, *filter(None, [os.environ.get("PYTHONPATH")])])

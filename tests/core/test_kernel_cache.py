@@ -1,0 +1,183 @@
+"""Machine code is taken from disk for the sources, versions and processor it was made for, or not at all."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import int64
+
+from agglo_core import authoring
+from agglo_core.kernels import kernel, kernel_cache
+from agglo_core.kernels.ahead_of_time import compile_listed, listed
+from agglo_core.kernels.kernel_cache import KernelCache, source_stamp, sources
+
+ROOT = Path(__file__).parents[2]
+KERNELS = ROOT / "agglo_core" / "kernels"
+PLUGINS = sorted(
+    file for file in (ROOT / "plugins").rglob("*.py") if "@kernel" in file.read_text(encoding="utf-8")
+)
+
+HELPERS = """
+from agglo_core.authoring import helper
+
+@helper
+def factor():
+    return {factor}
+"""
+LOOPS = """
+from agglo_core.authoring import kernel
+from helpers import factor
+
+@kernel
+def multiplied(x):
+    return factor() * x
+"""
+RUN = """
+from pathlib import Path
+from loops import multiplied
+multiplied._cache.write_to(Path("installed")) if {write} else None
+multiplied._cache._installed = multiplied._cache._index_in(Path("installed"))
+print(multiplied(7), sum(multiplied.stats.cache_hits.values()))
+"""
+
+
+def test_a_kernel_whose_helper_changed_is_compiled_anew(tmp_path: Path) -> None:
+    def run(factor: int, write: bool = False) -> list[int]:
+        (tmp_path / "helpers.py").write_text(HELPERS.format(factor=factor))
+        (tmp_path / "loops.py").write_text(LOOPS)
+        found = subprocess.run(
+            [sys.executable, "-c", RUN.format(write=write)],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "own"), "PYTHONDONTWRITEBYTECODE": "1"},
+            cwd=tmp_path, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        return [int(word) for word in found.stdout.split()]
+
+    (tmp_path / "installed").mkdir()
+    assert run(2, write=True) == [14, 0]
+    assert run(2) == [14, 1]  # installed; there is no other
+    assert not (tmp_path / "own").exists() or not list((tmp_path / "own").rglob("*.nbi"))
+    assert run(3) == [21, 0]  # neither the installed one nor, next, that of the user
+    assert run(3) == [21, 1]
+
+
+def double(x: int) -> int:
+    return 2 * x
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
+    """A folder with one installed kernel, and what numba compiles for."""
+    folder = tmp_path_factory.mktemp("installed")
+    compiled = kernel(double)
+    compiled._cache.write_to(folder)
+    compiled.compile((int64,))
+    return folder, compiled.targetctx
+
+
+def loaded(folder: Path, context: Any) -> Any:
+    cache = KernelCache(double, folder)
+    cache._cache_file = cache._index_in(folder / "nothing")
+    return cache.load_overload((int64,), context)
+
+
+def test_an_installed_kernel_is_loaded(kept: tuple[Path, Any]) -> None:
+    folder, context = kept
+    assert loaded(folder, context).entry_point is not None
+
+
+def test_another_processor_gets_none(kept: tuple[Path, Any]) -> None:
+    folder, context = kept
+    triple, name, features = context.codegen().magic_tuple()
+    for machine in ((triple, "another", features), (triple, name, "")):
+        codegen = SimpleNamespace(magic_tuple=lambda machine=machine: machine)
+        other = SimpleNamespace(refresh=lambda: None, codegen=lambda codegen=codegen: codegen)
+        assert loaded(folder, other) is None
+
+
+def test_other_sources_get_none(kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, context = kept
+    monkeypatch.setattr(kernel_cache, "source_stamp", lambda file: "other")
+    assert loaded(folder, context) is None
+
+
+def test_another_numba_gets_none(kept: tuple[Path, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, context = kept
+    monkeypatch.setattr("numba.__version__", "0.0")
+    assert loaded(folder, context) is None
+
+
+def test_another_numpy_has_another_stamp(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = source_stamp.__wrapped__(KERNELS / "sums.py")
+    assert source_stamp.__wrapped__(KERNELS / "sums.py") == before
+    monkeypatch.setattr(np, "__version__", "0.0")
+    assert source_stamp.__wrapped__(KERNELS / "sums.py") != before
+
+
+def home(module: str, name: str) -> str:
+    """Name of the module that a statement ``from module import name`` leads to."""
+    if module == "agglo_core.authoring":
+        folder = authoring._HOME.get(name) or f"{authoring._MODULES[name]}{name}"
+        return f"agglo_core.{folder}"
+    return f"{module}.{name}" if f"{module}.{name}" in sys.modules else module
+
+
+def imports(file: Path) -> set[Path]:
+    """Twin of one step of ``sources``: from the syntax tree, and from where modules are in fact."""
+    nodes = [n for n in ast.walk(ast.parse(file.read_text("utf-8"))) if isinstance(n, ast.ImportFrom)]
+    modules = {home(str(node.module), alias.name) for node in nodes for alias in node.names}
+    files = {Path(str(getattr(import_module(name), "__file__", ""))) for name in modules}
+    near = {each for each in files if each.parent in (KERNELS, file.parent)}
+    return {each for each in near if each.name != "__init__.py"}  # nothing is compiled from those
+
+
+@pytest.mark.parametrize("file", [*KERNELS.glob("*.py"), *PLUGINS], ids=lambda file: file.stem)
+def test_all_that_a_file_of_kernels_imports_is_in_its_stamp(file: Path) -> None:
+    package = file.relative_to(ROOT / "plugins" if file in PLUGINS else ROOT).with_suffix("").parts
+    __import__(".".join(package))
+    found = sources(file)
+    assert file in found
+    for source in found:
+        assert imports(source) <= found, source
+
+
+def test_every_kernel_is_kept_so() -> None:
+    for one in listed():
+        assert isinstance(one.kernel()._cache, KernelCache), one
+
+
+WITHOUT = """
+import numba.core.caching
+del numba.core.caching.CompileResultCacheImpl  # the name; numba itself does not look it up again
+from agglo_core.kernels.graphs import components
+print(type(components._cache).__name__)
+"""
+
+
+def test_a_numba_that_keeps_machine_code_otherwise_keeps_its_own_way(tmp_path: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert run.stdout == "FunctionCache\n"
+
+
+def test_what_is_listed_are_kernels_with_arguments() -> None:
+    assert len(listed()) > 20
+    for one in listed():
+        function = one.kernel().py_func
+        assert len(one.types()) == function.__code__.co_argcount, one
+
+
+def test_a_kernel_that_does_not_compile_is_reported(tmp_path: Path) -> None:
+    wrong = listed()[-1]._replace(arguments="(int64,)")
+    (line,) = compile_listed(tmp_path, [wrong])
+    assert line.startswith(f"{wrong.module}.{wrong.name}: ")
+    assert not list(tmp_path.iterdir())
