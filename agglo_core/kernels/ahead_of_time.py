@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numba.types
 
-__all__ = ["LISTED", "Signature", "compile_listed", "listed"]
+__all__ = ["LISTED", "Signature", "compile_listed", "listed", "written"]
 
 LISTED = Path(__file__).with_name("ahead_of_time.txt")
 _MOST_WORKERS = 16
@@ -34,9 +34,27 @@ class Signature(NamedTuple):
 
     def types(self) -> tuple[Any, ...]:
         """Numba's types of the arguments."""
-        names = {**vars(numba.types), "bool": numba.types.boolean}
+        names = {**vars(numba.types), "bool": numba.types.boolean, "named": _named_tuple}
         found: tuple[Any, ...] = eval(self.arguments, names)  # from a file of ours
         return found
+
+
+def written(arguments: tuple[Any, ...]) -> str:
+    """Numba's types of the arguments, as :meth:`Signature.types` reads them."""
+    texts = []
+    for each in arguments:
+        if isinstance(each, numba.types.NamedTuple | numba.types.NamedUniTuple):
+            home = each.instance_class
+            texts.append(f"named({written(each.types)}, '{home.__module__}:{home.__qualname__}')")
+        else:
+            texts.append(repr(each))
+    return f"({', '.join(texts)},)"
+
+
+def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
+    module, name = home.split(":")
+    made: Any = numba.types.BaseTuple.from_types  # no annotations in numba
+    return made(types, getattr(import_module(module), name))
 
 
 def listed() -> list[Signature]:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).parents[2]
 COMMAND = "run voronoi:n=5000,seed=3 --bisector kmeans --bisector metis -o out.vtu --plot out.png"
+SMALL = COMMAND.replace("5000", "60")  # takes ways of its own
 HEAD = "# Kernels in a wheel, the dearest first. Written by tests/benchmarks/first_run.py --record\n"
 
 
@@ -70,10 +71,12 @@ def loaded_kernels() -> list[tuple[str, str, str]]:
     """Module, name and arguments of our kernels that this process took from disk."""
     from numba.core.dispatcher import Dispatcher
 
+    from agglo_core.kernels.ahead_of_time import written
+
     ours = [module for name, module in sys.modules.items() if name.startswith("agglo_")]
     kernels = {each for module in ours for each in vars(module).values() if isinstance(each, Dispatcher)}
     return sorted(
-        (kernel.py_func.__module__, kernel.py_func.__qualname__, repr(arguments))
+        (kernel.py_func.__module__, kernel.py_func.__qualname__, written(arguments))
         for kernel in kernels
         for arguments in kernel.stats.cache_hits
     )
@@ -112,12 +115,13 @@ def installed(folder: Path) -> Path:
     return packages
 
 
-def record(first: Run, second: Run) -> None:
-    """Write the list: what the second run loaded, in the order of what it cost the first to compile."""
+def record(runs: list[Run]) -> None:
+    """Write the list: what any of the runs loaded, in the order of what it cost the others to compile."""
     from agglo_core.kernels.ahead_of_time import LISTED
 
-    seconds = {one.function: one.seconds for one in first.compiled}
-    rows = sorted(second.loaded, key=lambda row: (-seconds.get(f"{row[0]}.{row[1]}", 0.0), row))
+    seconds = {one.function: one.seconds for run in runs for one in run.compiled}
+    loaded = {row for run in runs for row in run.loaded}
+    rows = sorted(loaded, key=lambda row: (-seconds.get(f"{row[0]}.{row[1]}", 0.0), row))
     LISTED.write_text(HEAD + "".join(" ".join(row) + "\n" for row in rows))
 
 
@@ -131,7 +135,9 @@ def main(options: list[str]) -> None:
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             packages = installed(Path(name))
             print(f"building    {seconds_since(before):6.2f} CPU s")
-        first, second = (measured(COMMAND, folder, cache, packages) for _ in range(2))
+        first, second = runs = [measured(COMMAND, folder, cache, packages) for _ in range(2)]
+        if "--record" in options:
+            record(runs + [measured(SMALL, folder, cache) for _ in range(2)])
     ours = [one for one in first.compiled if one.function.startswith("agglo_")]
     compiling = sum(one.own for one in first.compiled)
     print(f"first run   {first.total:6.2f} CPU s, {compiling:.2f} of them compiling")
@@ -139,8 +145,6 @@ def main(options: list[str]) -> None:
     print(f"compiled    {len(ours)} of ours, {len(first.compiled) - len(ours)} of numba's; the dearest:")
     for one in sorted(ours, key=lambda one: -one.own)[:10]:
         print(f"{one.own:6.2f} {one.seconds:6.2f} with what it calls  {one.function}")
-    if "--record" in options:
-        record(first, second)
 
 
 if __name__ == "__main__":
