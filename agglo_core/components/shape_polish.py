@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
@@ -11,7 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.graph import Graph
-from agglo_core.threads import thread_count
+from agglo_core.threads import mapped, thread_count
 
 __all__ = ["directions", "slices", "swept"]
 
@@ -45,29 +43,17 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     threads = thread_count()
     work = [_work(n) for _ in range(threads)]
     unshifted_and_shifted = [slices(starts, shift, graph.dim) for shift in range(2)]
-    with ThreadPoolExecutor(threads) as pool:  # starts none before it is used
-        for sweep in range(_SWEEPS):
-            count = listed_cells(state, work[0], sweep, starts)
-            if count == 0:
-                break
-            rows = unshifted_and_shifted[sweep % 2]
-            shares = _shares(rows, state.first, threads if count > _FEW else 1)
+    for sweep in range(_SWEEPS):
+        count = listed_cells(state, work[0], sweep, starts)
+        if count == 0:
+            break
+        shares = _shares(unshifted_and_shifted[sweep % 2], state.first, threads if count > _FEW else 1)
 
-            def make(share: Int, own: Any, sweep: int = sweep) -> None:
-                sweep_slices(cells, state, own, share, sweep, alpha, limit, reach, corners)
+        def make(share: Int, own: Any, sweep: int = sweep) -> None:
+            sweep_slices(cells, state, own, share, sweep, alpha, limit, reach, corners)
 
-            _each(make, shares, work, pool)
+        list(mapped(make, shares, work[: len(shares)]))
     return frozen_int(order[parts])
-
-
-def _each(
-    make: Callable[[Int, Any], None], shares: list[Int], work: list[Any], pool: ThreadPoolExecutor
-) -> None:
-    """Make all shares, at the same time if they are several."""
-    if len(shares) == 1:
-        make(shares[0], work[0])
-    else:
-        list(pool.map(make, shares, work))
 
 
 def _work(n: int) -> Any:

@@ -6,10 +6,10 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper
 
-__all__ = ["connected", "keeps_whole"]
+__all__ = ["CROWD", "REACH", "connected", "keeps_whole"]
 
-_REACH = np.int64(64)  # cells visited before two neighbours count as not connected around a cell
-_CROWD = np.int64(256)  # neighbours from which on rings do not grow from a cell: all would read them
+REACH = np.int64(64)  # cells visited before two neighbours count as not connected around a cell
+CROWD = np.int64(256)  # neighbours from which on rings do not grow from a cell: all would read them
 
 
 @helper
@@ -69,6 +69,6 @@ def keeps_whole(indptr, indices, labels, i, search, stamp):
     if filled < 2:
         return True
     labels[i] = -1  # out of the way
-    whole = connected(indptr, indices, labels, own, search, filled, stamp, _REACH, _CROWD)
+    whole = connected(indptr, indices, labels, own, search, filled, stamp, REACH, CROWD)
     labels[i] = own
     return whole

@@ -13,12 +13,11 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.reach import fits, take_in
+from agglo_core.kernels.ring_search import CROWD, REACH, connected
 from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, SHARE
 
 __all__ = ["sweep_slices"]
 
-_REACH = 64  # cells visited before two neighbours count as not connected around a cell
-_CROWD = 256  # neighbours from which on rings do not grow from a cell: all would read them
 _TIE = 1e-9
 
 
@@ -105,46 +104,20 @@ def _best_move(given, state, bounds, scale, i, work):
 def _leaves_whole(given, state, i, target, work, stamp):
     """Whether the part of cell i stays connected near it without it; then the cell is in ``target``.
 
-    Complete rings of cells are grown around its neighbours until they meet, or many cells were visited: so
-    the outcome does not depend on the order of the cells. What other threads read of the cell meanwhile is
-    one part of the slice or another.
+    What other threads read of the cell meanwhile is one part of the slice or another.
     """
-    home, filled, done = state.parts[i], 0, 0
+    home, filled = state.parts[i], 0
     for h in range(given.indptr[i], given.indptr[i + 1]):
-        j = given.indices[h]
-        if state.parts[j] == home:
-            state.marks[j, 0], state.marks[j, 1] = stamp, filled
-            work.queue[filled], work.root[filled] = j, filled
-            filled += 1
+        work.queue[filled] = given.indices[h]  # no branch: it would be mispredicted half the time
+        filled += state.parts[given.indices[h]] == home
     state.parts[i] = target
-    apart = filled - 1
-    while apart > 0 and done < filled <= _REACH:
-        ring = filled
-        while apart > 0 and done < ring:
-            node = work.queue[done]
-            done += 1
-            if given.indptr[node + 1] - given.indptr[node] > _CROWD:
-                continue
-            for h in range(given.indptr[node], given.indptr[node + 1]):
-                j = given.indices[h]
-                if state.parts[j] != home:
-                    continue
-                if state.marks[j, 0] != stamp:
-                    state.marks[j, 0], state.marks[j, 1] = stamp, state.marks[node, 1]
-                    work.queue[filled] = j
-                    filled += 1
-                    continue
-                one, other = state.marks[node, 1], state.marks[j, 1]
-                while work.root[one] != one:
-                    one = work.root[one]
-                while work.root[other] != other:
-                    other = work.root[other]
-                if one != other:
-                    work.root[one] = other
-                    apart -= 1
-    if apart > 0:
+    search = (work.queue, work.root, state.marks)
+    if filled > 1 and not connected(
+        given.indptr, given.indices, state.parts, home, search, filled, stamp, REACH, CROWD
+    ):
         state.parts[i] = home
-    return apart <= 0
+        return False
+    return True
 
 
 @helper
