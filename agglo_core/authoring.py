@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     from agglo_core.io import check_writable, read, read_hierarchy, write
     from agglo_core.io.atomic import staging
     from agglo_core.io.system_files import read_system, write_system
-    from agglo_core.kernels import helper, kernel, piece_driver, piece_splits, piece_sweeps
+    from agglo_core.kernels import helper, kernel, piece_driver, piece_frames, piece_splits, piece_sweeps
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
     from agglo_core.kernels.thresholds import (
         NO_CUT,
@@ -150,7 +150,7 @@ threads: over_ranges
 """Modules of the core, and the names taken from each."""
 _LINES = (line.partition(":") for line in _TABLE.strip().splitlines())
 _HOME = MappingProxyType({name: module for module, _, names in _LINES for name in names.split()})
-_PIECES = dict.fromkeys(("piece_driver", "piece_splits", "piece_sweeps"), "kernels.")
+_PIECES = dict.fromkeys(("piece_driver", "piece_frames", "piece_splits", "piece_sweeps"), "kernels.")
 _MODULES = MappingProxyType({"conformance": "", "multigrid": "", "samples": ""} | _PIECES)
 
 __all__ = [
@@ -255,6 +255,7 @@ __all__ = [
     "pcg_columns",
     "phase",
     "piece_driver",
+    "piece_frames",
     "piece_splits",
     "piece_sweeps",
     "planar_frame",

@@ -17,7 +17,7 @@ from agglo_core.kernels.piece_splits import (
     sides_connected,
 )
 
-__all__ = ["largest_piece", "split_pieces", "tag_sides"]
+__all__ = ["largest_piece", "split_pieces", "tag_halves", "tag_sides"]
 
 _ROUNDING = 1e-12  # of the extent: what heights in double precision may be off, with room
 
@@ -29,6 +29,20 @@ def largest_piece(todo, counts):
     for k in range(counts[0]):
         largest = max(largest, todo[k, 1] - todo[k, 0])
     return largest
+
+
+@helper
+def tag_halves(cells, lo, hi, tag, measures, near, size, count):
+    """Tag both halves of the list of a piece that no plane cuts; returns how many cells are ``near``."""
+    left, right = side_tags(lo, hi)
+    m, ones = hi - lo, (hi - lo) // 2
+    size[0], size[1], count[0], count[1] = 0.0, 0.0, m - ones, ones
+    for k in range(m):
+        i = cells[lo + k]
+        side = np.int64(k >= m - ones)
+        tag[i], near[k] = right if side else left, i
+        size[side] += measures[i]
+    return m
 
 
 @helper
@@ -52,16 +66,8 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
         ones += side
         near[m] = i
         m += abs(heights[k] - bar) * unit <= reach[i] + _ROUNDING * extent
-    if ones == 0 or ones == hi - lo:  # any halving will do
-        ones, below, above, m = (hi - lo) // 2, 0.0, 0.0, hi - lo
-        for k in range(m):
-            i = cells[lo + k]
-            side = np.int64(k >= m - ones)
-            tag[i], near[k] = right if side else left, i
-            above += side * measures[i]
-            below += (1 - side) * measures[i]
     size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
-    return m
+    return m if 0 < ones < hi - lo else tag_halves(cells, lo, hi, tag, measures, near, size, count)
 
 
 @helper

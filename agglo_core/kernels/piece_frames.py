@@ -8,7 +8,7 @@ from agglo_core.kernels.axes import planar_frame
 from agglo_core.kernels.compiling import helper
 from agglo_core.kernels.thresholds import centre_points
 
-__all__ = ["load_piece", "point_room", "principal_frame"]
+__all__ = ["diagonalise", "load_piece", "point_room", "principal_frame"]
 
 _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
 _TURNS = 6
@@ -94,7 +94,7 @@ def _turn(rows, i, j, angle):
 
 
 @helper
-def _diagonalise(a, frame):
+def diagonalise(a, frame):
     """Rows of ``frame``: eigenvectors of the symmetric matrix ``a (3, 3)``, by Jacobi's rotations."""
     for i in range(3):
         for j in range(3):
@@ -145,7 +145,7 @@ def principal_frame(n, planar, local, shares, frame):
         values[0, 0], values[0, 1], values[0, 2] = xx, xy, xz
         values[1, 0], values[1, 1], values[1, 2] = xy, yy, yz
         values[2, 0], values[2, 1], values[2, 2] = xz, yz, zz
-        _diagonalise(values, frame)
+        diagonalise(values, frame)
         _turn_to_least_fourth(n, local, shares, values, frame)
     seconds = np.empty(3)
     for i in range(3):

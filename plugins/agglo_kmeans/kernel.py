@@ -33,16 +33,10 @@ def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count,
         ones += side
         near[m] = i
         m += (abs(height) - _ROUNDING) * extent <= reach[i]
-    if not best > 0.0 or ones == 0 or ones == hi - lo:  # coincident centroids: any halving will do
-        ones, below, above, m = (hi - lo) // 2, 0.0, 0.0, hi - lo
-        for k in range(m):
-            i = cells[lo + k]
-            side = np.int64(k >= m - ones)
-            tag[i], near[k] = right if side else left, i
-            above += side * measures[i]
-            below += (1 - side) * measures[i]
     size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
-    return m
+    if best > 0.0 and 0 < ones < hi - lo:
+        return m
+    return piece_driver.tag_halves(cells, lo, hi, tag, measures, near, size, count)
 
 
 @kernel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import helper, kernel
+from agglo_core.authoring import helper, kernel, piece_frames
 
 __all__ = ["axes_to_try", "binned", "load_points", "means_room", "moments"]
 
@@ -146,29 +146,12 @@ def _planar_axes(x, y, w, n, second, frame, axes):
 
 @helper(allocates=True)
 def _spatial_axes(second, frame, axes):
-    """Fill ``axes`` with three principal and four diagonal directions, by Jacobi's rotations."""
+    """Fill ``axes`` with three principal and four diagonal directions."""
     a = np.empty((3, 3))
     a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
     a[1, 0], a[1, 1], a[1, 2] = second[2], second[4], second[5]
     a[2, 0], a[2, 1], a[2, 2] = second[3], second[5], second[6]
-    for i in range(3):
-        for j in range(3):
-            frame[i, j] = 1.0 if i == j else 0.0
-    for _ in range(8):
-        for p in range(2):
-            for q in range(p + 1, 3):
-                if abs(a[p, q]) <= 1e-15 * (abs(a[p, p]) + abs(a[q, q])):
-                    continue
-                angle = 0.5 * np.arctan2(2.0 * a[p, q], a[p, p] - a[q, q])
-                c, s = np.cos(angle), np.sin(angle)
-                for k in range(3):
-                    a[k, p], a[k, q] = c * a[k, p] + s * a[k, q], c * a[k, q] - s * a[k, p]
-                for k in range(3):
-                    a[p, k], a[q, k] = c * a[p, k] + s * a[q, k], c * a[q, k] - s * a[p, k]
-                    frame[p, k], frame[q, k] = (
-                        c * frame[p, k] + s * frame[q, k],
-                        c * frame[q, k] - s * frame[p, k],
-                    )
+    piece_frames.diagonalise(a, frame)
     most = 0
     for p in range(3):
         most = p if a[p, p] > a[most, most] else most
