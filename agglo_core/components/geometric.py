@@ -10,7 +10,6 @@ import numpy as np
 from agglo_core.arrays import Int, UInt64
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.median_growth import MedianGrowth
-from agglo_core.components.piece_growth import PieceGrowth
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import TIE, block_extents, principal_frames, split_at_median
 
@@ -48,9 +47,3 @@ class InertialBisection:
         """Return the sides ``(n,)``; ``seeds`` are not needed."""
         coordinates = principal_frames(level)[1]
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
-
-    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
-        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer."""
-        from agglo_core.kernels.piece_medians import split_across_axes
-
-        return PieceGrowth.for_components(graph, pieces, split_across_axes, refiners, fixer)

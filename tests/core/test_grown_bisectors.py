@@ -13,16 +13,12 @@ from toy_constraints import Line
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
-from agglo_core.graph.blocks import principal_frames, split_at_median
-from agglo_core.kernels import kernel
-from agglo_core.kernels.piece_frames import load_piece, point_room, principal_frame
-from agglo_core.kernels.piece_medians import halve
 from agglo_core.registry import default
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)
-PLANAR = ("inertial", "sweep", "gnn")
-SPATIAL = ("inertial", "sweep")
+PLANAR = ("sweep", "gnn")
+SPATIAL = ("sweep",)
 
 
 class DepthByDepth:
@@ -130,45 +126,3 @@ def test_a_bisector_that_looks_ahead_is_asked_depth_by_depth() -> None:
     mesh = samples.voronoi(60, seed=1)
     hierarchy = agglo.agglomerate(mesh, bisector=("gnn", {"lookahead": 3}), h_factor=4.0)
     assert "grow" not in hierarchy.statistics["seconds"]
-
-
-# --- the kernels, against obvious references --------------------------------------------------------------
-
-
-@kernel
-def halved(graph, cells, frame):
-    """Heights of the cells of a graph about the plane that halves them, and in how many places it was cut."""
-    n = len(cells)
-    room, score = point_room(n), np.empty(n)
-    load_piece(graph, cells, 0, n, (room,))
-    principal_frame(n, graph[3].shape[1] == 2, room[0], room[1], frame)
-    bar = halve(n, room[0], room[1], frame, score, np.empty(n, np.int32), np.empty(n), np.empty(256))
-    return score, bar
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.integers(2, 400), st.sampled_from([2, 3]), SEEDS, st.booleans())
-def test_a_piece_is_halved_as_a_block_is(n: int, dim: int, seed: int, lattice: bool) -> None:
-    rng = np.random.default_rng(seed)
-    graph = lumpy_graph(n, dim, seed)
-    points = rng.standard_normal((n, dim)) * (3.0, 2.0, 1.0)[:dim]
-    if lattice:  # whole numbers: many are equally high
-        points = np.rint(4 * points)
-        points[:, 0] *= 3.0
-    weights = rng.integers(0, 3, n) + 1e-3 * (not lattice)
-    block = agglo.Graph.from_arrays(graph.indptr, graph.indices, points, measures=weights, weights=weights)
-    frames, coordinates = principal_frames(block)
-    frame = np.empty((3, 3))
-    arrays = (block.indptr, block.indices, block.interface, block.centroids, block.measures, block.weights)
-    score, bar = halved((*arrays, np.zeros(n, np.float32), (1.0, 1.0)), np.arange(n, dtype=np.int32), frame)
-    clear = np.abs(np.sum(frame[0, :dim] * frames[0, 0])) > 1 - 1e-9  # not for moments that nearly agree
-    if not np.isfinite(bar) or not clear:
-        return
-    upper = score > bar
-    heaviest = weights.max() or 1.0
-    assert abs(weights[upper].sum() - weights[~upper].sum()) <= heaviest * (1 + 1e-9)
-    if not lattice:
-        usual = split_at_median(block, coordinates[:, 0], coordinates[:, 1:]) == 1
-        if frame[0, :dim] @ frames[0, 0] < 0:
-            usual = ~usual
-        assert np.count_nonzero(upper != usual) <= 1
