@@ -11,11 +11,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.graph import Graph
+from agglo_core.graph.connection import broken_parts
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
@@ -132,15 +132,7 @@ def _without_bad_moves(graph: Graph, before: Int, after: Int, limit: float) -> I
 
 def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float) -> Mask:
     """Which of the changed parts ``(k,)`` are disconnected, or wider than ``limit``."""
-    cells = np.flatnonzero(changed[labels])
-    bad = np.zeros(len(changed), bool)
-    whole = 2 * len(cells) > graph.n
-    if not whole or len(broken_blocks(graph, labels)):
-        some = graph.subgraph(cells, frozen_int([0, len(cells)]))
-        component = some.components(labels[cells])
-        part = np.zeros(int(component.max()) + 1, np.int64)
-        part[component] = labels[cells]
-        bad = np.bincount(part, minlength=len(changed)) > 1
+    bad = broken_parts(graph.indptr, graph.indices, labels, changed)
     if np.isfinite(limit):
-        bad |= graph.wide_parts(labels, limit, cells)
+        bad |= graph.wide_parts(labels, limit, changed)
     return bad

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Int, Mask, UInt64, frozen_int
+from agglo_core.arrays import Int, Mask, UInt64, frozen_int, label_order
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
@@ -81,13 +81,18 @@ class PieceGrowth:
         )
         self._shape = (graph.vertex_offsets, graph.vertices, graph.points)
         self._kernel, self._floor = kernel, floor
-        self._cells = np.argsort(pieces, kind="stable").astype(np.int32)
-        stops = np.cumsum(np.bincount(pieces))
-        self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
-        self._tag = np.full(graph.n, -2, np.int32)
+        self._tag = np.empty(graph.n, np.int32)
         self._marks = np.zeros((graph.n, 4), np.int32)
         self._local = np.zeros(graph.n, np.int32)
         self._stamp = 1
+        self.restart(pieces)
+
+    def restart(self, pieces: Int) -> None:
+        """Let these connected pieces ``(n,)`` be those that the next call splits."""
+        self._cells = label_order(pieces).astype(np.int32)
+        stops = np.cumsum(np.bincount(pieces))
+        self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
+        self._tag.fill(-2)
 
     @classmethod
     def for_components(
