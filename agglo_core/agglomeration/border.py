@@ -168,7 +168,8 @@ def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
     empty = np.flatnonzero(np.bincount(after, minlength=len(block)) == 0)
     if len(empty):
         raise PluginError(f"{member.title} emptied part {empty[0]}")
-    left = np.flatnonzero(block[after] != block[before])
+    moved = np.flatnonzero(after != before)
+    left = moved[block[after[moved]] != block[before[moved]]]
     if len(left):
         raise PluginError(f"{member.title} moved cell {left[0]} to a part of another block")
     return after

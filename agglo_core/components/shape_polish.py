@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,39 +29,57 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     No part is emptied or disconnected, none falls below ``floor`` times its measure, none gets wider than
     ``limit``.
     """
-    from agglo_core.kernels.part_order import ordered_parts
-    from agglo_core.kernels.shape_state import Cells, State, listed_cells, part_tally
+    from agglo_core.kernels.part_order import part_places
+    from agglo_core.kernels.shape_state import Cells, State, interface_cells, listed_cells, part_tally
     from agglo_core.kernels.shape_sweeps import sweep_slices
 
-    n, k = graph.n, len(block)
+    n, k, count = graph.n, len(block), int(block.max()) + 1
     geometry = graph.centroids, graph.weights, graph.measures
-    parts, order, starts, axes, shapes = ordered_parts(labels, block, int(block.max()) + 1, *geometry)
-    cells = Cells(graph.indptr, graph.indices, graph.interface, shapes, axes)
-    tally, blocks, due = part_tally(cells, parts, starts, floor)
-    room = np.zeros((n, 2), np.int32), np.zeros((k, 2)), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
-    state = State(parts, tally, blocks, due, *room)
+    parts, tally = part_tally(labels, k, *geometry, floor)
+    axes, places = part_places(block, count, tally)
+    rank, starts = _ranks(block, count, places)
+    cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
+    owner = block.astype(np.int32)
+    blocks, due = interface_cells(cells, parts, tally, owner)
+    by_turns = [_slices(starts, rank, shift, graph.dim) for shift in range(2)]
+    room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
+    state = State(parts, tally, blocks, due, *room, rank, owner, np.zeros((count, 2)), np.ones(count, bool))
     corners, reach = _reach(graph, parts, k, limit)
     threads = thread_count()
-    work = [_work(n) for _ in range(threads)]
-    unshifted_and_shifted = [slices(starts, shift, graph.dim) for shift in range(2)]
+    work = [_work(n, k) for _ in range(threads)]
     for sweep in range(_SWEEPS):
-        count = listed_cells(state, work[0], sweep, starts)
-        if count == 0:
+        slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
+        looked_at = listed_cells(state, work[0], sweep, before, alpha)
+        if looked_at == 0:
             break
-        shares = _shares(unshifted_and_shifted[sweep % 2], state.first, threads if count > _FEW else 1)
+        ranges = _shares(slices.rows, state.first, threads if looked_at > _FEW else 1)
 
-        def make(share: Int, own: Any, sweep: int = sweep) -> None:
-            sweep_slices(cells, state, own, share, sweep, alpha, limit, reach, corners)
+        def make(start: int, stop: int, own: Any, sweep: int = sweep, slices: Any = slices) -> None:
+            sweep_slices(cells, state, own, slices, start, stop, sweep, alpha, limit, reach, corners)
 
-        list(mapped(make, shares, work[: len(shares)]))
-    return frozen_int(order[parts])
+        list(mapped(make, *zip(*ranges, strict=True), work[: len(ranges)]))
+    return frozen_int(parts)
 
 
-def _work(n: int) -> Any:
+def _ranks(block: Int, count: int, places: Any) -> tuple[Any, Int]:
+    """Rank of each part, block by block and by their places there; the first rank of each block."""
+    rank = np.empty(len(block), np.int32)
+    rank[np.lexsort((places, block))] = np.arange(len(block), dtype=np.int32)
+    return rank, frozen_int(np.concatenate(([0], np.cumsum(np.bincount(block, minlength=count)))))
+
+
+def _work(n: int, k: int) -> Any:
     from agglo_core.kernels.shape_state import Work
 
-    queues = np.empty(n + 1, np.int32), np.empty(n + 1, np.int32)
-    return Work(*queues, np.empty(n), np.empty(n, np.int64), np.empty(n))
+    return Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n + 1), np.zeros(k))
+
+
+def _slices(starts: Int, rank: Any, shift: int, dim: int) -> Any:
+    from agglo_core.kernels.shape_state import Slices
+
+    rows = slices(starts, shift, dim)
+    number = np.repeat(np.arange(len(rows), dtype=np.int32), rows[:, 1] - rows[:, 0])[rank]
+    return Slices(rows, number, np.zeros((len(rows), 2)))
 
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
@@ -77,13 +96,14 @@ def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
     return corners, Reach(first, after, before, far, looks, extents, ends)
 
 
-def _shares(rows: Int, first: Any, count: int) -> list[Int]:
-    """The slices in at most ``count`` shares with about as many cells to be looked at."""
+def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
+    """The slices in at most ``count`` ranges with about as many cells to be looked at."""
     if count == 1 or len(rows) == 1:
-        return [rows]
+        return [(0, len(rows))]
     cells = first[rows[:, 1]]
     cuts = np.searchsorted(cells, cells[-1] * np.arange(1, count) / count)
-    return [share for share in np.split(rows, cuts) if len(share)]
+    ends = [0, *cuts.tolist(), len(rows)]
+    return [(start, stop) for start, stop in pairwise(ends) if start < stop]
 
 
 def slices(starts: Int, shift: int, dim: int) -> Int:

@@ -13,6 +13,7 @@ __all__ = [
     "dual_graph",
     "join_range",
     "join_ranges",
+    "numbered_as_met",
     "permute_graph",
     "take_rows",
 ]
@@ -86,6 +87,20 @@ def take_rows(offsets, values, order):
         for h in range(new_offsets[i], new_offsets[i + 1]):
             taken[h] = values[h + shift]
     return new_offsets, taken
+
+
+@kernel
+def numbered_as_met(values, count):
+    """Values below ``count`` renumbered as they first occur; and the old ones in that order."""
+    number, order = np.full(count, -1, np.int32), np.empty(count, np.int64)
+    renumbered, met = np.empty(len(values), np.int32), 0
+    for h in range(len(values)):
+        v = values[h]
+        if number[v] < 0:
+            number[v], order[met] = met, v
+            met += 1
+        renumbered[h] = number[v]
+    return renumbered, order[:met]
 
 
 @kernel

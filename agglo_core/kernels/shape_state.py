@@ -16,11 +16,16 @@ __all__ = [
     "ROOM",
     "SHARE",
     "Cells",
+    "Slices",
     "State",
     "Work",
+    "interface_cells",
     "listed_cells",
     "part_tally",
 ]
+
+_LITTLE = 5e-4
+"""A sweep that lowers the objective of a block by less than this share is the last one there."""
 
 _COLUMNS = 8  # of the sums of a part: they fill a line of the cache
 MASS, ROOM, FLOOR, CELLS, SHARE, CENTRE = 0, 1, 2, 3, 4, 5
@@ -28,12 +33,14 @@ MASS, ROOM, FLOOR, CELLS, SHARE, CENTRE = 0, 1, 2, 3, 4, 5
 
 
 class Cells(NamedTuple):
-    """Graph of the cells; weight, measure and centroid of each ``(n, 5)``; an axis of each block."""
+    """Graph of the cells; centroid, weight and measure of each; an axis of each block."""
 
     indptr: Any
     indices: Any
     interface: Any
-    shapes: Any
+    centroids: Any
+    weights: Any
+    measures: Any
     axes: Any
 
 
@@ -45,90 +52,116 @@ class State(NamedTuple):
     blocks: Any
     due: Any
     marks: Any
-    gains: Any
     first: Any
     listed: Any
+    rank: Any
+    owner: Any
+    gains: Any
+    going: Any
+
+
+class Slices(NamedTuple):
+    """First and last part by rank, and block, of each; the slice of each part; what moves in each gained."""
+
+    rows: Any
+    number: Any
+    gains: Any
 
 
 class Work(NamedTuple):
-    """Room for a thread: cells and their roots in a search; keys, rows and values of the cells of a part."""
+    """Room for a thread: cells and their roots in a search; keys of the cells of a part; shares of parts."""
 
     queue: Any
     root: Any
     keys: Any
-    rows: Any
-    read: Any
+    share: Any
 
 
 @kernel
-def part_tally(given, parts, starts, floor):
-    """What sweeps start from: sums of each part, inertia and interface of each block, cells on interfaces.
+def part_tally(labels, count, centroids, weights, measures, floor):
+    """Number of the part of each cell ``(n,)``, narrow, and the sums of each of ``count`` parts ``(k, 8)``.
 
-    Returns ``tally (k, 8)``, ``blocks (B, 2)`` and ``due (n,)``: 0 for the cells that the first sweep looks
-    at, else −1.
+    In the plane the third coordinate is 0.
     """
-    indptr, indices, interface, shapes, _ = given
-    n, k = len(parts), starts[-1]
-    tally, blocks = np.zeros((k, _COLUMNS)), np.zeros((len(starts) - 1, 2))
-    owner, due = np.empty(k, np.int32), np.empty(n, np.int8)
-    for b in range(len(blocks)):
-        for p in range(starts[b], starts[b + 1]):
-            owner[p] = b
+    n, solid = len(labels), centroids.shape[1] > 2
+    parts, tally = np.empty(n, np.int32), np.zeros((count, _COLUMNS))
     for i in range(n):
-        p = parts[i]
-        tally[p, MASS] += shapes[i, 0]
-        tally[p, ROOM] += shapes[i, 1]
+        p, w = labels[i], weights[i]
+        parts[i] = p
+        tally[p, MASS] += w
+        tally[p, ROOM] += measures[i]
         tally[p, CELLS] += 1.0
-        for a in range(3):
-            tally[p, CENTRE + a] += shapes[i, 0] * shapes[i, 2 + a]
-    for p in range(k):
+        tally[p, CENTRE] += w * centroids[i, 0]
+        tally[p, CENTRE + 1] += w * centroids[i, 1]
+        tally[p, CENTRE + 2] += w * centroids[i, 2] if solid else 0.0
+    for p in range(count):
         mass = tally[p, MASS]
         tally[p, FLOOR] = floor * tally[p, ROOM]
         for a in range(3):
             tally[p, CENTRE + a] = tally[p, CENTRE + a] / mass if mass > 0.0 else 0.0
+    return parts, tally
+
+
+@kernel
+def interface_cells(given, parts, tally, owner):
+    """Inertia and interface of each of ``count`` blocks ``(B, 2)``, and which cells the first sweep looks at.
+
+    These have 0 in ``due (n,)``, others −1.
+    """
+    n, count, solid = len(parts), len(given.axes), given.centroids.shape[1] > 2
+    several = count > 1
+    blocks, due = np.zeros((count, 2)), np.empty(n, np.int8)
     for i in range(n):
-        p = parts[i]
-        b, square, length = owner[p], 0.0, 0.0
-        edge = False
-        for a in range(3):
-            square += (shapes[i, 2 + a] - tally[p, CENTRE + a]) ** 2
-        for h in range(indptr[i], indptr[i + 1]):
-            q = parts[indices[h]]
-            other = (q != p) & (starts[b] <= q) & (q < starts[b + 1])  # no branch
-            edge |= other
-            length += interface[h] if other else 0.0
-        blocks[b, 0] += shapes[i, 0] * square
+        p, length, others = parts[i], 0.0, np.int64(0)
+        b = owner[p]
+        for h in range(given.indptr[i], given.indptr[i + 1]):
+            q = parts[given.indices[h]]
+            other = np.int64(q != p)
+            if several:
+                other &= owner[q] == b
+            others += other
+            length += given.interface[h] * other  # no branch: it would be mispredicted
+        square = (given.centroids[i, 0] - tally[p, CENTRE]) ** 2
+        square += (given.centroids[i, 1] - tally[p, CENTRE + 1]) ** 2
+        square += (given.centroids[i, 2] - tally[p, CENTRE + 2]) ** 2 if solid else 0.0
+        blocks[b, 0] += given.weights[i] * square
         blocks[b, 1] += 0.5 * length
-        due[i] = 0 if edge else -1
-    return tally, blocks, due
+        due[i] = 0 if others else -1
+    return blocks, due
 
 
 @kernel(allocates=False)
-def listed_cells(state, work, sweep, starts):
-    """List the cells due in this sweep part by part, those of part p from ``first[p]`` on; their number.
+def listed_cells(state, work, sweep, before, alpha):
+    """List the cells due in this sweep slice by slice, those of slice s from ``first[s]`` on; their number.
 
-    What the last sweep gained goes into ``blocks``.
+    What moves in the slices ``before`` gained goes into ``blocks``; those that gained little are done.
     """
+    for s in range(len(before.rows)):
+        for a in range(2):
+            state.gains[before.rows[s, 4], a] += before.gains[s, a]
+            before.gains[s, a] = 0.0
+    for b in range(len(state.blocks)):
+        inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
+        gain = state.gains[b, 0] * interface + alpha * inertia * state.gains[b, 1]
+        state.going[b] &= sweep == 0 or -gain > _LITTLE * inertia * interface
+        for a in range(2):
+            state.blocks[b, a] += state.gains[b, a]
+            state.gains[b, a] = 0.0
     count = np.int64(0)
     for i in range(len(state.parts)):
         work.queue[count] = i  # no branch: it would be mispredicted half the time
         count += state.due[i] == sweep
-    for b in range(len(state.blocks)):
-        for p in range(starts[b], starts[b + 1]):
-            state.first[p] = 0
-            for k in range(2):
-                state.blocks[b, k] += state.gains[p, k]
-                state.gains[p, k] = 0.0
-    state.first[starts[-1]] = 0
+    for r in range(len(state.first)):
+        state.first[r] = 0
     for c in range(count):
-        state.first[state.parts[work.queue[c]]] += 1
+        state.first[state.rank[state.parts[work.queue[c]]]] += 1
     filled = 0
-    for p in range(len(state.first)):
-        filled += state.first[p]
-        state.first[p] = filled
+    for r in range(len(state.first)):
+        filled += state.first[r]
+        state.first[r] = filled
     for c in range(count - 1, -1, -1):
         i = work.queue[c]
-        p = state.parts[i]
-        state.first[p] -= 1
-        state.listed[state.first[p]] = i
+        r = state.rank[state.parts[i]]
+        state.first[r] -= 1
+        state.listed[state.first[r]] = i
     return count

@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.reach import fits, take_in
 from agglo_core.kernels.ring_search import CROWD, REACH, connected
-from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, SHARE
+from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM
 
 __all__ = ["sweep_slices"]
 
@@ -22,80 +22,61 @@ _TIE = 1e-9
 
 
 @helper
-def _sort_listed(given, state, work, b, lo, hi):
-    """Put the cells listed from ``lo`` to ``hi`` in the order of their places (Shell's sort).
-
-    All that is needed of them is read beforehand, in loops in which no load waits for another.
-    """
-    for c in range(lo, hi):
-        i = state.listed[c]
-        key = 0.0
-        for a in range(3):
-            key += given.axes[b, a] * given.shapes[i, 2 + a]
-        work.keys[c - lo], work.rows[c - lo] = key, given.indptr[i]
-    for c in range(hi - lo):
-        row = work.rows[c]
-        work.read[c] = given.interface[row] + given.indices[row]
-    gap = (hi - lo) // 2 if hi - lo > 16 else 1
-    while gap > 0:
-        for c in range(gap, hi - lo):
-            i, key, j = state.listed[lo + c], work.keys[c], c
-            while j >= gap and work.keys[j - gap] > key:
-                work.keys[j] = work.keys[j - gap]
-                state.listed[lo + j] = state.listed[lo + j - gap]
-                j -= gap
-            work.keys[j], state.listed[lo + j] = key, i
-        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
-
-
-@helper
 def _square(given, state, i, p):
     """Square of the distance of cell i from the centre of part p."""
-    square = 0.0
-    for a in range(3):
-        square += (given.shapes[i, 2 + a] - state.tally[p, CENTRE + a]) ** 2
-    return square
+    x = given.centroids[i, 0] - state.tally[p, CENTRE]
+    y = given.centroids[i, 1] - state.tally[p, CENTRE + 1]
+    z = given.centroids[i, 2] - state.tally[p, CENTRE + 2] if given.centroids.shape[1] > 2 else 0.0
+    return x * x + y * y + z * z
 
 
 @helper
-def _best_move(given, state, bounds, scale, i, work):
-    """The part of the slice that cell i should move to, or −1, and what that adds to inertia and interface.
+def _beside(given, state, i, work):
+    """List the other parts beside cell i, and sum what it shares with each; how many, and with its own.
+
+    No branch: it would be mispredicted half the time. A part may be listed again if it shares nothing.
+    """
+    home, own, found = state.parts[i], 0.0, 0
+    for h in range(given.indptr[i], given.indptr[i + 1]):
+        p, length = state.parts[given.indices[h]], given.interface[h]
+        shared = work.share[p]
+        work.queue[found] = p
+        found += (p != home) & (shared == 0.0)
+        work.share[p] = shared + length
+    own, work.share[home] = work.share[home], 0.0
+    return found, own
+
+
+@helper
+def _best_move(given, state, s, slice_of, scale, i, work):
+    """The part of slice s that cell i should move to, or −1, and what that adds to inertia and interface.
 
     The last of the results: whether parts of its block beyond the slice are beside the cell.
     """
-    lo, hi, start, stop = bounds
-    home, own, total = state.parts[i], 0.0, 0.0
-    found, beyond = 0, False
-    for h in range(given.indptr[i], given.indptr[i + 1]):
-        p, length = state.parts[given.indices[h]], given.interface[h]
-        total += length
-        if p == home:
-            own += length
-        elif lo <= p < hi:
-            if state.tally[p, SHARE] == 0.0:
-                work.queue[found] = p
-                found += 1
-            state.tally[p, SHARE] += length
-        else:
-            beyond |= start <= p < stop
-    target, best, inertia, cut = np.int64(-1), 0.0, 0.0, 0.0
+    found, own = _beside(given, state, i, work)
+    target, best, inertia, cut, beyond = np.int64(-1), 0.0, 0.0, 0.0, False
     if found == 0:
         return target, inertia, cut, beyond
-    w = given.shapes[i, 0]
+    home, w = state.parts[i], given.weights[i]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
         lost = _square(given, state, i, home) * w * mass / (mass - w)
     length, energy = scale
     for m in range(found):
         p = np.int64(work.queue[m])
-        shared, state.tally[p, SHARE] = state.tally[p, SHARE], 0.0
+        shared, work.share[p] = work.share[p], 0.0
+        if slice_of[p] != s:
+            beyond |= state.owner[p] == state.owner[home]
+            continue
         mass, won = state.tally[p, MASS], 0.0
         if mass > 0.0:
             won = _square(given, state, i, p) * w * mass / (mass + w)
         change = length * (won - lost) + energy * (own - shared)
-        tie = _TIE * (length * (won + lost) + energy * total)
+        tie = _TIE * (length * (won + lost) + energy * (own + shared))
         first = target < 0
-        if change < (0.0 if first else best) - tie or (not first and change <= best + tie and p < target):
+        if change < (0.0 if first else best) - tie or (
+            not first and change <= best + tie and state.rank[p] < state.rank[target]
+        ):
             target, best, inertia, cut = p, change, won - lost, own - shared
     return target, inertia, cut, beyond
 
@@ -123,14 +104,14 @@ def _leaves_whole(given, state, i, target, work, stamp):
 @helper
 def _put(given, state, i, home, target):
     """Sums of the parts after cell i went from ``home`` to ``target``."""
-    w, measure = given.shapes[i, 0], given.shapes[i, 1]
+    w, measure = given.weights[i], given.measures[i]
     left, joined = state.tally[home, MASS] - w, state.tally[target, MASS] + w
-    for a in range(3):
-        x = given.shapes[i, 2 + a]
-        if left > 0.0:
-            state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * w / left
-        if joined > 0.0:
-            state.tally[target, CENTRE + a] += (x - state.tally[target, CENTRE + a]) * w / joined
+    less = w / left if left > 0.0 else 0.0
+    more = w / joined if joined > 0.0 else 0.0
+    for a in range(given.centroids.shape[1]):
+        x = given.centroids[i, a]
+        state.tally[home, CENTRE + a] -= (x - state.tally[home, CENTRE + a]) * less
+        state.tally[target, CENTRE + a] += (x - state.tally[target, CENTRE + a]) * more
     state.tally[home, MASS], state.tally[target, MASS] = left, joined
     state.tally[home, ROOM] -= measure
     state.tally[target, ROOM] += measure
@@ -138,44 +119,78 @@ def _put(given, state, i, home, target):
     state.tally[target, CELLS] += 1.0
 
 
-@kernel(allocates=False)
-def sweep_slices(given, state, work, slices, sweep, alpha, limit, reach, corners):
-    """Look once at each cell that is due in the slices; returns how many moved.
+@helper
+def _sort_listed(given, state, work, b, start, stop):
+    """Put the cells listed from ``start`` to ``stop`` in the order of their places (Shell's sort)."""
+    for c in range(start, stop):
+        i = state.listed[c]
+        key = given.axes[b, 0] * given.centroids[i, 0] + given.axes[b, 1] * given.centroids[i, 1]
+        if given.centroids.shape[1] > 2:
+            key += given.axes[b, 2] * given.centroids[i, 2]
+        work.keys[c - start] = key
+    gap = (stop - start) // 2 if stop - start > 16 else 1
+    while gap > 0:
+        for c in range(gap, stop - start):
+            i, key, j = state.listed[start + c], work.keys[c], c
+            while j >= gap and work.keys[j - gap] > key:
+                work.keys[j] = work.keys[j - gap]
+                state.listed[start + j] = state.listed[start + j - gap]
+                j -= gap
+            work.keys[j], state.listed[start + j] = key, i
+        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
 
-    Each row of ``slices`` is: first part, last part plus 1, and the same of its block, and the block. Moves
-    lower inertia times interface to the power ``alpha``, of which the slopes stay for the sweep those of
-    ``blocks``. ``gains (k, 2)`` become what moves from each part added to inertia and interface. In a part,
-    cells are taken by their places, so that their numbering does not matter.
+
+@helper
+def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
+    """Whether cell i may go to part ``target``; then it is there."""
+    home = state.parts[i]
+    if state.tally[home, CELLS] < 2.0:
+        return False
+    if state.tally[home, ROOM] - given.measures[i] < state.tally[home, FLOOR]:
+        return False
+    if not fits(i, target, state.parts, reach, limit, corners):
+        return False
+    return _leaves_whole(given, state, i, target, work, stamp)
+
+
+@kernel(allocates=False)
+def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
+    """Look once at each cell that is due in the slices from ``start`` to ``stop``; returns how many moved.
+
+    Moves lower inertia times interface to the power ``alpha``, of which the slopes stay for the sweep those
+    of ``blocks``. The gains of a slice become what its moves added to inertia and interface. In a part, cells
+    are taken by their places, so that their numbering does not matter.
     """
     n = np.int64(len(state.parts))
     stamp, moved = sweep * (n + 1), np.int64(0)
-    for s in range(len(slices)):
-        lo, hi, start, stop, b = slices[s, 0], slices[s, 1], slices[s, 2], slices[s, 3], slices[s, 4]
+    for s in range(start, stop):
+        lo, hi, b = slices.rows[s, 0], slices.rows[s, 1], slices.rows[s, 4]
+        if not state.going[b]:
+            continue
         scale = (state.blocks[b, 1], alpha * state.blocks[b, 0])
-        for home in range(lo, hi):
-            _sort_listed(given, state, work, b, state.first[home], state.first[home + 1])
-            for c in range(state.first[home], state.first[home + 1]):
+        for r in range(lo, hi):
+            first, last = state.first[r], state.first[r + 1]
+            if first == last:
+                continue
+            _sort_listed(given, state, work, b, first, last)
+            for c in range(first, last):
                 i = state.listed[c]
-                bounds = (lo, hi, start, stop)
-                target, inertia, cut, beyond = _best_move(given, state, bounds, scale, i, work)
+                home = state.parts[i]
+                target, inertia, cut, beyond = _best_move(given, state, s, slices.number, scale, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
-                if target < 0 or state.tally[home, CELLS] < 2.0:
-                    continue
-                if state.tally[home, ROOM] - given.shapes[i, 1] < state.tally[home, FLOOR]:
-                    continue
-                if not fits(i, target, state.parts, reach, limit, corners):
+                if target < 0:
                     continue
                 stamp += 1
-                if not _leaves_whole(given, state, i, target, work, stamp):
+                if not _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
                     continue
                 _put(given, state, i, home, target)
                 take_in(i, home, target, reach, limit, corners)
-                state.gains[home, 0] += inertia
-                state.gains[home, 1] += cut
+                slices.gains[s, 0] += inertia
+                slices.gains[s, 1] += cut
                 moved += 1
                 for h in range(given.indptr[i], given.indptr[i + 1]):
                     j = given.indices[h]
                     p = state.parts[j]
-                    if start <= p < stop and not (lo <= p < hi and state.due[j] == sweep):
+                    if state.owner[p] == b and not (slices.number[p] == s and state.due[j] == sweep):
                         state.due[j] = sweep + 1
     return moved

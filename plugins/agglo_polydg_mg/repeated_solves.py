@@ -136,7 +136,7 @@ class RepeatedSolves:
         return solution
 
     def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
-        """Iterate with the levels there are, then as far as needed with fresh ones, then in double."""
+        """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
         histories = self._started(task, watch)
         if self._kept is not None:
             most = self._most
@@ -147,9 +147,8 @@ class RepeatedSolves:
                 return histories
         self._renew(task, watch, progress, "setting up the levels")
         histories = self._iterate(task, self._most, histories, watch, progress)
-        if task.single and any(each.preconditioner_failed for each in histories):
-            task.in_double()
-            self._renew(task, watch, progress, "setting up the levels in double precision")
+        while any(each.preconditioner_failed for each in histories) and task.retreat():
+            self._renew(task, watch, progress, "setting up other levels")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
@@ -184,7 +183,7 @@ class RepeatedSolves:
         progress: Listener | None,
     ) -> list[History]:
         """Histories of all columns, at most so many iterations together with those done before."""
-        left = most - max((each.iterations for each in before or () if not each.converged), default=0)
+        left = most - max((each.iterations for each in before or () if not each.final), default=0)
         M = multigrid.cycle(self._kept, task.cycle)
         with watch("solve"), phase(progress, "solving") as tell:
             found = task.iterate(M, self._tolerance, left, before, tell)
@@ -192,7 +191,7 @@ class RepeatedSolves:
 
     def _judge(self, histories: list[History]) -> None:
         """Keep the solutions for the next system, and the levels if they serve."""
-        if not all(each.converged for each in histories):
+        if not all(each.final for each in histories):
             self._kept, self._earlier = None, []
             return
         self._earlier = [*self._earlier[1 - KEPT :], [each.x for each in histories]]
@@ -206,7 +205,7 @@ class RepeatedSolves:
 
 
 def _finished(histories: list[History], most: int) -> bool:
-    return all(each.converged or each.iterations >= most for each in histories)
+    return all(each.final or each.iterations >= most for each in histories)
 
 
 def _digits(history: History) -> float:

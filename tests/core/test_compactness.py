@@ -53,11 +53,17 @@ class SlowPolish:
     def beside(self, i: int) -> np.ndarray:
         return self.graph.indices[self.graph.indptr[i] : self.graph.indptr[i + 1]]
 
+    def centres(self) -> np.ndarray:
+        weights = self.graph.weights[:, None] * (self.labels[:, None] == np.arange(len(self.block)))
+        return weights.T @ self.graph.centroids / weights.sum(axis=0)[:, None]
+
     def axis(self, b: int) -> np.ndarray:
-        cells = np.flatnonzero(self.block[self.labels] == b)
-        weights, x = self.graph.weights[cells, None], self.graph.centroids[cells]
+        """Third moment of the centres of the parts."""
+        weights = np.bincount(self.labels, self.graph.weights)[self.block == b, None]
+        x = self.centres()[self.block == b]
         x = x - (weights * x).sum(axis=0) / weights.sum()
-        return (weights * (x**2).sum(axis=1)[:, None] * x).sum(axis=0)
+        moment = (weights * (x**2).sum(axis=1)[:, None] * x).sum(axis=0)
+        return moment if len(x) > 1 else 1 / (1 + np.sqrt(2) * np.arange(x.shape[1]))
 
     def inertia(self, labels: np.ndarray, b: int) -> float:
         values = OBJECTIVES["compactness"].of_parts(self.graph, frozen_int(labels))
@@ -108,22 +114,29 @@ class SlowPolish:
 
     def run(self) -> np.ndarray:
         place = (self.axes[self.block[self.labels]] * self.graph.centroids).sum(axis=1)
-        means = np.bincount(self.labels, place) / np.bincount(self.labels)
-        order = np.lexsort((means, self.block))
+        order = np.lexsort(((self.axes[self.block] * self.centres()).sum(axis=1), self.block))
         self.rank = np.argsort(order)
         starts = frozen_int(np.searchsorted(self.block[order], np.arange(self.block.max() + 2)))
-        due = set(range(self.graph.n))
+        due, going = set(range(self.graph.n)), set(range(len(starts) - 1))
         for sweep in range(12):
-            slopes = [
-                (self.inertia(self.labels, b), self.interface(self.labels, b)) for b in range(len(starts) - 1)
-            ]
+            slopes = self.slopes(len(starts) - 1)
             listed = [sorted((i for i in due if self.labels[i] == p), key=place.__getitem__) for p in order]
             due = set()
             for lo, hi, *_, b in slices(starts, sweep % 2, self.graph.dim):
-                pending = [i for own in listed[lo:hi] for i in own]
+                pending = [i for own in listed[lo:hi] for i in own if b in going]
                 while pending:
-                    due |= self.looked_at(pending.pop(0), pending, np.array(slopes), range(lo, hi), b)
+                    due |= self.looked_at(pending.pop(0), pending, slopes, range(lo, hi), b)
+            inertia, interface = slopes.T
+            change = self.slopes(len(starts) - 1) - slopes
+            gains = -change[:, 0] * interface - SHORTNESS * inertia * change[:, 1]
+            going &= set(np.flatnonzero(gains > 5e-4 * inertia * interface))
         return self.labels
+
+    def slopes(self, blocks: int) -> np.ndarray:
+        """Inertia and interface of each block."""
+        return np.array(
+            [(self.inertia(self.labels, b), self.interface(self.labels, b)) for b in range(blocks)]
+        )
 
     def looked_at(self, i: int, pending: list[int], slopes: np.ndarray, among: range, b: int) -> set[int]:
         """Move cell i if that pays; which cells are to be looked at in the next sweep."""
