@@ -113,13 +113,14 @@ def slices(starts: Int, shift: int, dim: int) -> Int:
     others without.
     """
     counts = np.diff(starts)
-    strips = np.clip(counts ** (1.0 / dim) / _WIDTH, 1.0, 16.0).astype(np.int64)
+    strips = np.minimum(np.maximum(counts ** (1.0 / dim) / _WIDTH, 1.0), 16.0).astype(np.int64)
     shifts = np.where(strips > 1, shift, 0)
     rows = strips + shifts
     block = np.repeat(np.arange(len(counts)), rows)
     place = 2 * (np.arange(len(block)) - (np.cumsum(rows) - rows)[block]) - shifts[block]
     size, first = counts[block], starts[:-1][block]
-    ends = [first + np.clip(size * each // (2 * strips[block]), 0, size) for each in (place, place + 2)]
+    width = 2 * strips[block]
+    ends = [first + np.minimum(np.maximum(size * each // width, 0), size) for each in (place, place + 2)]
     return frozen_int(np.stack((*ends, first, first + size, block), axis=1))
 
 

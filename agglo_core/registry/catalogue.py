@@ -140,6 +140,10 @@ class Registry:
             return usable[0]
         raise PluginError(self._unknown(kind, name))
 
+    def declares(self, kind: str, name: str) -> bool:
+        """Whether a component of this name is declared, whatever its state: asked at each run."""
+        return any(r.kind == kind and r.name == name for plugin in self._plugins for r in plugin.records)
+
     def level_done(self, info: Mapping[str, Any]) -> None:
         """Tell every plugin that watches runs how far one has come.
 

@@ -40,6 +40,8 @@ _MOST: Final = 1e-10
 class DiffusionTask:
     """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
 
+    A ``plan`` is that of levels which are there already; without one it is made when first asked for.
+
     Raises
     ------
     OptionError, MeshError
@@ -54,6 +56,7 @@ class DiffusionTask:
         wishes: Wishes,
         count: int | None,
         basis: Basis | None = None,
+        plan: Plan | None = None,
     ) -> None:
         self.problem, self.hierarchy, self.count = problem, hierarchy, count
         self._penalty, self._wishes = how.penalty, wishes
@@ -61,7 +64,18 @@ class DiffusionTask:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
         self.basis = basis or how.basis(hierarchy.fine)
         self.fine = fine_system(problem, hierarchy, how, self.basis)
-        self.plan: Plan = plan_for(problem, self.fine, self.basis, wishes)
+        self._plan = plan
+
+    @property
+    def plan(self) -> Plan:
+        """How the levels are made."""
+        if self._plan is None:
+            self._plan = plan_for(self.problem, self.fine, self.basis, self._wishes)
+        return self._plan
+
+    def forget_plan(self) -> None:
+        """Levels are made anew, for this problem."""
+        self._plan = None
 
     @property
     def A(self) -> Any:
@@ -97,7 +111,7 @@ class DiffusionTask:
         """Go on in double precision."""
         if self.single:
             reason = f"{self.plan.reason}; double precision took over"
-            self.plan = replace(self.plan, dtype=np.float64, reason=reason)
+            self._plan = replace(self.plan, dtype=np.float64, reason=reason)
 
     def retreat(self) -> bool:
         """Go on in double precision or, if that is what failed, by patches if the recipe was not fixed.
@@ -111,8 +125,8 @@ class DiffusionTask:
             return False
         failed = f"{self.plan.reason}, which failed"
         other = Wishes("patches", self._wishes.cycle, "double")
-        self.plan = plan_for(self.problem, self.fine, self.basis, other)
-        self.plan = replace(self.plan, reason=f"{self.plan.reason} in place of: {failed}")
+        plan = plan_for(self.problem, self.fine, self.basis, other)
+        self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
         self.__dict__.pop("labels", None)  # levels that the recipe before did without
         return True
 
@@ -142,7 +156,9 @@ class DiffusionTask:
                 return self.plan.stack(self.problem, self._raised(more), self.basis, self.labels)
             except np.linalg.LinAlgError:
                 self.in_double()
-        self.plan = replace(self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}")
+        self._plan = replace(
+            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}"
+        )
         try:
             return self.plan.stack(self.problem, self._raised(_MOST), self.basis, self.labels)
         except np.linalg.LinAlgError:

@@ -116,6 +116,9 @@ class LinearTask:
         if self.single:
             self.dtype, self._doubled = np.float64, "; double precision took over"
 
+    def forget_plan(self) -> None:
+        """Levels are made as ever."""
+
     def retreat(self) -> bool:
         """Go on in double precision; False if that is what failed."""
         single = self.single
