@@ -208,7 +208,7 @@ class BlockGraph:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
         from agglo_core.kernels.graphs import components
 
-        parts = frozen_int(np.zeros(self.n) if labels is None else labels)
+        parts = frozen_int(np.zeros(self.n, np.int64) if labels is None else labels)
         if parts.shape != (self.n,) or parts.min() < 0:
             raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
         if labels is None and parts_connected(self.indptr, self.indices, parts):
