@@ -70,12 +70,7 @@ if TYPE_CHECKING:
     from agglo_core.io.system_files import read_system, write_system
     from agglo_core.kernels import helper, kernel, piece_driver, piece_frames, piece_splits, piece_sweeps
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
-    from agglo_core.kernels.thresholds import (
-        NO_CUT,
-        axes_block,
-        centre_block,
-        scan_thresholds,
-    )
+    from agglo_core.kernels.thresholds import NO_CUT, axes_block, centre_block, scan_thresholds
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
     from agglo_core.multigrid.krylov import pcg, pcg_columns
@@ -92,6 +87,7 @@ if TYPE_CHECKING:
         Solution,
         System,
     )
+    from agglo_core.problems.backward_error import limit_told
     from agglo_core.problems.conjugate_gradients import MET, TESTS, History, conjugate_gradients, iterated
     from agglo_core.problems.real_system import symmetric_system
     from agglo_core.problems.sizes import energy_of_solution, relative_size, size_ratio, two_norm
@@ -127,6 +123,7 @@ agglomeration.recursion: grow
 agglomeration.run: Run
 registry.attribution: Member attributed
 registry.code_options: ImportPath
+problems.backward_error: limit_told
 problems.conjugate_gradients: MET TESTS History conjugate_gradients iterated
 problems.sizes: energy_of_solution relative_size size_ratio two_norm
 problems.real_system: symmetric_system
@@ -245,6 +242,7 @@ __all__ = [
     "iterated",
     "kernel",
     "labelled",
+    "limit_told",
     "load_mesh",
     "metrics_option",
     "multigrid",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
-from agglo_core.agglomeration.growth import Growth, GrowthToSize
+from agglo_core.agglomeration.growth import Growth, GrowthToSize, RestartedGrowth
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.quotas import apportion
 from agglo_core.agglomeration.run import Run
@@ -15,6 +15,7 @@ from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import phase
+from agglo_core.registry.attribution import attributed
 
 __all__ = ["grown_levels"]
 
@@ -33,15 +34,23 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
     result: list[Int] = []
     for stage, goal in enumerate(reversed(goals)):
         own = run.on_level(stage, len(goals))
-        growth = growth or run.growth(graph, labels)
+        if stage and post.active:
+            growth = _restarted(graph, labels, growth, own)
         if growth is None:
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
         parts = _split(graph, labels, goal, growth, own, stage)
         labels = post.apply(graph, labels, parts, goal, own, stage)
-        if post.active:
-            growth = None  # of other pieces
         result.append(labels)
     return result[::-1]
+
+
+def _restarted(graph: Graph, pieces: Int, growth: Growth, run: Run) -> Growth | None:
+    """Growth of other pieces than those of the last call."""
+    if not isinstance(growth, RestartedGrowth):
+        return run.growth(graph, pieces)
+    with attributed(run.bisector.title):
+        growth.restart(pieces)
+    return growth
 
 
 def _serves(growth: Growth, goal: Goal) -> bool:

@@ -9,7 +9,7 @@ from agglo_core.arrays import Int, UInt64
 from agglo_core.graph import Graph
 from agglo_core.progress import Tell
 
-__all__ = ["Growing", "Growth", "GrowthToSize"]
+__all__ = ["Growing", "Growth", "GrowthToSize", "RestartedGrowth"]
 
 
 class Growth(Protocol):
@@ -31,6 +31,14 @@ class GrowthToSize(Growth, Protocol):
 
     def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split the pieces until none but single cells is wider than ``limit``; returns as ``split``."""
+
+
+@runtime_checkable
+class RestartedGrowth(Growth, Protocol):
+    """Optional: growth that goes on from other pieces of its graph, and need not be made anew."""
+
+    def restart(self, pieces: Int) -> None:
+        """Let the connected ``pieces (n,)`` be those that the next call splits."""
 
 
 @runtime_checkable

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from agglo_core.agglomeration.goals import Goal
 from agglo_core.agglomeration.kway import kway_levels
@@ -24,13 +25,21 @@ def ordered_levels(
     """Labels ``(n,)`` of each level, finest first, numbered by first cell."""
     with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
         order = curve_order(graph.centroids)
-        ordered = graph.subgraph(order, frozen_int([0, graph.n]))
+        ordered = _with_points_as_met(graph.subgraph(order, frozen_int([0, graph.n])))
     result = []
     for labels in _levels(ordered, goals, run, post, kway=kway, nested=nested):
         given = labels.copy()
         given[order] = labels
         result.append(by_first_cell(given))
     return result
+
+
+def _with_points_as_met(graph: Graph) -> Graph:
+    """The graph with its points in the order in which the cells have them: near in memory, too."""
+    from agglo_core.kernels.graphs import numbered_as_met
+
+    vertices, points = numbered_as_met(graph.vertices, len(graph.points))
+    return replace(graph, vertices=vertices, points=graph.points.take(points, axis=0))
 
 
 def _levels(

@@ -11,11 +11,11 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.graph import Graph
+from agglo_core.graph.connection import broken_parts
 from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import Tell, phase
 from agglo_core.protocols import Target
@@ -142,15 +142,10 @@ def _without_bad_moves(
 
 def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float, connected: bool) -> Mask:
     """Which of the changed parts ``(k,)`` are wider than ``limit``, or disconnected if they may be."""
-    sized, whole = np.isfinite(limit), 2 * np.count_nonzero(changed) > len(changed)
-    cells = np.flatnonzero(changed[labels]) if sized or not whole else np.arange(0)
-    bad = np.zeros(len(changed), bool)
-    if not connected and (not whole or len(broken_blocks(graph, labels))):
-        some = graph.subgraph(cells, frozen_int([0, len(cells)]))
-        component = some.components(labels[cells])
-        part = np.zeros(int(component.max()) + 1, np.int64)
-        part[component] = labels[cells]
-        bad = np.bincount(part, minlength=len(changed)) > 1
+    if connected:
+        bad = np.zeros(len(changed), bool)
+    else:
+        bad = broken_parts(graph.indptr, graph.indices, labels, changed)
     if np.isfinite(limit):
-        bad |= graph.wide_parts(labels, limit, cells)
+        bad |= graph.wide_parts(labels, limit, changed)
     return bad

@@ -10,8 +10,9 @@ import numpy as np
 from agglo_core.arrays import Int, UInt64
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.median_growth import MedianGrowth
+from agglo_core.components.piece_growth import PieceGrowth
 from agglo_core.graph import Graph
-from agglo_core.graph.blocks import TIE, block_extents, principal_frames, split_at_median
+from agglo_core.graph.blocks import TIE, block_extents, split_at_median
 
 __all__ = ["CoordinateBisection", "InertialBisection"]
 
@@ -45,5 +46,16 @@ class InertialBisection:
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Return the sides ``(n,)``; ``seeds`` are not needed."""
-        coordinates = principal_frames(level)[1]
+        from agglo_core.kernels.ordered_frames import frames_of_blocks
+
+        coordinates = frames_of_blocks(level.offsets, level.centroids, level.weights)[1]
         return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
+
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
+        """The same splits in one call, with the built-in refiner or none and the built-in fixer.
+
+        Every split is tested and mended, small ones too, as depth by depth.
+        """
+        from agglo_core.kernels.piece_medians import split_across_axes
+
+        return PieceGrowth.for_components(graph, pieces, split_across_axes, refiners, fixer, tiny=0)

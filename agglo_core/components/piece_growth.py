@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Int, Mask, UInt64, frozen_int
+from agglo_core.arrays import Int, Mask, UInt64, frozen_int, label_order
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
@@ -64,9 +64,13 @@ class PieceGrowth:
         Kernels of the module ``piece_splits`` do all but the cut.
     floor : float
         Of the refinement; negative for none.
+    tiny : int
+        Pieces of at most so many cells are split to the end before connections are tested.
     """
 
-    def __init__(self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float) -> None:
+    def __init__(
+        self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float, tiny: int = _TINY
+    ) -> None:
         from agglo_core.kernels.piece_splits import reach_of_cells, units_of
 
         self._graph = (
@@ -80,24 +84,35 @@ class PieceGrowth:
             units_of(graph.centroids, graph.weights),
         )
         self._shape = (graph.vertex_offsets, graph.vertices, graph.points)
-        self._kernel, self._floor = kernel, floor
-        self._cells = np.argsort(pieces, kind="stable").astype(np.int32)
-        stops = np.cumsum(np.bincount(pieces))
-        self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
-        self._tag = np.full(graph.n, -2, np.int32)
+        self._kernel, self._floor, self._tiny = kernel, floor, tiny
+        self._tag = np.empty(graph.n, np.int32)
         self._marks = np.zeros((graph.n, 4), np.int32)
         self._local = np.zeros(graph.n, np.int32)
         self._stamp = 1
+        self.restart(pieces)
+
+    def restart(self, pieces: Int) -> None:
+        """Let these connected pieces ``(n,)`` be those that the next call splits."""
+        self._cells = label_order(pieces).astype(np.int32)
+        stops = np.cumsum(np.bincount(pieces))
+        self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
+        self._tag.fill(-2)
 
     @classmethod
     def for_components(
-        cls, graph: Graph, pieces: Int, kernel: Callable[..., None], refiners: Sequence[Any], fixer: Any
+        cls,
+        graph: Graph,
+        pieces: Int,
+        kernel: Callable[..., None],
+        refiners: Sequence[Any],
+        fixer: Any,
+        tiny: int = _TINY,
     ) -> PieceGrowth | None:
         """Growth that does what these components do; None unless they are the built-in ones."""
         known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
         if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
             return None
-        return cls(graph, pieces, kernel, known[0] if known else -1.0)
+        return cls(graph, pieces, kernel, known[0] if known else -1.0, tiny)
 
     def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split piece i into ``quotas[i]`` connected pieces; see Growth."""
@@ -149,7 +164,7 @@ class PieceGrowth:
         """
         from agglo_core.kernels.piece_splits import broken_pieces
 
-        tiny, stamp = self._advance(batch, leaf, tally, (limit, _TINY, _CHECKED))
+        tiny, stamp = self._advance(batch, leaf, tally, (limit, self._tiny, _CHECKED))
         stamp = self._advance(tiny, leaf, tally, (limit, 0, _UNCHECKED), stamp=stamp)[1]
         indptr, indices = self._graph[:2]
         again = tiny[broken_pieces(tiny, self._cells, indptr, indices, self._tag, leaf, self._local)]

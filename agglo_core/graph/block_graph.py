@@ -23,7 +23,7 @@ from agglo_core.arrays import (
 )
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import parts_connected
-from agglo_core.mesh import check_labels, compared_diameters, diameters_of
+from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
 __all__ = ["BlockGraph"]
@@ -192,19 +192,17 @@ class BlockGraph:
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
-    def wide_parts(self, labels: ArrayLike, limit: float, cells: Int | None = None) -> Mask:
+    def wide_parts(self, labels: ArrayLike, limit: float, asked: Mask | None = None) -> Mask:
         """Whether each part ``(k,)``, labels 0..k−1, is wider than ``limit``: faster than all diameters.
 
-        With ``cells``, which make up some of the parts, the others are not looked at, and not wide.
+        With ``asked (k,)`` others than those parts are not looked at, and not wide.
         """
-        array = check_labels(labels, self.n)
-        k = int(array.max()) + 1
-        own = array if cells is None else array[cells]
-        order = label_order(own)
-        in_parts = frozen_int(order if cells is None else cells[order])
-        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(own, minlength=k)))))
-        limits, shape = frozen_float([limit]), (self.vertex_offsets, self.vertices, self.points)
-        return np.asarray(compared_diameters(offsets, in_parts, *shape, limits) > limit)
+        array = frozen_int(labels)
+        k = int(array.max(initial=-1)) + 1 if asked is None else len(asked)
+        if array.shape != (self.n,) or array.min(initial=0) < 0 or array.max(initial=-1) >= k:
+            raise MeshError(f"labels must be ({self.n},) integers in 0..{k - 1}, given shape {array.shape}")
+        which = np.ones(k, bool) if asked is None else asked
+        return wide_parts(array, which, limit, self.vertex_offsets, self.vertices, self.points)
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Index, Int, frozen_index, frozen_int
+from agglo_core.arrays import Index, Int, Mask, frozen_index, frozen_int
 from agglo_core.threads import over_ranges, ranges
 
-__all__ = ["parts_connected"]
+__all__ = ["broken_parts", "parts_connected"]
 
 
 def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
@@ -38,3 +38,22 @@ def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
 
     later = frozen_index(np.concatenate(over_ranges(join, n, shares=1)))
     return bool(join_ranges(later, indptr, indices, given, parent))
+
+
+def broken_parts(indptr: Int, indices: Index, labels: Int, asked: Mask) -> Mask:
+    """Which of the parts ``asked (k,)`` are not connected; the labels ``(n,)`` are below k.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> graph = samples.squares(2).graph
+    >>> broken_parts(graph.indptr, graph.indices, np.array([0, 1, 1, 0]), np.array([True, False]))
+    array([ True, False])
+    """
+    from agglo_core.kernels import part_faults
+
+    n, given = len(labels), frozen_int(labels)
+    if len(ranges(n, shares=1)) > 1 and parts_connected(indptr, indices, given):
+        return np.zeros(len(asked), bool)
+    broken: Mask = part_faults.broken_parts(indptr, indices, given, asked)
+    return broken

@@ -13,6 +13,7 @@ __all__ = [
     "dual_graph",
     "join_range",
     "join_ranges",
+    "numbered_as_met",
     "permute_graph",
     "take_rows",
 ]
@@ -89,6 +90,20 @@ def take_rows(offsets, values, order):
 
 
 @kernel
+def numbered_as_met(values, count):
+    """Values below ``count`` renumbered as they first occur; and the old ones in that order."""
+    number, order = np.full(count, -1, np.int32), np.empty(count, np.int64)
+    renumbered, met = np.empty(len(values), np.int32), 0
+    for h in range(len(values)):
+        v = values[h]
+        if number[v] < 0:
+            number[v], order[met] = met, v
+            met += 1
+        renumbered[h] = number[v]
+    return renumbered, order[:met]
+
+
+@kernel
 def child_order(offsets, sides):
     """Nodes with side 0 before side 1 in each block, order kept; and the offsets of the children."""
     order = np.empty(len(sides), np.int64)
@@ -141,34 +156,32 @@ def components(indptr, indices, labels):
 
 @kernel
 def broken_blocks(offsets, indptr, indices, labels):
-    """Which blocks have a part that is not connected, by union-find: faster than a search."""
-    parent = np.empty(len(labels), np.int32)
-    highest = -1
-    for i in range(len(labels)):  # labels.max() compiles for half a second
+    """Which blocks have a part that is not connected."""
+    n, highest = len(labels), -1
+    waiting, queue = np.empty(n, np.int32), np.empty(n + 1, np.int32)  # −1 once a node is reached
+    for i in range(n):  # labels.max() compiles for half a second
+        waiting[i] = labels[i]
         highest = max(highest, labels[i])
     seen = np.full(highest + 1, -1, np.int64)
     broken = np.empty(len(offsets) - 1, np.bool_)
     for b in range(len(broken)):
-        for i in range(offsets[b], offsets[b + 1]):
-            own, root = labels[i], np.int32(i)
-            parent[i] = root
-            for h in range(indptr[i], indptr[i + 1]):
-                j = indices[h]
-                joined = (j < i) & (labels[j] == own)
-                other = parent[j] if joined else root  # a branch would be mispredicted half the time
-                if other == root:
-                    continue
-                while parent[other] != other:
-                    other = parent[other]
-                if other != root:
-                    root, child = min(root, other), max(root, other)
-                    parent[child] = root
-            parent[i] = root
         broken[b] = False
-        for i in range(offsets[b], offsets[b + 1]):
-            if parent[i] == i:  # a component; a second one of its part?
-                broken[b] |= seen[labels[i]] == b
-                seen[labels[i]] = b
+        for seed in range(offsets[b], offsets[b + 1]):
+            own = waiting[seed]
+            if own < 0:
+                continue
+            broken[b] |= seen[own] == b  # a second component of its part
+            seen[own], waiting[seed], queue[0] = b, -1, seed
+            done, filled = 0, 1
+            while done < filled:
+                i = queue[done]
+                done += 1
+                for h in range(indptr[i], indptr[i + 1]):
+                    j = indices[h]
+                    found = waiting[j] == own
+                    queue[filled] = j  # kept only if found; a branch would be mispredicted half the time
+                    waiting[j] = -1 if found else waiting[j]
+                    filled += found
     return broken
 
 

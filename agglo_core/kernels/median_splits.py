@@ -14,9 +14,9 @@ from agglo_core.kernels.piece_splits import tagged_components
 from agglo_core.kernels.repair import mend_piece
 from agglo_core.kernels.sums import chosen_sum
 
-__all__ = ["split_at_medians"]
+__all__ = ["SHARE", "split_at_medians", "stable_sort", "untied"]
 
-_SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
+SHARE = 2.0**40  # shares of weight are integers: their sums do not depend on the order
 
 
 @helper
@@ -35,7 +35,7 @@ def _longest_axis(columns, lists, lo, hi, tie):
 
 
 @helper
-def _sort(order, values, spare):
+def stable_sort(order, values, spare):
     """Sort ``order (m,)`` by ``values``, equal ones as they stand, by merging longer and longer runs."""
     m, width = len(order), 1
     while width < m:
@@ -55,7 +55,7 @@ def _sort(order, values, spare):
 
 
 @helper(allocates=True)
-def _untied(columns, axis, group, gap):
+def untied(columns, axis, group, gap):
     """Order of cells that count as equal along an axis: by ranks along the other axes, the next one first.
 
     Values no further apart than ``gap`` have the same rank; what is left keeps its order.
@@ -66,14 +66,14 @@ def _untied(columns, axis, group, gap):
     for step in range(1, d):
         for i in range(m):
             order[i], values[i] = i, columns[(axis + step) % d, group[i]]
-        _sort(order, values, spare)
+        stable_sort(order, values, spare)
         rank = 0
         for i in range(m):
             rank += i > 0 and values[order[i]] - values[order[i - 1]] > gap
             key[order[i]] = key[order[i]] * m + rank
     for i in range(m):
         order[i] = i
-    _sort(order, key, spare)
+    stable_sort(order, key, spare)
     return order
 
 
@@ -87,7 +87,7 @@ def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
         total += weights[lists[0, k]]
     for k in range(lo, hi):
         share = weights[line[k]] / total if total > 0.0 else 1.0 / (hi - lo)
-        shares[k] = np.int64(np.rint(share * _SHARE))
+        shares[k] = np.int64(np.rint(share * SHARE))
         whole += shares[k]
     below, first = 0, lo
     while 2 * (below + shares[first]) <= whole:
@@ -105,7 +105,7 @@ def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
         cut = min(max(cut, lo + 1), hi - 1)
         tag[group[0]] = 2 * lo if first < cut else 2 * hi - 1
     else:
-        order, cut = _untied(columns, axis, group, tie * other), first
+        order, cut = untied(columns, axis, group, tie * other), first
         while cut < last and 2 * below + shares[first + order[cut - first]] <= whole:
             below += shares[first + order[cut - first]]
             cut += 1

@@ -15,8 +15,10 @@ from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.ring_search import connected
 
 __all__ = [
+    "SAMPLED",
     "broken_pieces",
     "cells_beside",
+    "is_chosen",
     "is_narrow",
     "part_list",
     "piece_room",
@@ -29,6 +31,13 @@ __all__ = [
     "tagged_components",
     "units_of",
 ]
+
+
+SAMPLED = np.int64(8)
+_RUN, _BANDS = (
+    np.int64(64),
+    87.7,
+)  # successive cells to look at; bands in the mean weight, which is inside one
 
 
 @helper
@@ -58,7 +67,7 @@ def piece_room(m, marks):
 
 @kernel
 def units_of(centroids, weights):
-    """Factors that make lengths and weights of order 1."""
+    """Factors that make lengths and weights of order 1; and bands in a unit of weight, see ``is_chosen``."""
     extent, total = 0.0, 0.0
     for k in range(centroids.shape[1]):
         low, high = np.inf, -np.inf
@@ -67,20 +76,39 @@ def units_of(centroids, weights):
         extent = max(extent, high - low)
     for i in range(len(weights)):
         total += weights[i]
-    return (1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0)
+    length, weight = 1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0
+    uneven = 0
+    for start in range(0, len(weights), _RUN):
+        count = 0
+        for i in range(start, min(start + _RUN, len(weights))):
+            count += is_chosen(weights[i], _BANDS * weight)
+        uneven += not 0 < count < 3 * _RUN // SAMPLED
+    spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
+    return length, weight, _BANDS * weight if spread else 0.0
+
+
+@helper
+def is_chosen(weight, bands):
+    """Whether a cell is one of those, about an eighth, that may stand for all of a large piece.
+
+    What decides is a digit of its weight, which neither its number nor a motion of the mesh changes. The
+    weights must be spread, or cells of a region may be chosen all or none: where there is a run of cells with
+    none, or too many, ``units_of`` gives no bands.
+    """
+    return np.int64(weight * bands) & (SAMPLED - 1) == 0
 
 
 @kernel
 def reach_of_cells(indptr, indices, centroids):
     """Distance of each cell from the furthest of its neighbours, rounded up."""
-    reach = np.empty(len(indptr) - 1, np.float32)
+    reach, last = np.empty(len(indptr) - 1, np.float32), centroids.shape[1] - 1
     for i in range(len(reach)):
-        largest = 0.0
+        largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
+        third = last - 1.0  # 0 in the plane
         for h in range(indptr[i], indptr[i + 1]):
-            square = 0.0
-            for k in range(centroids.shape[1]):
-                square += (centroids[indices[h], k] - centroids[i, k]) ** 2
-            largest = max(largest, square)
+            j = indices[h]
+            u, v, w = centroids[j, 0] - x, centroids[j, 1] - y, third * (centroids[j, last] - z)
+            largest = max(largest, u * u + v * v + w * w)
         reach[i] = 1.0001 * np.sqrt(largest)
     return reach
 
@@ -146,14 +174,34 @@ def tagged_components(cells, indptr, indices, tag, parent):
 
 
 @kernel
-def broken_pieces(slices, cells, indptr, indices, tag, leaf, parent):
-    """Which pieces ``(lo, hi, …)`` have finished parts that are not connected; ``parent`` is a work array."""
-    broken = np.empty(len(slices), np.bool_)
+def broken_pieces(slices, cells, indptr, indices, tag, leaf, reached):
+    """Which pieces ``(lo, hi, …)`` have parts that are not connected; ``reached (n,)`` is a work array."""
+    broken, largest = np.empty(len(slices), np.bool_), np.int64(0)
+    for s in range(len(slices)):
+        largest = max(largest, slices[s, 1] - slices[s, 0])
+    queue = np.empty(largest + 1, np.int32)
     for s in range(len(slices)):
         lo, hi, parts = slices[s, 0], slices[s, 1], 0
         for k in range(lo, hi):
+            reached[cells[k]] = 0
             parts += leaf[k]
-        broken[s] = tagged_components(cells[lo:hi], indptr, indices, tag, parent) > parts
+        for k in range(lo, hi if parts > 1 else lo):  # one that was not split has no tag of its own
+            seed = cells[k]
+            if reached[seed]:
+                continue
+            own, done, filled = tag[seed], 0, 1
+            reached[seed], queue[0] = 1, seed
+            parts -= 1
+            while done < filled:
+                i = queue[done]
+                done += 1
+                for h in range(indptr[i], indptr[i + 1]):
+                    j = indices[h]
+                    same = tag[j] == own
+                    queue[filled] = j  # kept only if new; a branch would be mispredicted half the time
+                    filled += same and not reached[j]
+                    reached[j] |= same
+        broken[s] = parts < 0
     return broken
 
 

@@ -1,8 +1,16 @@
 """Meshes: points, faces and the cells beside them; how they are built and checked, and their geometry."""
 
 from agglo_core.mesh.checks import box_centre, check_labels
-from agglo_core.mesh.diameters import compared_diameters, diameters_of
+from agglo_core.mesh.diameters import compared_diameters, diameters_of, wide_parts
 from agglo_core.mesh.loops import Loops
 from agglo_core.mesh.polytopal import Mesh
 
-__all__ = ["Loops", "Mesh", "box_centre", "check_labels", "compared_diameters", "diameters_of"]
+__all__ = [
+    "Loops",
+    "Mesh",
+    "box_centre",
+    "check_labels",
+    "compared_diameters",
+    "diameters_of",
+    "wide_parts",
+]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int, frozen_float
+from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_int, label_order
 from agglo_core.threads import over_ranges
 
-__all__ = ["compared_diameters", "diameters_of"]
+__all__ = ["compared_diameters", "diameters_of", "wide_parts"]
 
 _FEW = 2_000  # blocks one thread looks at in some milliseconds
+_NEAR = 1e-12  # bounds this close to a limit may be off by rounding
 
 
 def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index, points: Float) -> Float:
@@ -47,3 +48,38 @@ def compared_diameters(
         return bounds
 
     return frozen_float(np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1)))
+
+
+def wide_parts(
+    labels: Int, asked: Mask, limit: float, vertex_offsets: Int, vertices: Index, points: Float
+) -> Mask:
+    """Which of the parts ``asked (k,)`` are wider than ``limit``; the labels ``(n,)`` are below k.
+
+    Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
+    """
+    from agglo_core.kernels.part_faults import extend_parts
+
+    def bounds(start: int, stop: int) -> Float:
+        own = np.tile(np.repeat([np.inf, -np.inf], 4), (len(asked), 1))
+        extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, own)
+        return own
+
+    found = over_ranges(bounds, len(labels), shares=1)
+    least = np.min([each[:, :4] for each in found], axis=0)
+    extents = np.max([each[:, 4:] for each in found], axis=0) - least
+    if points.shape[1] == 2:  # a farthest pair lies within 22.5 degrees of one of the four directions
+        lower = np.maximum(extents[:, :2].max(axis=1), np.sqrt(0.5) * extents[:, 2:].max(axis=1))
+        upper = lower / np.cos(np.pi / 8)
+    else:
+        lower, upper = extents.max(axis=1), np.sqrt((extents[:, :3] ** 2).sum(axis=1))
+    wide = asked & (lower > limit * (1 + _NEAR))
+    near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
+    if len(near):
+        place = np.full(len(asked), -1, np.int64)
+        place[near] = np.arange(len(near))
+        cells = np.flatnonzero(place[labels] >= 0)
+        own = place[labels[cells]]
+        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(own, minlength=len(near))))))
+        ordered = frozen_int(cells[label_order(own)])
+        wide[near] = diameters_of(offsets, ordered, vertex_offsets, vertices, points) > limit
+    return np.asarray(wide)

@@ -117,6 +117,8 @@ def classical_stack(
         own = frozen_int(np.arange(len(stays) + 1))
         smoother = CoarseFirst(matrix, stays, dtype)
         levels.append(Level(matrix.astype(dtype), own, P.astype(dtype), smoother))
+        if not (below.diagonal() > 0.0).all():
+            raise np.linalg.LinAlgError("a coarse matrix is not positive definite: nor is A, or not by much")
         matrix, given = below, [each[stays] for each in given]
         guide = None if guide is None else _galerkin(guide, P)
     if guide is not None:

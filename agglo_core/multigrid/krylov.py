@@ -12,6 +12,7 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.krylov_column import Column
 from agglo_core.multigrid.krylov_rules import Beta, Request, Rules, Steps, Stop
+from agglo_core.problems.backward_error import limit_told
 from agglo_core.problems.iteration_history import History, iterated
 from agglo_core.problems.sizes import Measure, energy_of_solution, relative_to
 from agglo_core.progress import Tell, to_nobody
@@ -103,7 +104,7 @@ def pcg(
     _require_fit(A, M, whole, start)
     column = Column(whole, start, rules, measure or relative_to(whole), energy or energy_of_solution(whole))
     _iterate(A, M, [column], tell)
-    return column.history()
+    return limit_told(column.history(), A, whole)
 
 
 def pcg_columns(
@@ -135,7 +136,7 @@ def pcg_columns(
         for each, x in zip(np.ascontiguousarray(whole.T), np.ascontiguousarray(start.T), strict=True)
     ]
     _iterate(A, M, columns, tell)
-    return tuple(column.history() for column in columns)
+    return tuple(limit_told(column.history(), A, column.b) for column in columns)
 
 
 def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:

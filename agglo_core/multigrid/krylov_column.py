@@ -27,11 +27,13 @@ _DIGIT = 0.01
 """A step by which z·r falls below this part, a digit of the error, is not lost whatever it is."""
 _DRIFT = 0.1
 """Part of b − A x by which the residual of the recursion may differ from it; else it starts afresh."""
+_IDLE = 2
+"""Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
 _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
 _MORE = 4
 """Steps of a probe beyond twice the iterations done: it ends long before if M is good."""
-_KNOWN = ("met", "most iterations")
+_KNOWN = ("met", "most iterations", "stagnation")
 """Ends at which the coefficients tell the error."""
 
 
@@ -53,12 +55,16 @@ class Column:
     size: float = 1.0  # of the residual, relative
     residuals: list[float] = field(default_factory=list)
     gains: list[float] = field(default_factory=list)  # squares of the energy norms of the steps
+    _base: Float | None = None  # x is this, unless it is None, and what was added since
+    _added: Float = field(init=False)
     _error: float = np.inf  # in the energy norm, relative, as far as it is known
     _ritz: RitzValue = field(default_factory=RitzValue)
     _true: bool = True  # r is b − A x itself
     _afresh: bool = False  # and so far from that of the recursion that this has to start again
-    _replaced: tuple[float, float] = (np.inf, np.inf)  # size and bound of the error when that was last so
-    _stuck: bool = False  # neither fell since then: x passes the tests now or never
+    _replaced: tuple[float, float] = (np.inf, np.inf)  # least size and bound of the error when that was so
+    _best: tuple[Float, Float] | None = None  # x and r of least size then
+    _idle: int = 0  # how often neither fell
+    _stuck: bool = False  # that is too often: x passes the tests now or never
     _scale: float = 0.0  # energy norm of x when last asked for
     _moved: float = 0.0  # squares of the energy norms of all steps
     _still: int = 0
@@ -77,9 +83,9 @@ class Column:
         yield from self._start()
         while not self.ended:
             yield from self._step()
-        if not self._true:
+        if not self._true or self._still >= _STILL:
             yield from self._settle()
-        if self.ended not in _KNOWN and not self._stuck:
+        if self.ended not in _KNOWN:
             self._error = np.inf
 
     def history(self) -> History:
@@ -114,8 +120,9 @@ class Column:
             self._begin()
 
     def _begin(self) -> None:
-        """Take the preconditioned residual for the direction."""
+        """Take the preconditioned residual for the direction; what is added from now on is rounded once."""
         self.p, self.pp = self.z, self.zr
+        self._base, self._added = (self.x if self.x.any() else None), np.zeros(len(self.b))
         self._ritz.restart()
 
     def _precondition(self) -> Steps:
@@ -139,7 +146,8 @@ class Column:
             self.ended = "matrix not finite" if np.isnan(curvature) else "indefinite matrix"
             return
         step = along / curvature  # p·r is z·r, and if M is poor the step that takes most from ‖e‖_A
-        self.x = self.x + step * self.p
+        self._added = self._added + step * self.p
+        self.x = self._added if self._base is None else self._base + self._added
         self._count(step * along, curvature)
         before, zr = self.r, self.zr
         yield from self._residual(before - step * Ap)
@@ -148,7 +156,7 @@ class Column:
         if not self.ended:
             self._turn(before, zr, step)
         if not self.ended and self._afresh:
-            self._note_progress()
+            yield from self._note_progress()
         if not self.ended and self._true and (self._stuck or self._passes()):
             yield from self._confirm()
         if not self.ended and self._stuck:
@@ -174,11 +182,23 @@ class Column:
         if not np.isfinite(length):
             self.ended = "matrix not finite"
 
-    def _note_progress(self) -> None:
-        """b − A x has become another than that of the recursion: has x come nearer since last time?"""
-        now = (self.size, self._bound())
-        self._stuck = all(new > 0.5 * old for new, old in zip(now, self._replaced, strict=True))
-        self._replaced = now
+    def _note_progress(self) -> Steps:
+        """b − A x has become another than that of the recursion: has x come nearer than it was?
+
+        Where rounding lets neither size nor bound fall they go up and down: in the end the best x is taken.
+        """
+        now, least = (self.size, self._bound()), self._replaced
+        idle = all(new > 0.5 * old for new, old in zip(now, least, strict=True))
+        self._idle = self._idle + 1 if idle else 0
+        self._stuck = self._idle >= _IDLE
+        self._replaced = (min(now[0], least[0]), min(now[1], least[1]))
+        if self._best is None or now[0] < least[0]:
+            self._best = (self.x, self.r)
+        elif self._stuck:
+            (self.x, self.r), self.size = self._best, least[0]
+            self.residuals[-1] = two_norm(self.r)
+            yield from self._precondition()
+            self._begin()
 
     def _drifted(self, r: Float, exact: Float) -> bool:
         return not two_norm(exact - r) <= _DRIFT * two_norm(exact)
@@ -264,5 +284,8 @@ class Column:
         self._error = np.inf
         if drifted and self.ended == "loss of conjugacy":
             self.ended = "stagnation"  # it is rounding, not the preconditioner
-        if not drifted:
+        if self.ended == "stagnation":
+            yield from self._precondition()
+            self._begin()
+        if not drifted or self.ended == "stagnation":
             self._estimate()

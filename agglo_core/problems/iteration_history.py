@@ -26,6 +26,7 @@ Ended = Literal[
     "preconditioner not finite",
     "matrix not finite",
     "stagnation",
+    "rounding",
     "underflow",
 ]
 """Why an iteration ended, for programs; empty where the method does not tell."""
@@ -47,7 +48,9 @@ class History:
     to people why the iteration ended, ``ended`` to programs. ``relative_residual`` is the measure of b − A x,
     computed from x; None if the method does not tell. ``gains (iterations,)`` are what the iterations took
     from the square of the error in the energy norm, empty if the method does not tell; ``energy_norm`` is
-    that of x.
+    that of x. Where the residual fell no further ``backward_error`` is that of x, as
+    :func:`~agglo_core.problems.backward_error.backward_error` has it, if A is known entry by entry; an
+    iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows.
     """
 
     x: Float
@@ -60,6 +63,7 @@ class History:
     relative_residual: float | None = None
     gains: Float = field(default_factory=untold)
     energy_norm: float = 0.0
+    backward_error: float | None = None
 
     @property
     def energy_errors(self) -> Float:
@@ -77,6 +81,11 @@ class History:
     def iterations(self) -> int:
         """Number of iterations."""
         return len(self.residuals) - 1
+
+    @property
+    def final(self) -> bool:
+        """Whether nothing is gained by going on: it converged, or is limited by rounding."""
+        return self.converged or self.ended == "rounding"
 
     @property
     def preconditioner_failed(self) -> bool:

@@ -44,6 +44,10 @@ class Solution:
     to none; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
     the clock, of the phases ``"hierarchy"`` (if the solver makes it), ``"assemble"``, ``"setup"`` and
     ``"solve"``; ``choice``, which recipe was chosen and why; ``advice``, what might do better.
+
+    ``rounding_limited`` is the third outcome beside ``converged`` and not: x misses ``tolerance``, but no
+    solver in double precision does better. ``backward_error`` shows it, that of
+    :func:`~agglo_core.problems.backward_error.backward_error`; ``energy_error`` tells what x is good for.
     """
 
     x: Float
@@ -67,6 +71,15 @@ class Solution:
     advice: str = ""
     tolerance: float | None = None
     energy_errors: Float = field(default_factory=untold)
+    backward_error: float | None = None
+    rounding_limited: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """``"converged"``, ``"limited by rounding"`` or ``"not converged"``."""
+        if self.converged:
+            return "converged"
+        return "limited by rounding" if self.rounding_limited else "not converged"
 
     @property
     def contraction(self) -> float | None:

@@ -52,7 +52,7 @@ def report(
         ``nonzeros`` the number of stored entries of its matrix, None if it is not known entry by entry;
         ``energy`` is fᵀu, the work of source and fluxes; ``relative_residual`` is the measure of b − A x,
         without an offset that the solver took out; ``energy_error``, ``energy_errors``, ``tests_met`` and
-        ``tolerance`` are what the solution says of itself;
+        ``tolerance``, ``outcome`` and ``backward_error`` are what the solution says of itself;
         ``error_l2``, ``error_dg`` and others of the discretisation are norms, not relative, and None if
         unknown; ``operator_complexity`` is the number of matrix entries of all levels over those of the
         finest, ``grid_complexity`` the number of unknowns; ``contraction`` is the mean factor by which the
@@ -94,6 +94,8 @@ def report(
         "advice": solution.advice,
         "tolerance": solution.tolerance,
         "energy_errors": np.asarray(solution.energy_errors).tolist(),
+        "outcome": solution.outcome,
+        "backward_error": solution.backward_error,
     }
 
 
@@ -150,7 +152,8 @@ def _state(data: Mapping[str, Any]) -> str:
     met = f" by {' and '.join(data['tests_met'])}" if data["tests_met"] else ""
     state = f"converged after {data['iterations']} iterations ({data['reason']}{met})"
     if not data["converged"]:
-        state = f"NOT CONVERGED: {data['reason']}; the solution is that of iteration {data['iterations']}"
+        last = f"the solution is that of iteration {data['iterations']}"
+        state = f"{data['outcome'].upper()}: {data['reason']}; {last}"
     state = f"{state}, relative residual {data['relative_residual']:.2e}"
     return state if data["energy_error"] is None else f"{state}, energy error {data['energy_error']:.2e}"
 

@@ -14,26 +14,28 @@ _ROUNDING = 1e-6  # of the extent: what points of single precision may be off, w
 
 
 @helper
-def _tag_sides(cells, lo, hi, points, extent, plane, tag, measures, size, count, reach, near):
+def _tag_sides(cells, lo, hi, centroids, placing, extent, plane, tag, measures, size, count, reach, near):
     """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
 
-    Writes the cells no further from the plane than ``reach`` to ``near``; returns how many.
+    ``placing`` says where the origin of the plane is, and in which unit (see ``load_points``). Writes the
+    cells no further from the plane than ``reach`` to ``near``; returns how many.
     """
     left, right = piece_splits.side_tags(lo, hi)
     best, nx, ny, nz, t = plane
-    x, y, z = points[0], points[1], points[2]
-    ones, below, above, m = 0, 0.0, 0.0, 0
+    x, y, z, unit, last = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] - 1
+    t, extent = t / unit, _ROUNDING * extent
+    ones, total, above, m = np.int64(0), 0.0, 0.0, np.int64(0)
     for k in range(hi - lo):
         i = cells[lo + k]
-        height = nx * x[k] + ny * y[k] + nz * z[k] - t
+        height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y) + nz * (centroids[i, last] - z) - t
         side = np.int64(height > 0.0)
-        tag[i] = right if side else left
-        above += side * measures[i]
-        below += (1 - side) * measures[i]
+        tag[i] = left + side * (right - left)
+        above += measures[i] * side
+        total += measures[i]
         ones += side
         near[m] = i
-        m += (abs(height) - _ROUNDING) * extent <= reach[i]
-    size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
+        m += abs(height) - extent <= reach[i]
+    size[0], size[1], count[0], count[1] = total - above, above, hi - lo - ones, ones
     if best > 0.0 and 0 < ones < hi - lo:
         return m
     return piece_driver.tag_halves(cells, lo, hi, tag, measures, near, size, count)
@@ -53,9 +55,9 @@ def two_means(offsets, centroids, weights):
         cells[i] = i
     for b in range(len(offsets) - 1):
         lo, hi = offsets[b], offsets[b + 1]
-        extent = load_points(cells, lo, hi, centroids, weights, units, room[0])
-        plane = separator(room, hi - lo, planar)
-        _tag_sides(cells, lo, hi, room[0], extent, plane, tag, weights, size, count, reach, near)
+        extent = load_points(cells, lo, hi, centroids, weights, units, room)
+        plane = separator(room, planar)
+        _tag_sides(cells, lo, hi, centroids, room[7], extent, plane, tag, weights, size, count, reach, near)
     sides = np.empty(n, np.int64)
     for i in range(n):
         sides[i] = tag[i] & 1
@@ -65,16 +67,19 @@ def two_means(offsets, centroids, weights):
 @helper
 def _load(graph, cells, lo, hi, means):
     centroids, weights, units = graph[3], graph[5], graph[7]
-    return load_points(cells, lo, hi, centroids, weights, units, means[0])
+    return load_points(cells, lo, hi, centroids, weights, units, means)
 
 
-@helper(allocates=True)
+@helper
 def _cut(graph, cells, lo, hi, extent, means, tag, marks, near, sums):
     centroids, measures, reach = graph[3], graph[4], graph[6]
     size, count, axis = sums
-    plane = separator(means, hi - lo, centroids.shape[1] == 2)
+    plane = separator(means, centroids.shape[1] == 2)
     axis[0], axis[1], axis[2] = plane[1], plane[2], plane[3]
-    return _tag_sides(cells, lo, hi, means[0], extent, plane, tag, measures, size, count, reach, near)
+    placing = means[7]
+    return _tag_sides(
+        cells, lo, hi, centroids, placing, extent, plane, tag, measures, size, count, reach, near
+    )
 
 
 @kernel

@@ -4,78 +4,100 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import helper, kernel, piece_frames
+from agglo_core.authoring import helper, kernel, piece_frames, piece_splits
 
-__all__ = ["axes_to_try", "binned", "load_points", "means_room", "moments"]
+__all__ = ["axes_to_try", "binned", "load_points", "means_room", "moments", "rounded"]
 
 _ROUND = 0.8  # ratio of principal moments above which no axis stands out
 _BINS_2D, _BINS_3D = 32, 12  # along each axis; even: the middle is a border
 _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
 _AXES = 8
+_COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
+_MANY = 4096  # cells of which a sample serves
+_HEAVY = 4.0  # means: cells of more weight are in every sample
+LANES = 32
+"""Points that loops over them take at a time: those of weight 0 fill the last round, or it would be slow."""
 
 
 @helper(allocates=True)
 def means_room(m):
-    """Work arrays for sets of at most m points: coordinates and weights, bins, axes."""
+    """Work arrays for sets of at most m points.
+
+    Coordinates and weights; bins; axes, frame, moments; the cells that are points, and with ``load_points``:
+    what the origin of the points is, their unit, their number.
+    """
     bins = max(_BINS_2D**2, _BINS_3D**3)
     return (
-        np.zeros((4, m), np.float32),
+        np.zeros((4, m + LANES), np.float32),
         np.empty((bins, 4)),
         np.zeros((4, bins), np.float32),
         np.empty((_AXES, 3)),
         np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty(m + 1, np.int32),
+        np.empty(5),
     )
 
 
 @helper
-def _gather(cells, lo, n, centroids, weights, units, points):
-    """Write centroids, as seen from the first one, and weights to ``points``; their sums and extents."""
+def _sample(cells, lo, hi, weights, units, chosen):
+    """Write the cells that stand for a large piece to ``chosen``, all heavy ones too; returns how many."""
+    m, heavy = np.int64(0), _HEAVY / units[1]
+    for k in range(lo, hi):
+        i = cells[k]
+        chosen[m] = i
+        m += piece_splits.is_chosen(weights[i], units[2]) | (weights[i] > heavy)
+    return m
+
+
+@helper
+def _gather(cells, lo, n, centroids, weights, units, boost, points):
+    """Write centroids, as seen from the first one, and weights to ``points``; their sums and extents.
+
+    Weights that are not heavy are multiplied by ``boost``.
+    """
     x, y, z, w = points[0], points[1], points[2], points[3]
     d, first, length, weight = centroids.shape[1], cells[lo], units[0], units[1]
     x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, d - 1]
     total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if d == 2:
-        for k in range(n):
-            i = cells[lo + k]
-            a, b, m = (
-                (centroids[i, 0] - x0) * length,
-                (centroids[i, 1] - y0) * length,
-                weights[i] * weight,
-            )
-            x[k], y[k], w[k] = a, b, m
-            total += m
-            cx += m * a
-            cy += m * b
-            x1, x2, y1, y2 = min(x1, a), max(x2, a), min(y1, b), max(y2, b)
-    else:
-        for k in range(n):
-            i = cells[lo + k]
-            a, b, m = (
-                (centroids[i, 0] - x0) * length,
-                (centroids[i, 1] - y0) * length,
-                weights[i] * weight,
-            )
+    for k in range(n):
+        i = cells[lo + k]
+        a, b, m = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length, weights[i] * weight
+        m *= boost if m <= _HEAVY else 1.0
+        x[k], y[k], w[k] = a, b, m
+        total += m
+        cx += m * a
+        cy += m * b
+        x1, x2, y1, y2 = min(x1, a), max(x2, a), min(y1, b), max(y2, b)
+        if d == 3:
             c = (centroids[i, 2] - z0) * length
-            x[k], y[k], z[k], w[k] = a, b, c, m
-            total += m
-            cx += m * a
-            cy += m * b
+            z[k] = c
             cz += m * c
-            x1, x2, y1, y2 = min(x1, a), max(x2, a), min(y1, b), max(y2, b)
             z1, z2 = min(z1, c), max(z2, c)
     return total, cx, cy, cz, max(max(x2 - x1, y2 - y1), z2 - z1)
 
 
 @helper
-def load_points(cells, lo, hi, centroids, weights, units, points):
+def rounded(n):
+    """The number of points, up to a full round of lanes."""
+    return (n + LANES - 1) // LANES * LANES
+
+
+@helper
+def load_points(cells, lo, hi, centroids, weights, units, room):
     """Write the centroids of ``cells[lo:hi]``, centred and of order 1, and their weights of mean 1.
 
-    ``units``: factors that make lengths and weights of the whole graph of order 1. Returns the largest
-    extent of the centroids along an axis, in their own unit.
+    ``units``: see ``piece_splits.units_of``. Of many cells only some are taken, if they can stand for all.
+    Returns the largest extent of their centroids along an axis, in its own unit.
     """
-    n, d = hi - lo, centroids.shape[1]
-    total, cx, cy, cz, extent = _gather(cells, lo, n, centroids, weights, units, points)
+    points, chosen, placing, boost = room[0], room[6], room[7], 1.0
+    if hi - lo > _MANY and units[2] > 0.0:
+        m = _sample(cells, lo, hi, weights, units, chosen)
+        if 4 * piece_splits.SAMPLED * m > hi - lo:
+            cells, lo, hi, boost = chosen, 0, m, float(piece_splits.SAMPLED)
+    n, d, first = hi - lo, centroids.shape[1], cells[lo]
+    total, cx, cy, cz, extent = _gather(cells, lo, n, centroids, weights, units, boost, points)
     x, y, z, w = points[0], points[1], points[2], points[3]
     if not total > 1e-30:  # no weight in single precision: all alike
         total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
@@ -93,6 +115,11 @@ def load_points(cells, lo, hi, centroids, weights, units, points):
     if d == 3:
         for k in range(n):
             z[k] = (z[k] - cz) * scale
+    for k in range(n, rounded(n)):
+        x[k], y[k], z[k], w[k] = 0.0, 0.0, 0.0, 0.0
+    placing[0], placing[1] = centroids[first, 0] + cx / units[0], centroids[first, 1] + cy / units[0]
+    placing[2] = centroids[first, d - 1] + cz / units[0]
+    placing[3], placing[4] = scale * units[0], n
     return extent / units[0]
 
 
@@ -125,18 +152,35 @@ def _fourth(x, y, w, n):
 
 
 @helper
+def _half_angle(x, y):
+    """Cosine and sine of half the angle of the vector (x, y), in −π/2..π/2; calls would cost more."""
+    length = np.sqrt(x * x + y * y)
+    if not length > 0.0:
+        return 1.0, 0.0
+    larger = np.sqrt(0.5 * (1.0 + abs(x) / length))
+    smaller = 0.5 * abs(y) / (length * larger)
+    cos, sin = (larger, smaller) if x >= 0.0 else (smaller, larger)
+    return cos, sin if y >= 0.0 else -sin
+
+
+@helper
 def _planar_axes(x, y, w, n, second, frame, axes):
     """Fill ``axes`` with the directions to try in 2-D, and ``frame``; returns how many."""
     xx, xy, yy = second[1], second[2], second[4]
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-    count, angle = 1, 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    count = 1
     if mean - radius > _ROUND * (mean + radius):
         # no axis stands out: eight, from the orientation of the fourth moment, which a square has
         re, im = _fourth(x, y, w, n)
-        count, angle = _AXES, 0.25 * np.arctan2(im, re)
-    for c in range(count):
-        turned = angle + c * np.pi / _AXES
-        axes[c, 0], axes[c, 1], axes[c, 2] = np.cos(turned), np.sin(turned), 0.0
+        count = _AXES
+        cos, sin = _half_angle(re, im)
+    else:
+        cos, sin = 0.5 * (xx - yy), xy
+    cos, sin = _half_angle(cos, sin)
+    axes[0, 0], axes[0, 1], axes[0, 2] = cos, sin, 0.0
+    for c in range(1, count):
+        p, q = axes[c - 1, 0], axes[c - 1, 1]
+        axes[c, 0], axes[c, 1], axes[c, 2] = _COS * p - _SIN * q, _SIN * p + _COS * q, 0.0
     for k in range(3):
         frame[0, k] = axes[0, k]
         frame[1, k], frame[2, k] = 0.0, 0.0
@@ -144,10 +188,9 @@ def _planar_axes(x, y, w, n, second, frame, axes):
     return count
 
 
-@helper(allocates=True)
-def _spatial_axes(second, frame, axes):
-    """Fill ``axes`` with three principal and four diagonal directions."""
-    a = np.empty((3, 3))
+@helper
+def _spatial_axes(second, a, frame, axes):
+    """Fill ``axes`` with three principal and four diagonal directions; ``a (3, 3)`` is a work array."""
     a[0, 0], a[0, 1], a[0, 2] = second[1], second[2], second[3]
     a[1, 0], a[1, 1], a[1, 2] = second[2], second[4], second[5]
     a[2, 0], a[2, 1], a[2, 2] = second[3], second[5], second[6]
@@ -211,7 +254,7 @@ def binned(x, y, z, w, n, frame, planar, sums, few):
     return m
 
 
-@helper(allocates=True)
-def axes_to_try(x, y, w, n, second, planar, frame, axes):
+@helper
+def axes_to_try(x, y, w, n, second, planar, a, frame, axes):
     """Fill ``axes`` with the directions to try and ``frame`` with an orthogonal frame; returns how many."""
-    return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, frame, axes)
+    return _planar_axes(x, y, w, n, second, frame, axes) if planar else _spatial_axes(second, a, frame, axes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper
-from agglo_kmeans.points import axes_to_try, binned, moments
+from agglo_kmeans.points import axes_to_try, binned, moments, rounded
 
 __all__ = ["separator"]
 
@@ -41,40 +41,42 @@ def _lloyd(x, y, z, w, n, planar, total, tie, plane, steps):
     """At most so many of Lloyd's steps from a plane; the points are centred.
 
     Then both means lie on one line through the centre, so the separator follows from the sums of one
-    side. Returns the between-cluster inertia (−1 if a side is empty) and the separator.
+    side. Returns the between-cluster inertia (−1 if a side is empty) and the separator, its normal of any
+    length.
     """
     inertia, nx, ny, nz, t = plane
-    before_a, before_s = -1.0, -1.0
+    before_a, before_square = -1.0, -1.0
     for _ in range(steps):
         sums = _side_sums(
             x, y, z, w, n, planar, np.float32(nx), np.float32(ny), np.float32(nz), np.float32(t)
         )
         a, sx, sy, sz = float(sums[0]), float(sums[1]), float(sums[2]), float(sums[3])
-        b = total - a
-        s = np.sqrt(sx * sx + sy * sy + sz * sz)
-        if not (a > 0.0 and b > 1e-6 * total and s > 0.0):
+        b, square = total - a, sx * sx + sy * sy + sz * sz
+        if not (a > 0.0 and b > 1e-6 * total and square > 0.0):
             return -1.0, nx, ny, nz, t
-        inertia = s * s * (1.0 / a + 1.0 / b)
-        if a == before_a and s == before_s:
+        share = square / (a * b)  # s² / (a b): divisions and roots cost more than all else
+        inertia = share * total
+        if a == before_a and square == before_square:
             break
-        before_a, before_s = a, s
-        nx, ny, nz = sx / s, sy / s, sz / s
-        t = 0.5 * s * (1.0 / a - 1.0 / b) + tie
+        before_a, before_square = a, square
+        nx, ny, nz = sx, sy, sz
+        t = 0.5 * share * (b - a) + tie * np.sqrt(square)
     return inertia, nx, ny, nz, t
 
 
-@helper(allocates=True)
-def separator(room, n, planar):
+@helper
+def separator(room, planar):
     """The plane ``normal · point > t`` of the 2-means split of least energy of the loaded points.
 
     Returns its inertia, not positive if there is none, the normal (3 numbers) and t.
     """
-    points, sums, few, axes, frame = room
+    points, sums, few, axes, frame, second_moments, _, placing = room
     x, y, z, w = points[0], points[1], points[2], points[3]
+    n = rounded(np.int64(placing[4]))
     second = moments(x, y, z, w, n)
     total = second[0]
     tie = _TIE * np.sqrt((second[1] + second[4] + second[6]) / total)
-    count = axes_to_try(x, y, w, n, second, planar, frame, axes)
+    count = axes_to_try(x, y, w, n, second, planar, second_moments, frame, axes)
     if n > _MANY:
         n = binned(x, y, z, w, n, frame, planar, sums, few)
         x, y, z, w = few[0], few[1], few[2], few[3]
@@ -86,4 +88,6 @@ def separator(room, n, planar):
             best = trial
     if count > 1 and best[0] > 0.0:
         best = _lloyd(x, y, z, w, n, planar, total, tie, best, _ITERATIONS)
-    return best
+    inertia, nx, ny, nz, t = best
+    scale = 1.0 / np.sqrt(nx * nx + ny * ny + nz * nz)
+    return inertia, nx * scale, ny * scale, nz * scale, t * scale

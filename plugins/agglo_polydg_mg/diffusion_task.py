@@ -40,6 +40,8 @@ _MOST: Final = 1e-10
 class DiffusionTask:
     """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
 
+    A ``plan`` is that of levels which are there already; without one it is made when first asked for.
+
     Raises
     ------
     OptionError, MeshError
@@ -54,14 +56,26 @@ class DiffusionTask:
         wishes: Wishes,
         count: int | None,
         basis: Basis | None = None,
+        plan: Plan | None = None,
     ) -> None:
         self.problem, self.hierarchy, self.count = problem, hierarchy, count
-        self._penalty = how.penalty
+        self._penalty, self._wishes = how.penalty, wishes
         if hierarchy.fine is None:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
         self.basis = basis or how.basis(hierarchy.fine)
         self.fine = fine_system(problem, hierarchy, how, self.basis)
-        self.plan: Plan = plan_for(problem, self.fine, self.basis, wishes)
+        self._plan = plan
+
+    @property
+    def plan(self) -> Plan:
+        """How the levels are made."""
+        if self._plan is None:
+            self._plan = plan_for(self.problem, self.fine, self.basis, self._wishes)
+        return self._plan
+
+    def forget_plan(self) -> None:
+        """Levels are made anew, for this problem."""
+        self._plan = None
 
     @property
     def A(self) -> Any:
@@ -97,7 +111,24 @@ class DiffusionTask:
         """Go on in double precision."""
         if self.single:
             reason = f"{self.plan.reason}; double precision took over"
-            self.plan = replace(self.plan, dtype=np.float64, reason=reason)
+            self._plan = replace(self.plan, dtype=np.float64, reason=reason)
+
+    def retreat(self) -> bool:
+        """Go on in double precision or, if that is what failed, by patches if the recipe was not fixed.
+
+        False if there is nothing left to try.
+        """
+        if self.single:
+            self.in_double()
+            return True
+        if self.plan.recipe == "patches" or self._wishes.recipe != "auto":
+            return False
+        failed = f"{self.plan.reason}, which failed"
+        other = Wishes("patches", self._wishes.cycle, "double")
+        plan = plan_for(self.problem, self.fine, self.basis, other)
+        self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
+        self.__dict__.pop("labels", None)  # levels that the recipe before did without
+        return True
 
     @property
     def makes_levels(self) -> bool:
@@ -117,16 +148,23 @@ class DiffusionTask:
         """The levels; LinAlgError if a matrix is not positive definite.
 
         Blocks of very flat cells may be indefinite by rounding; levels are then made, in double precision,
-        of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is.
+        of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is. If
+        that does not help either another recipe is taken, unless one was asked for.
         """
-        labels = self.labels
         for more in _RAISED:
             try:
-                return self.plan.stack(self.problem, self._raised(more), self.basis, labels)
+                return self.plan.stack(self.problem, self._raised(more), self.basis, self.labels)
             except np.linalg.LinAlgError:
                 self.in_double()
-        self.plan = replace(self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}")
-        return self.plan.stack(self.problem, self._raised(_MOST), self.basis, labels)
+        self._plan = replace(
+            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}"
+        )
+        try:
+            return self.plan.stack(self.problem, self._raised(_MOST), self.basis, self.labels)
+        except np.linalg.LinAlgError:
+            if not self.retreat():
+                raise
+        return self.stack()
 
     def _raised(self, part: float) -> FineSystem:
         """The system with a part of the diagonal of its matrix added to it."""

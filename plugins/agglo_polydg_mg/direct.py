@@ -20,6 +20,7 @@ from agglo_core.authoring import (
     Problem,
     Solution,
     frozen_float,
+    limit_told,
     phase,
     size_ratio,
     two_norm,
@@ -154,15 +155,15 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
         correction = solves(r)
         error, energy = _error(fine, x, r, correction)
     passed = (size <= tolerance, error <= tolerance)
-    reason = MET
-    if not all(passed):
-        reason = (
-            f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations, "
-            f"wanted {tolerance:.1e}: the matrix is singular, or nearly so"
-        )
     met = tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok and (energy or name != TESTS[1]))
     estimate = error if energy and np.isfinite(error) else None
-    return History(frozen_float(x), frozen_float(residuals), all(passed), reason, estimate, met)
+    known = (frozen_float(x), frozen_float(residuals))
+    if all(passed):
+        return History(*known, True, MET, estimate, met, "met")
+    sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
+    sizes = f"{sizes}, wanted {tolerance:.1e}"
+    told = limit_told(History(*known, False, sizes, estimate, met, "stagnation"), fine.A, b)
+    return told if told.final else replace(told, reason=f"{sizes}: the matrix is singular, or nearly so")
 
 
 def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:

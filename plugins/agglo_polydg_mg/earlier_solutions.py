@@ -11,8 +11,8 @@ from agglo_core.authoring import Float, frozen_float
 
 __all__ = ["KEPT", "best_combination"]
 
-KEPT: Final = 4
-"""Solutions that are kept: what changes smoothly is extrapolated to third order."""
+KEPT: Final = 5
+"""Solutions that are kept: what changes smoothly is extrapolated to fourth order."""
 _PARALLEL: Final = 1e-12
 """Directions whose energy is this part of the largest are rounding."""
 

@@ -116,6 +116,15 @@ class LinearTask:
         if self.single:
             self.dtype, self._doubled = np.float64, "; double precision took over"
 
+    def forget_plan(self) -> None:
+        """Levels are made as ever."""
+
+    def retreat(self) -> bool:
+        """Go on in double precision; False if that is what failed."""
+        single = self.single
+        self.in_double()
+        return single
+
     def stack(self) -> Any:
         """The levels; LinAlgError if a block is not positive definite."""
         A, offsets, near_null = self.system.A, self.system.block_offsets, self.system.near_null
@@ -143,7 +152,7 @@ class LinearTask:
     ) -> list[History]:
         """Conjugate gradients, each column from where it ended before: histories of all columns."""
         found = list(before or ())
-        todo = [j for j in range(self._b.shape[1]) if not (found and found[j].converged)]
+        todo = [j for j in range(self._b.shape[1]) if not (found and found[j].final)]
         start = np.stack([found[j].x for j in todo], axis=1) if found else None
         new = pcg_columns(
             self.system.A,
@@ -176,6 +185,7 @@ class LinearTask:
         """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
         columns = [unscaled(each.x, f) for each, f in zip(histories, self._factors, strict=True)]
         last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
+        converged = all(each.converged for each in histories)
         worst, errors = histories[last], [each.energy_error for each in histories]
         residuals = np.array(worst.residuals)
         if not worst.converged:  # the last one was updated, not computed from x
@@ -186,7 +196,7 @@ class LinearTask:
             b=self.system.b,
             operators=operators,
             residuals=frozen_float(residuals / self._factors[last]),
-            converged=all(each.converged for each in histories),
+            converged=converged,
             reason=worst.reason,
             iterations=worst.iterations,
             seconds=watch.wall,
@@ -195,6 +205,8 @@ class LinearTask:
             tests=tuple(name for name in TESTS if all(name in each.tests for each in histories)),
             energy_errors=worst.energy_errors,
             tolerance=tolerance,
+            backward_error=max((each.backward_error or 0.0 for each in histories), default=0.0) or None,
+            rounding_limited=not converged and all(each.final for each in histories),
         )
 
 

@@ -82,6 +82,8 @@ class FineSystem(NamedTuple):
             energy_errors=history.energy_errors,
             tolerance=tolerance,
             lifting=lifting,
+            backward_error=history.backward_error,
+            rounding_limited=history.ended == "rounding",
         )
 
 

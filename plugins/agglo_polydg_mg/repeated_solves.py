@@ -21,14 +21,13 @@ from agglo_core.authoring import (
     frozen_float,
     multigrid,
     phase,
-    two_norm,
 )
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.diffusion_task import DiffusionTask
 from agglo_polydg_mg.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.linear_task import LinearTask
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.recipes import Wishes
+from agglo_polydg_mg.recipes import Plan, Wishes
 from agglo_polydg_mg.stopwatch import Stopwatch
 
 __all__ = ["RepeatedSolves", "Task", "task_for"]
@@ -48,13 +47,15 @@ def task_for(
     wishes: Wishes,
     count: int | None,
     basis: Basis | None = None,
+    plan: Plan | None = None,
 ) -> Task:
     """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised.
 
-    The ``basis`` is that of an earlier diffusion problem on the hierarchy, if there was one.
+    The ``basis`` is that of an earlier diffusion problem on the hierarchy, if there was one, the ``plan``
+    that of its levels, if they are kept.
     """
     if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, wishes, count, basis)
+        return DiffusionTask(problem, hierarchy, how, wishes, count, basis, plan)
     if isinstance(problem, Linear):
         return LinearTask(problem, hierarchy, wishes, count)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
@@ -65,7 +66,7 @@ class RepeatedSolves:
 
     Each system is assembled anew; the levels of an earlier one precondition it, which costs iterations as the
     matrix changes, but never accuracy: convergence is judged by the matrix at hand. Each solve starts from
-    the combination of the last four solutions that has the smallest error
+    the combination of the last five solutions that has the smallest error
     (:func:`~agglo_polydg_mg.earlier_solutions.best_combination`). Levels are renewed for the next solve after
     one that took over 1.5 times the iterations that fresh levels take from 0, and within a solve that takes
     over 3 times as many; that solve goes on from where it is. Levels of another number of unknowns are never
@@ -104,12 +105,13 @@ class RepeatedSolves:
         self._usual: float | None = None  # iterations from 0 with fresh levels
         self._earlier: list[list[Float]] = []
         self._basis: Basis | None = None
+        self._plan: Plan | None = None
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
         """Solve, as :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.solve` does; errors as there."""
         watch, setups = Stopwatch(), self.setups
         with watch("assemble"), phase(progress, "assembling"):
-            task = task_for(problem, *self._made_of, self._basis)
+            task = task_for(problem, *self._made_of, self._basis, self._plan if self._kept else None)
         if isinstance(task, DiffusionTask):
             self._basis = task.basis
         if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
@@ -136,7 +138,7 @@ class RepeatedSolves:
         return solution
 
     def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
-        """Iterate with the levels there are, then as far as needed with fresh ones, then in double."""
+        """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
         histories = self._started(task, watch)
         if self._kept is not None:
             most = self._most
@@ -145,11 +147,11 @@ class RepeatedSolves:
             histories = self._iterate(task, most, histories, watch, progress)
             if _finished(histories, self._most):
                 return histories
+        task.forget_plan()
         self._renew(task, watch, progress, "setting up the levels")
         histories = self._iterate(task, self._most, histories, watch, progress)
-        if task.single and any(each.preconditioner_failed for each in histories):
-            task.in_double()
-            self._renew(task, watch, progress, "setting up the levels in double precision")
+        while any(each.preconditioner_failed for each in histories) and task.retreat():
+            self._renew(task, watch, progress, "setting up other levels")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
@@ -160,11 +162,11 @@ class RepeatedSolves:
             self._earlier = []
             return None
         with watch("solve"):
-            found = []
-            for j, b in enumerate(columns):
-                x = best_combination(task.A, b, [each[j] for each in self._earlier])
-                found.append(History(x, frozen_float([two_norm(b - task.A @ x)]), False, ""))
-        return found
+            starts = [
+                best_combination(task.A, b, [each[j] for each in self._earlier])
+                for j, b in enumerate(columns)
+            ]
+        return [History(x, frozen_float([np.nan]), False, "") for x in starts]
 
     def _renew(self, task: Task, watch: Stopwatch, progress: Listener | None, title: str) -> None:
         self._kept = None  # the levels of before are not needed while those to come are made
@@ -173,6 +175,7 @@ class RepeatedSolves:
                 _ = task.labels  # made when first asked for
         with watch("setup"), phase(progress, title):
             self._kept = task.stack()
+        self._plan = task.plan if isinstance(task, DiffusionTask) else None
         self.setups, self._usual = self.setups + 1, None
 
     def _iterate(
@@ -184,7 +187,7 @@ class RepeatedSolves:
         progress: Listener | None,
     ) -> list[History]:
         """Histories of all columns, at most so many iterations together with those done before."""
-        left = most - max((each.iterations for each in before or () if not each.converged), default=0)
+        left = most - max((each.iterations for each in before or () if not each.final), default=0)
         M = multigrid.cycle(self._kept, task.cycle)
         with watch("solve"), phase(progress, "solving") as tell:
             found = task.iterate(M, self._tolerance, left, before, tell)
@@ -192,7 +195,7 @@ class RepeatedSolves:
 
     def _judge(self, histories: list[History]) -> None:
         """Keep the solutions for the next system, and the levels if they serve."""
-        if not all(each.converged for each in histories):
+        if not all(each.final for each in histories):
             self._kept, self._earlier = None, []
             return
         self._earlier = [*self._earlier[1 - KEPT :], [each.x for each in histories]]
@@ -206,7 +209,7 @@ class RepeatedSolves:
 
 
 def _finished(histories: list[History], most: int) -> bool:
-    return all(each.converged or each.iterations >= most for each in histories)
+    return all(each.final or each.iterations >= most for each in histories)
 
 
 def _digits(history: History) -> float:
@@ -217,8 +220,8 @@ def _digits(history: History) -> float:
 
 def _joined(first: History, second: History) -> History:
     """One history of two, the second of which went on from where the first ended, if it had to."""
-    if second is first:
-        return first
+    if second is first or not first.iterations:
+        return second
     residuals = np.concatenate((first.residuals, second.residuals[1:]))
     gains = np.concatenate((first.gains, second.gains))
     return replace(second, residuals=frozen_float(residuals), gains=frozen_float(gains))

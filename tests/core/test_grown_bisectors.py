@@ -13,12 +13,16 @@ from toy_constraints import Line
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
+from agglo_core.graph.blocks import block_shares, principal_frames, split_at_median
+from agglo_core.kernels import kernel
+from agglo_core.kernels.ordered_frames import frames_of_blocks
+from agglo_core.kernels.piece_medians import halve_in_order
 from agglo_core.registry import default
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)
-PLANAR = ("sweep", "gnn")
-SPATIAL = ("sweep",)
+PLANAR = ("inertial", "sweep", "gnn")
+SPATIAL = ("inertial", "sweep")
 
 
 class DepthByDepth:
@@ -126,3 +130,73 @@ def test_a_bisector_that_looks_ahead_is_asked_depth_by_depth() -> None:
     mesh = samples.voronoi(60, seed=1)
     hierarchy = agglo.agglomerate(mesh, bisector=("gnn", {"lookahead": 3}), h_factor=4.0)
     assert "grow" not in hierarchy.statistics["seconds"]
+
+
+# --- the kernels, against obvious references --------------------------------------------------------------
+
+
+@kernel
+def upper_half(along, weight):
+    """Which points lie above the weighted median."""
+    n, d = len(weight), len(along)
+    all_three, upper = np.zeros((3, n)), np.empty(n, np.bool_)
+    for c in range(d):
+        for k in range(n):
+            all_three[c, k] = along[c, k]
+    room = np.empty(n, np.int64), upper, np.empty(n, np.int32), np.empty(n), np.empty(256, np.int64)
+    halve_in_order(n, d, all_three, weight, *room)
+    return upper
+
+
+def block_of_points(n: int, dim: int, seed: int, lattice: bool) -> agglo.Graph:
+    rng = np.random.default_rng(seed)
+    points = rng.standard_normal((n, dim)) * (3.0, 2.0, 1.0)[:dim]
+    points = np.rint(2 * points) if lattice else points  # whole numbers: many are equally high
+    weights = rng.integers(0, 3, n) + 0.25 * rng.integers(0, 2)
+    return agglo.Graph.from_arrays(np.zeros(n + 1, int), [], points, measures=weights, weights=weights)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(2, 400), st.sampled_from([2, 3]), SEEDS, st.booleans())
+def test_a_piece_is_halved_to_the_very_cells_of_a_block(n: int, dim: int, seed: int, lattice: bool) -> None:
+    block = block_of_points(n, dim, seed, lattice)
+    points, weights = block.centroids, block_shares(block.weights, block.block_ids)
+    upper = upper_half(np.ascontiguousarray(points.T), weights)
+    assert np.array_equal(upper, split_at_median(block, points[:, 0], points[:, 1:]))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(2, 200), st.sampled_from([2, 3]), SEEDS)
+def test_frames_are_those_that_numpy_finds(n: int, dim: int, seed: int) -> None:
+    block = block_of_points(n, dim, seed, lattice=False)
+    given_frames, given_coordinates = frames_of_blocks(block.offsets, block.centroids, block.weights)
+    frames, coordinates = principal_frames(block)
+    seconds = block_shares(block.weights, block.block_ids) @ coordinates**2
+    clear = np.append(seconds[1:] < 0.89 * seconds[:-1] - 1e-9, True)  # axes of cubes have no order
+    alone = clear & np.append(True, clear[:-1])
+    turned = np.abs(np.sum(given_frames[0] * frames[0], axis=1))
+    np.testing.assert_allclose(turned[alone], 1.0, rtol=1e-6)
+    np.testing.assert_allclose(np.abs(given_coordinates[:, alone]), np.abs(coordinates[:, alone]), atol=1e-6)
+
+
+STRUCTURED = {
+    "paper_squares": lambda: samples.paper("squares"),
+    "paper_triangles": lambda: samples.paper("triangles"),
+    "squares": lambda: samples.squares(24),
+    "hexagons": lambda: samples.hexagons(14),
+    "boxes": lambda: samples.boxes(8),
+    "tetrahedra": lambda: samples.tetrahedra(5),
+    "random": lambda: samples.random_triangles(2000, seed=4),
+}
+
+
+@pytest.mark.parametrize("kind", STRUCTURED)
+@pytest.mark.parametrize("refiners", [("interface",), ()])
+def test_inertial_makes_the_very_parts_of_depth_by_depth(kind: str, refiners: tuple[str, ...]) -> None:
+    mesh = STRUCTURED[kind]()
+    for target in ({"h_factor": (2.0, 3.0, 5.0)}, {"n_parts": (64, 16)}):
+        options = {**target, "polish": False, "refiners": refiners}
+        one = grown(mesh, bisector="inertial", **options)
+        other = agglo.agglomerate(mesh, bisector=DepthByDepth("inertial"), **options)
+        for labels, others in zip(one.levels, other.levels, strict=True):
+            assert np.array_equal(labels, others)

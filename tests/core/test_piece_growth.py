@@ -16,7 +16,16 @@ from agglo_core import Graph, Mesh, OptionError, samples
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.kernels.piece_refinement import refine_sides
-from agglo_core.kernels.piece_splits import cells_beside, piece_room, reach_of_cells, sides_connected
+from agglo_core.kernels.piece_splits import (
+    SAMPLED,
+    broken_pieces,
+    cells_beside,
+    is_chosen,
+    piece_room,
+    reach_of_cells,
+    sides_connected,
+    units_of,
+)
 from agglo_core.threads import thread_count, using_threads
 from agglo_kmeans.kmeans import KMeans
 
@@ -203,3 +212,38 @@ def test_reach_is_the_distance_of_the_furthest_neighbour() -> None:
         near = graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]]
         furthest = np.linalg.norm(graph.centroids[near] - graph.centroids[cell], axis=1).max()
         assert furthest <= reach[cell] <= 1.001 * furthest
+
+
+def test_cells_that_stand_for_all_are_spread() -> None:
+    graph = samples.random_triangles(3000, seed=7).graph
+    length, weight, bands = units_of(graph.centroids, graph.weights)
+    assert length * np.ptp(graph.centroids, axis=0).max() == pytest.approx(1.0)
+    assert weight * graph.weights.mean() == pytest.approx(1.0)
+    chosen = np.array([is_chosen(each, bands) for each in graph.weights])
+    assert abs(chosen.mean() * SAMPLED - 1.0) < 0.2
+    halves = [np.average(graph.centroids[cells], axis=0) for cells in (chosen, ~chosen)]
+    np.testing.assert_allclose(halves[0], halves[1], atol=0.05)
+
+
+def test_cells_of_equal_weight_cannot_stand_for_all() -> None:
+    for weights in (np.full(4096, 0.3), np.repeat(np.linspace(1.0, 2.0, 16), 256)):
+        assert units_of(np.random.default_rng(0).random((4096, 2)), weights)[2] == 0.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS)
+def test_pieces_with_parts_that_are_not_connected(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    graph = lumpy_graph(40, 2, seed)
+    cells, slices = rng.permutation(40).astype(np.int32), np.array([[0, 15], [15, 31], [31, 40]])
+    leaf, tag = np.zeros(40, bool), np.full(40, -2, np.int32)
+    for lo, hi in slices[:2]:
+        leaf[[lo, (lo + hi) // 2]] = True
+        tag[cells[lo : (lo + hi) // 2]], tag[cells[(lo + hi) // 2 : hi]] = 2 * lo, 2 * hi - 1
+    leaf[31] = True  # not split
+    found = broken_pieces(slices, cells, graph.indptr, graph.indices, tag, leaf, np.ones(40, np.int32))
+    net = nx.from_scipy_sparse_array(graph.to_scipy())
+    net.remove_edges_from([(i, j) for i, j in net.edges if tag[i] != tag[j]])
+    for broken, (lo, hi) in zip(found[:2], slices[:2], strict=True):
+        assert broken == (nx.number_connected_components(net.subgraph(cells[lo:hi])) > 2)
+    assert not found[2]

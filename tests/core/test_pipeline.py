@@ -80,7 +80,7 @@ def test_statistics_are_plain_data_that_say_how_it_went():
     assert statistics["fallbacks"] == 0
     assert statistics["depth"] >= 4
     assert {"order", "grow"} <= set(statistics["seconds"])
-    by_depth = run(bisector="inertial").statistics
+    by_depth = run(bisector="metis").statistics
     assert {"bisect", "refine", "fix", "split"} <= set(by_depth["seconds"])
     assert all(seconds >= 0 for seconds in statistics["seconds"].values())
 

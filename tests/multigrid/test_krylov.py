@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,8 +14,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import pcg, pcg_columns
+from agglo_core.problems.backward_error import LIMIT, backward_error, limit_told
 from agglo_core.problems.conjugate_gradients import conjugate_gradients
-from agglo_core.problems.iteration_history import TESTS
+from agglo_core.problems.iteration_history import TESTS, History
 
 N = 40
 RANDOM = np.random.default_rng(11)
@@ -163,7 +165,7 @@ BREAKDOWNS: dict[str, tuple[Callable, str]] = {
     "loss of conjugacy": (lambda: pcg(A, b, skew), "not symmetric, or not precise enough"),
     "preconditioner not finite": (lambda: pcg(A, b, lambda r: r * np.nan), "preconditioner gave values"),
     "matrix not finite": (lambda: pcg(np.full((N, N), np.nan), b), "the matrix gave values"),
-    "stagnation": (lambda: pcg(A, b, inverse(0.2), tolerance=1e-30), "fall no further"),
+    "rounding": (lambda: pcg(A, b, inverse(0.2), tolerance=1e-30), "as accurate as double precision"),
     "most iterations": (lambda: pcg(A, b, most=7), "relative residual .* after 7 iterations, wanted 1.0e-06"),
     "underflow": (lambda: pcg(A, 1e-200 * b), "too small for floating-point numbers"),
 }
@@ -189,7 +191,7 @@ def test_an_iterate_at_the_limit_of_rounding_is_judged_before_it_is_given_up(see
     stiff, M = (Q * values) @ Q.T, (Q / values * (1.0 + 0.3 * rng.random(60))) @ Q.T
     stiff, M, right = (stiff + stiff.T) / 2, (M + M.T) / 2, rng.standard_normal(60)
     least = pcg(stiff, right, M, tolerance=1e-30)
-    assert least.ended == "stagnation"
+    assert least.ended == "rounding"
     assert not least.converged
     tolerance = 1.5 * float(np.linalg.norm(right - stiff @ least.x) / np.linalg.norm(right))
     found = pcg(stiff, right, M, tolerance=tolerance)
@@ -273,3 +275,51 @@ def test_energy_errors_of_plain_conjugate_gradients() -> None:
     assert errors[-1] == pytest.approx(found.energy_error)
     assert (np.diff(errors) < 0).all()
     assert len(conjugate_gradients(A, b, 1e-8, most=3).energy_errors) == 0  # nobody knows what is left
+
+
+def far_apart(n: int = 60) -> np.ndarray:
+    """A positive definite matrix whose entries span ten decades: rounding of x alone shows in b − A x."""
+    size = np.geomspace(1.0, 1e5, n)
+    random = np.random.default_rng(5)
+    Z = random.normal(size=(n, n)) / n**0.5
+    made = np.outer(size, size) * (Z @ Z.T + 0.05 * np.eye(n))
+    return (made + made.T) / 2
+
+
+def test_where_rounding_ends_it_x_is_as_accurate_as_by_elimination() -> None:
+    hard = far_apart()
+    wanted = np.ones(len(hard))
+    exact = np.linalg.solve(hard, wanted)
+    for _ in range(3):
+        exact = exact + np.linalg.solve(hard, wanted - hard @ exact)
+    best = np.linalg.norm(wanted - hard @ exact)
+    M = np.linalg.inv(hard * (1 + 0.05 * np.eye(len(hard))))
+    found = pcg(hard, wanted, (M + M.T) / 2, tolerance=1e-16, stop="both")
+    assert (found.converged, found.ended, found.final) == (False, "rounding", True)
+    assert found.backward_error <= LIMIT
+    assert found.backward_error == backward_error(hard, found.x, wanted)
+    assert "as accurate as double precision allows (backward error" in found.reason
+    assert np.linalg.norm(wanted - hard @ found.x) <= 3.0 * best
+    assert found.residuals[-1] == pytest.approx(np.linalg.norm(wanted - hard @ found.x))
+    e = found.x - exact
+    assert np.sqrt(e @ hard @ e / (wanted @ exact)) <= 4.0 * found.energy_error
+
+
+def test_the_limit_of_precision_is_claimed_of_known_entries_alone() -> None:
+    hard = far_apart()
+    unknown = LinearOperator(hard.shape, matvec=lambda x: hard @ x, dtype=float)
+    M = np.linalg.inv(hard * (1 + 0.05 * np.eye(len(hard))))
+    found = pcg(unknown, np.ones(len(hard)), (M + M.T) / 2, tolerance=1e-16, stop="both")
+    assert (found.converged, found.ended, found.final) == (False, "stagnation", False)
+    assert found.backward_error is None
+
+
+def test_the_limit_of_precision_is_not_claimed_far_from_it() -> None:
+    given = History(X * (1 + 1e-9), np.ones(2), False, "fell no further: …", 1e-9, (), "stagnation")
+    told = limit_told(given, A, b)
+    assert (told.ended, told.final) == ("stagnation", False)
+    assert told.backward_error > 1e-13
+    singular = replace(given, x=X, energy_error=0.5)
+    assert limit_told(singular, A, b).ended == "stagnation"
+    assert limit_told(replace(given, x=X), A, b).ended == "rounding"
+    assert limit_told(replace(given, ended="most iterations"), A, b).backward_error is None

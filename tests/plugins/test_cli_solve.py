@@ -47,6 +47,8 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
         "advice",
         "tolerance",
         "energy_errors",
+        "outcome",
+        "backward_error",
     ]
     assert (data["dofs"], data["iterations"], data["converged"]) == (768, 10, True)
     assert [(each["cells"], each["dofs"]) for each in data["levels"]] == [(n, 6 * n) for n in (128, 64, 16)]
@@ -65,6 +67,7 @@ def test_json_of_the_papers_case(agglo: Agglo) -> None:
     for seconds in (data["seconds"], data["cpu_seconds"]):
         assert list(seconds) == ["hierarchy", "assemble", "setup", "solve"]
     assert data["tolerance"] == 1e-6
+    assert (data["outcome"], data["backward_error"]) == ("converged", None)
 
 
 def test_levels_without_agglomerates_are_told_by_their_unknowns(agglo: Agglo) -> None:

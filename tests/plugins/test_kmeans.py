@@ -177,3 +177,28 @@ def test_partition_without_weights_and_to_the_last_cell():
 def test_iterations_must_be_a_whole_number(iterations):
     with pytest.raises(OptionError, match="iterations"):
         KMeans(iterations=iterations)
+
+
+def test_large_pieces_are_cut_alike_wherever_they_lie():
+    """Pieces of which a sample serves, which is of the same cells whatever their numbers and the axes."""
+    mesh, rng = agglo.samples.random_triangles(6000, seed=11), np.random.default_rng(2)
+    order = rng.permutation(mesh.n_cells)
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    moved = agglo.Mesh.from_polygons(
+        mesh.points @ turn.T + 1000.0, [mesh.boundary_loops.vertices[3 * c : 3 * c + 3] for c in order]
+    )
+    assert mesh.n_cells > 8192
+    one, two = (agglo.agglomerate(each, n_parts=8).levels[0] for each in (mesh, moved))
+    assert len(np.unique(one[order] * 8 + two)) == 8
+
+
+@pytest.mark.parametrize("spread", [True, False])
+def test_large_pieces_are_halved_evenly(spread):
+    """Whether a sample of the cells serves, or weights are alike in regions and all are needed."""
+    rng = np.random.default_rng(4)
+    points = rng.random((20_000, 2)) * [3.0, 1.0]
+    weights = rng.uniform(0.5, 1.5, 20_000) if spread else np.where(points[:, 0] < 1.0, 1.0, 1.09)
+    sides = sides_of(cloud(points, weights))
+    bar = 0.5 * (points[sides == sides[points[:, 0].argmin()], 0].max() + 1.5)
+    assert abs(np.bincount(sides, weights)[0] / weights.sum() - 0.5) < 0.02
+    assert abs(bar - 1.5) < 0.05

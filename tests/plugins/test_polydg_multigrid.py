@@ -14,6 +14,7 @@ from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import LevelStack
 from agglo_core.problems import Diffusion, Linear, Solution
+from agglo_core.problems.backward_error import LIMIT
 from agglo_polydg_mg.direct import Direct
 from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
@@ -83,6 +84,56 @@ def test_high_degrees_on_flat_triangles_converge_or_are_lost_in_rounding(degree:
     else:
         assert degree > 4, f"{found.reason}; seed {seed}"
         assert "not positive definite" in found.reason
+
+
+@pytest.mark.parametrize("seed", [FRESH, FRESH + 1])
+def test_where_rounding_ends_it_nothing_more_is_to_be_had(seed: int) -> None:
+    """At degree 5 the energy error cannot fall to 1e-10: a direct solver ends there, too, and says so."""
+    mesh = samples.random_triangles(100, seed=seed)
+    asked = {"degree": 5, "tolerance": 1e-12}
+    found = PolyDGMultigrid(**asked).solve(SOURCE, bare(mesh))
+    other = Direct(**asked, scaled_basis=True, penalty="sharp").solve(SOURCE, bare(mesh))
+    for each in (found, other):
+        assert (each.converged, each.outcome) == (False, "limited by rounding")
+        assert each.backward_error <= LIMIT
+        assert "as accurate as double precision allows" in each.reason
+    assert found.residuals[-1] <= 4.0 * other.residuals[-1], f"seed {seed}"
+    e = found.x - other.x
+    assert np.sqrt(e @ (found.A @ e) / (found.b @ found.x)) <= 4.0 * (found.energy_error + other.energy_error)
+
+
+def test_another_recipe_where_rounding_spoils_the_levels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By itself and visibly; if one was asked for it is not exchanged."""
+    from agglo_polydg_mg import recipes
+
+    def lost(*given: object, **options: object) -> LevelStack:
+        raise np.linalg.LinAlgError("indefinite")
+
+    monkeypatch.setattr(recipes, "conforming_stack", lost)
+    mesh = samples.squares(16)
+    found = solved(mesh, degree=2)
+    assert "patches, W-cycle, float64" in found.choice
+    assert "in place of: continuous space" in found.choice
+    assert found.iterations <= 18
+    asked = PolyDGMultigrid(degree=2, recipe="conforming").solve(SOURCE, bare(mesh))
+    assert (asked.converged, asked.reason) == (False, "indefinite")
+
+
+def test_a_cycle_that_breaks_down_in_double_precision_leads_to_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from agglo_polydg_mg import polydg_multigrid
+
+    cycle = polydg_multigrid.multigrid.cycle
+
+    def broken(stack: LevelStack, kind: str) -> LinearOperator | Callable[[np.ndarray], np.ndarray]:
+        operator = cycle(stack, kind)
+        return operator if kind == "W" else lambda r: -r
+
+    monkeypatch.setattr(polydg_multigrid.multigrid, "cycle", broken)
+    found = solved(samples.squares(12), degree=2)
+    assert "patches, W-cycle, float64" in found.choice
+    assert "double precision took over, which failed" in found.choice
 
 
 @pytest.mark.parametrize(("ratio", "most"), [(1e-3, 25), (1e-6, 40)])

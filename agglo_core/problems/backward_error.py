@@ -1,0 +1,61 @@
+"""How far an iterate is from all that double precision allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float
+from agglo_core.problems.iteration_history import History
+from agglo_core.problems.sizes import size_ratio, two_norm
+
+__all__ = ["LIMIT", "backward_error", "limit_told"]
+
+LIMIT = 2.0 * float(np.finfo(float).eps)
+"""Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""
+_TWO_DIGITS = 0.01
+"""Of the energy error: where it is larger the matrix is as good as singular, and x is not called accurate."""
+
+
+def backward_error(A: Any, x: Float, b: Float) -> float | None:
+    """‖b − A x‖ / ‖|A| |x| + |b|‖, entry by entry under the norm; None if A is not known entry by entry.
+
+    x solves exactly a system whose residual could come of entries of A and b that are wrong by this part of
+    themselves. To round x, or to compute b − A x, makes as much as half of an ulp of each: below
+    :data:`LIMIT` no solver in double precision does better, whatever its residual is next to ‖b‖.
+
+    Parameters
+    ----------
+    A : (n, n) sparse or array
+    x, b : (n,) float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> A, b = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([3.0, 4.0])
+    >>> f"{backward_error(A, np.array([1.0, 1.0 + 1e-8]), b):.1e}"
+    '3.2e-09'
+    """
+    if not (sparse.issparse(A) or isinstance(A, np.ndarray)):
+        return None
+    return size_ratio(two_norm(b - A @ x), two_norm(abs(A) @ np.abs(x) + np.abs(b)))
+
+
+def limit_told(history: History, A: Any, b: Float) -> History:
+    """The history of a method whose residual fell no further, with the backward error of its iterate.
+
+    It ended by ``"rounding"`` if that is :data:`LIMIT` or less and the energy error leaves two digits; other
+    histories are given back as they are.
+    """
+    error = backward_error(A, history.x, b) if history.ended == "stagnation" else None
+    if error is None:
+        return history
+    known = history.energy_error is not None and history.energy_error <= _TWO_DIGITS
+    if not (known and error <= LIMIT):
+        return replace(history, backward_error=error)
+    sizes = history.reason.split(": ", 1)[-1]
+    reason = f"as accurate as double precision allows (backward error {error:.0e}): {sizes}"
+    return replace(history, ended="rounding", backward_error=error, reason=reason)

@@ -1,0 +1,75 @@
+"""Parts that are broken or too wide; points renumbered; growth that goes on from other pieces."""
+
+from __future__ import annotations
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agglo_core as agglo
+from agglo_core import samples
+from agglo_core.agglomeration import growing
+from agglo_core.arrays import frozen_index
+from agglo_core.errors import MeshError
+from agglo_core.graph.connection import broken_parts
+from agglo_core.kernels.graphs import numbered_as_met
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def scattered(seed: int, solid: bool = False):
+    """A graph, and parts of it of which many are broken."""
+    rng = np.random.default_rng(seed)
+    graph = (samples.tetrahedra(2) if solid else samples.random_triangles(60, seed=seed % 7)).graph
+    return rng, graph, np.unique(rng.integers(0, 1 + graph.n // 3, graph.n), return_inverse=True)[1]
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.integers(1, 3))
+def test_broken_parts(seed: int, threads: int) -> None:
+    rng, graph, labels = scattered(seed)
+    asked = rng.random(labels.max() + 1) < 0.7
+    network = nx.from_scipy_sparse_array(graph.to_scipy())
+    parts = [network.subgraph(np.flatnonzero(labels == p).tolist()) for p in range(len(asked))]
+    expected = [bool(a) and not nx.is_connected(part) for a, part in zip(asked, parts, strict=True)]
+    with agglo.using_threads(threads, few=10):
+        assert broken_parts(graph.indptr, graph.indices, labels, asked).tolist() == expected
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.booleans(), st.integers(1, 3))
+def test_wide_parts(seed: int, solid: bool, threads: int) -> None:
+    rng, graph, labels = scattered(seed, solid)
+    asked = rng.random(labels.max() + 1) < 0.7
+    widths = graph.part_diameters(labels)
+    for limit in (0.4, 1.0, widths[0], 2.0):  # one of them is exactly that of a part
+        with agglo.using_threads(threads, few=10):
+            assert graph.wide_parts(labels, limit).tolist() == (widths > limit).tolist()
+            found = graph.wide_parts(labels, limit, asked)
+        assert found.tolist() == (asked & (widths > limit)).tolist()
+
+
+def test_wide_parts_refuses_labels_beyond_those_asked_for() -> None:
+    graph = samples.squares(2).graph
+    with pytest.raises(MeshError, match=r"labels must be \(4,\) integers in 0\.\.1"):
+        graph.wide_parts([0, 1, 2, 0], 1.0, np.ones(2, bool))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 9), max_size=30))
+def test_numbered_as_met(values: list[int]) -> None:
+    renumbered, order = numbered_as_met(frozen_index(values), 10)
+    assert order.tolist() == list(dict.fromkeys(values))
+    assert order[renumbered].tolist() == values
+
+
+@pytest.mark.parametrize("targets", [{"h_factor": (2, 4)}, {"n_parts": (9, 40)}])
+def test_growth_that_goes_on_gives_what_growth_made_anew_gives(targets, monkeypatch) -> None:
+    mesh = samples.random_triangles(600, seed=5)
+    one = agglo.agglomerate(mesh, **targets)
+    monkeypatch.setattr(growing, "_restarted", lambda graph, pieces, growth, run: run.growth(graph, pieces))
+    other = agglo.agglomerate(mesh, **targets)
+    for a, b in zip(one.levels, other.levels, strict=True):
+        np.testing.assert_array_equal(a, b)
