@@ -28,6 +28,7 @@ from agglo_core.kernels.curve_keys import curve_keys
 from agglo_core.kernels.faces import match_half_edges
 from agglo_core.kernels.geometry import block_diameters, compare_diameters
 from agglo_core.kernels.graphs import broken_blocks, child_order, components, permute_graph, take_rows
+from agglo_core.kernels.halves import broken_halves
 from agglo_core.kernels.interface import relax_interface
 from agglo_core.kernels.polygon_faults import check_polygons
 from agglo_core.kernels.repair import absorb
@@ -204,6 +205,19 @@ def test_keys_along_a_curve(seed: int, dim: int) -> None:
     assert (keys >> np.uint64(32)).tolist() == wanted
     assert (keys & np.uint64(2**32 - 1)).tolist() == list(range(20))
     assert curve_order(points).tolist() == sorted(range(20), key=lambda i: (wanted[i], i))
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.booleans())
+def test_halves_are_searched_along_the_cut(seed: int, scattered: bool) -> None:
+    rng, graph = np.random.default_rng(seed), samples.voronoi(60, seed=seed % 10).graph
+    labels = graph.components(graph.centroids[:, 0] > 0.5)
+    blocks, _ = graph.split(labels)
+    score = rng.random(60) if scattered else blocks.centroids @ rng.standard_normal(2)
+    sides = frozen_int(score > np.median(score))
+    found = broken_halves(blocks.offsets, blocks.indptr, blocks.indices, sides)
+    wanted = broken_blocks(blocks.offsets, blocks.indptr, blocks.indices, sides)
+    np.testing.assert_array_equal(found, wanted)
 
 
 # --- diameters --------------------------------------------------------------------------------------------
