@@ -40,12 +40,12 @@ _SHIPPED = Path(__file__).parent / "weights" / "fast.safetensors"
 class FastGNN:
     """Bisection by a learned direction and an exact sweep across it.
 
-    A block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
+    A block of at least 96 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
-    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. If its cells are equal, axes and
-    diagonals are tried as well, and the best of these directions turned by ± 22.5° and then ± 11.25°.
-    Smaller blocks are swept along axes and diagonals alone, turned likewise from 16 and 32 cells on; those
-    of fewer than 96 cells not only near the mean. Neither side is ever empty, and no random numbers are used.
+    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
+    or of equal cells, try their axes and diagonals as well, and the best of these directions turned
+    by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
+    32 cells on. Neither side is ever empty, and no random numbers are used.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Kernels of the fast model: sweeps in the direction of the network, or along some axes."""
+"""Kernels of the fast model: the network on the raster of a piece, and the sweep in its direction."""
 
 from __future__ import annotations
 
@@ -14,20 +14,92 @@ from agglo_core.authoring import (
     piece_driver,
     piece_splits,
     piece_sweeps,
-    planar_frame,
+    scan_thresholds,
     turned,
 )
-from agglo_gnn.band_sweeps import band_room, band_sweep, write_all_rows
-from agglo_gnn.network_kernels import network_room, point
 from agglo_gnn.raster_kernels import fill_raster, raster_room, to_frame
 
-__all__ = ["bisect_fast", "split_fast"]
+__all__ = ["bisect_fast", "direction", "split_fast"]
 
-_SMALL = 96  # cells below which a cut is sought far from the mean, too
+_TIE = 1e-6  # of a bin: values that close to its end lie inside
+_BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
+_BINS = 32
+_SMALL = 96  # cells below which some axes are swept instead
 _AXES = 4
 _FINER = 2  # halvings of the angle between them, about the best
 _LONG = 0.5  # ratio of principal moments below which a piece is long
-_FEW = 400  # cells below which axes are tried and the network is not asked: it would rarely decide
+_FEW = 400  # cells below which the axes are tried beside the network's direction
+
+
+@helper(allocates=True)
+def _sage(count, near, given, own, other, bias, out):
+    """``out = ReLU(given · own + mean over neighbours of given · other + bias)``."""
+    inputs, outputs = own.shape
+    mean = np.empty(inputs)
+    for a in range(count):
+        degree = 0
+        for k in range(inputs):
+            mean[k] = 0.0
+        for s in range(4):
+            if near[a, s] >= 0:
+                degree += 1
+                for k in range(inputs):
+                    mean[k] += given[near[a, s], k]
+        for o in range(outputs):
+            out[a, o] = bias[o]
+        for k in range(inputs):
+            m, x = mean[k] / max(degree, 1), given[a, k]
+            for o in range(outputs):
+                out[a, o] += x * own[k, o] + m * other[k, o]
+        for o in range(outputs):
+            out[a, o] = max(out[a, o], 0.0)
+
+
+@helper
+def _dense(given, weight, bias, rectify, out):
+    for o in range(len(bias)):
+        out[o] = bias[o]
+    for k in range(weight.shape[0]):
+        for o in range(len(bias)):
+            out[o] += given[k] * weight[k, o]
+    if rectify:
+        for o in range(len(bias)):
+            out[o] = max(out[o], 0.0)
+
+
+@kernel
+def direction(count, nodes, near, areas, features, net):
+    """The network: coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece."""
+    own1, other1, bias1, own2, other2, bias2, dense1, add1, dense2, add2, dense3, add3 = net
+    first, second = np.empty((count, len(bias1))), np.empty((count, len(bias2)))
+    _sage(count, near, nodes, own1, other1, bias1, first)
+    _sage(count, near, first, own2, other2, bias2, second)
+    width = len(bias2)
+    pooled = np.zeros(width + len(features))
+    for a in range(count):
+        for k in range(width):
+            pooled[k] += areas[a] * second[a, k]
+    for k in range(len(features)):
+        pooled[width + k] = features[k]
+    hidden, again, out = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
+    _dense(pooled, dense1, add1, True, hidden)
+    _dense(hidden, dense2, add2, True, again)
+    _dense(again, dense3, add3, False, out)
+    return out[0], out[1]
+
+
+@helper(reorder_sums=True)
+def _band_bins(n, x, y, p, q, low, rate, shares, bins):
+    """Bins of the score p x + q y, −1 below the band and 32 above; share and moments of what is below."""
+    area, sx, sy = 0.0, 0.0, 0.0
+    for i in range(n):
+        place = min(max((p * x[i] + q * y[i] - low) * rate - _TIE, -1.0), float(_BINS))
+        below = shares[i] if place < 0.0 else 0.0
+        bins[i] = np.int32(np.floor(place))
+        area += below
+        sx += below * x[i]
+        sy += below * y[i]
+    return area, sx, sy
 
 
 @helper
@@ -39,6 +111,37 @@ def _number_cells(cells, lo, hi, tag, marks):
 
 
 @helper
+def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, spread, bins, tally):
+    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
+
+    Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
+    """
+    indptr, indices, interface = graph[0], graph[1], graph[2]
+    n, piece = hi - lo, tag[cells[lo]]
+    low = -_BAND * spread
+    rate = -0.5 * _BINS / low if low < 0.0 else 0.0
+    area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
+    cut = 0.0
+    for i in range(n):
+        own = bins[i]
+        if own < 0 or own >= _BINS:
+            continue
+        rise, cell = 0.0, cells[lo + i]
+        for h in range(indptr[cell], indptr[cell + 1]):
+            j = indices[h]
+            other = bins[marks[j, 1]] if tag[j] == piece else own
+            rise += interface[h] * ((other > own) - (other < own))
+            cut += interface[h] * (other < 0)
+        tally[own, 0] += shares[i] * local[0, i]
+        tally[own, 1] += shares[i] * local[1, i]
+        tally[own, 3] += shares[i]
+        tally[own, 4] += rise
+    scale, inertia, weight = scales
+    best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
+    return best, last, low, rate
+
+
+@helper
 def _equal(n, shares):
     low, high = shares[0], shares[0]
     for i in range(n):
@@ -47,64 +150,41 @@ def _equal(n, shares):
 
 
 @helper
-def _asked(n, own):
-    """Frame of a piece, its moments there, and the direction in which the network points."""
-    (local, shares, scales), _, raster, (_, _, uv), net, _, layers = own
-    grid, place, nodes, near, areas, features = raster
-    frame = to_frame(n, local, shares, scales[1], uv, features)
-    count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
-    return (
-        frame,
-        (features[0], features[1], features[2]),
-        point(count, nodes, near, areas, features, net, layers),
-    )
+def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
+    """Cheapest cut near the mean of the network's score.
 
-
-@helper
-def _unasked(n, own):
-    """As ``_asked``, but the direction is the principal axis."""
-    local, shares, _ = own[0]
-    a, b, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
-    uu, vv = a * a * xx + 2.0 * a * b * xy + b * b * yy, b * b * xx - 2.0 * a * b * xy + a * a * yy
-    return (a, b, -b, a), (uu, a * b * (yy - xx) + (a * a - b * b) * xy, vv), (1.0, 0.0)
-
-
-@helper
-def _cut_near_mean(graph, cells, lo, hi, own, tag, marks, axis):
-    """Cheapest cut near the mean, along the direction of the network or some axes.
-
-    The network is asked from some hundred cells on. With fewer, or all alike, the axes are tried, and the
-    best of all turned a little. Returns what ``band_sweep`` does, leaves the score in the score room and
-    its gradient in ``axis``.
+    With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
+    Returns what ``_band_sweep`` does, leaves the score in the score room and its gradient in ``axis``.
     """
-    (local, shares, scales), (score, bins, tally, _), _, (turns, finer, _), _, rows, _ = own
+    (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv), net = own
+    grid, place, nodes, near, areas, features = raster
     n = hi - lo
-    few = n < _FEW or _equal(n, shares)
-    (ux, uy, vx, vy), (uu, uv, vv), pointed = _unasked(n, own) if n < _FEW else _asked(n, own)
+    ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
+    count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
+    pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
+    few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
     first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
-    points = local, shares, (scales[0], scales[1], scales[2])
+    section = scales[0], scales[1], scales[2]
     _number_cells(cells, lo, hi, tag, marks)
-    if few:
-        write_all_rows(graph, cells, lo, hi, tag, marks, rows)
     for c in range(first, last + 1):
         f = (c - 1) // 2
         if c < 0:
             a, b = turns[c - first, 0], turns[c - first, 1]
-            if vv < _LONG * uu and abs(a) < 0.9:
+            if long and abs(a) < 0.9:
                 continue  # a long piece is not cut lengthwise
         elif c == 0:
             a, b = pointed
-            if n < _FEW:
-                continue  # it was the first of the axes
         elif c % 2 == 1:
             cos, sin = p, q
             a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
         else:
             a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
-        spread = np.sqrt(uu * a * a + 2.0 * uv * a * b + vv * b * b)
+        spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
-        trial = band_sweep(graph, cells, lo, hi, tag, marks, points, x, y, spread, few, rows, bins, tally)
+        trial = _band_sweep(
+            graph, cells, lo, hi, tag, marks, local, shares, section, x, y, spread, bins, tally
+        )
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
     axis[0], axis[1] = p * ux + q * vx, p * uy + q * vy
@@ -116,11 +196,11 @@ def _cut_near_mean(graph, cells, lo, hi, own, tag, marks, axis):
 @helper
 def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
     """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
-    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _), _, _, _ = own
+    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _), _ = own
     n, axis, best = hi - lo, sums[2], (NO_CUT, 0, 0.0, 0.0)
     axis[2] = 0.0
     if n >= _SMALL and scales[1] > 1e-299:
-        best = _cut_near_mean(graph, cells, lo, hi, own, tag, marks, axis)
+        best = _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis)
     if best[0] == NO_CUT:
         some = finer[: (n >= 16) + (n >= 32)]  # few cells have few cuts
         edges = ends, piece_sweeps.edges_of_piece(graph, cells, lo, hi, tag, marks, ends)
@@ -136,14 +216,12 @@ def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
 def _room(m, edges, net):
     """Work arrays for pieces of at most m cells, and the network."""
     directions = half_circle(_AXES), halvings(_AXES, _FINER), np.empty((2, m))
-    points, scores, raster = piece_sweeps.point_room(m), piece_sweeps.score_room(m, edges), raster_room(m)
-    rows, layers = band_room(m, edges), network_room(len(raster[2]), net)
-    return points, scores, raster, directions, net, rows, layers
+    return piece_sweeps.point_room(m), piece_sweeps.score_room(m, edges), raster_room(m), directions, net
 
 
 @kernel
 def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
-    """Side of each node of a planar graph: the network's cut, or along some axes if it is small."""
+    """Side of each node of a planar graph: the network's cut, or the best of some axes if it is small."""
     n, largest, most = len(weights), np.int64(0), np.int64(0)
     for b in range(len(offsets) - 1):
         largest = max(largest, offsets[b + 1] - offsets[b])

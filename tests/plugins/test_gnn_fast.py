@@ -66,7 +66,7 @@ def slow_direction(nodes, near, areas, features, net):
 
 
 def kernel_directions(rasters, net):
-    from agglo_gnn.network_kernels import direction
+    from agglo_gnn.fast_kernels import direction
 
     found = []
     for b, features in enumerate(rasters.blocks):
@@ -174,34 +174,6 @@ def test_small_blocks_cost_no_more_than_four_axes(n):
         graph = samples.voronoi(n, seed).graph
         four = SweepBisection(4).bisect_level(graph, np.zeros(1, np.uint64))
         assert cost(graph, sides_of(graph)) <= cost(graph, four) * (1 + 1e-9)
-
-
-@pytest.mark.parametrize("written", [False, True])
-@pytest.mark.parametrize("angle", [0.0, 0.6, 2.0])
-def test_a_band_sweep_finds_the_cheapest_threshold_near_the_mean(angle, written):
-    from agglo_core.kernels.thresholds import compactness
-    from agglo_gnn.band_sweeps import band_room, band_sweep, write_all_rows
-
-    graph = samples.voronoi(200, 4).graph
-    n, shares = graph.n, graph.weights / graph.weights.sum()
-    local = (graph.centroids - shares @ graph.centroids).T
-    inertia, area = shares @ (local**2).sum(0), graph.measures.sum()
-    score = np.cos(angle) * local[0] + np.sin(angle) * local[1]
-    spread = np.sqrt(shares @ score**2)
-    arrays = graph.indptr, graph.indices, graph.interface
-    cells, tag, marks = np.arange(n), np.zeros(n, int), np.column_stack((np.zeros(n, int), np.arange(n)))
-    room, work = band_room(n, len(graph.indices)), (np.empty(n, np.int32), np.zeros((32, 5)))
-    piece, points = (arrays, cells, 0, n, tag, marks), (local, shares, (area**-0.5, inertia, compactness(n)))
-    if written:
-        write_all_rows(*piece, room)
-    best, last, low, rate = band_sweep(
-        *piece, points, np.cos(angle), np.sin(angle), spread, written, room, *work
-    )
-    thresholds = np.linspace(-0.45, 0.45, 33)[1:-1] * spread
-    costs = [cost(graph, (score > threshold).astype(int)) for threshold in thresholds]
-    assert best == pytest.approx(min(costs), rel=1e-9)
-    assert low + (last + 1) / rate == pytest.approx(thresholds[np.argmin(costs)], abs=1e-12)
-    assert not work[1].any()  # the tally is clear for the next sweep
 
 
 def test_the_network_points_to_the_cut():
