@@ -22,6 +22,7 @@ __all__ = [
     "bisect_by_block",
     "bisector_for",
     "broken_blocks",
+    "broken_halves",
     "checked_labels",
     "checked_moves",
     "checked_parts",
@@ -227,3 +228,10 @@ def broken_blocks(graph: Graph, labels: Int) -> Int:
         return frozen_int([] if parts_connected(graph.indptr, graph.indices, labels) else [0])
     found = graphs.broken_blocks(graph.offsets, graph.indptr, graph.indices, frozen_int(labels))
     return frozen_int(np.flatnonzero(found))
+
+
+def broken_halves(graph: Graph, sides: Int) -> Int:
+    """Blocks with a side that is not connected, the blocks themselves being connected."""
+    from agglo_core.kernels import halves
+
+    return frozen_int(np.flatnonzero(halves.broken_halves(graph.offsets, graph.indptr, graph.indices, sides)))

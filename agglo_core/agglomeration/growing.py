@@ -39,12 +39,14 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
         if growth is None:
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
         parts = _split(graph, labels, goal, growth, own, stage)
+        if stage == len(goals) - 1:
+            growth = None  # its arrays make room
         labels = post.apply(graph, labels, parts, goal, own, stage)
         result.append(labels)
     return result[::-1]
 
 
-def _restarted(graph: Graph, pieces: Int, growth: Growth, run: Run) -> Growth | None:
+def _restarted(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Growth | None:
     """Growth of other pieces than those of the last call."""
     if not isinstance(growth, RestartedGrowth):
         return run.growth(graph, pieces)

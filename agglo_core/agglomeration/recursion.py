@@ -163,7 +163,7 @@ def _split(level: Graph, run: Run, seeds: UInt64, target: Target) -> Int:
     with statistics.timed("refine"):
         sides = run.refine(level, sides, seeds, target)
     with statistics.timed("fix"):
-        sides = run.fix(level, sides)
+        sides = run.fix(level, sides, halves=True)
     statistics.depth += 1
     statistics.bisections += level.n_blocks
     if run.listen is not None:

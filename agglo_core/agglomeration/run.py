@@ -12,6 +12,7 @@ import numpy as np
 from agglo_core.agglomeration.border import (
     bisector_for,
     broken_blocks,
+    broken_halves,
     checked_labels,
     checked_moves,
     checked_parts,
@@ -196,9 +197,12 @@ class Run:
             labels = checked_moves(member, block, labels, given)
         return labels
 
-    def fix(self, graph: Graph, labels: Int) -> Int:
-        """Labels whose parts are all connected; only blocks in need of it are given to the fixer."""
-        broken = broken_blocks(graph, labels)
+    def fix(self, graph: Graph, labels: Int, *, halves: bool = False) -> Int:
+        """Labels whose parts are all connected; only blocks in need of it are given to the fixer.
+
+        With ``halves`` the blocks are known to be connected, and the labels are 0 and 1: faster to test.
+        """
+        broken = (broken_halves if halves else broken_blocks)(graph, labels)
         if len(broken) == 0:
             return labels
         self.statistics.repairs += len(broken)

@@ -37,13 +37,16 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     geometry = graph.centroids, graph.weights, graph.measures
     parts, tally = part_tally(labels, k, *geometry, floor)
     axes, places = part_places(block, count, tally)
-    rank, starts = _ranks(block, count, places)
+    order = np.lexsort((places, block))
+    rank = np.empty(k, np.int32)
+    rank[order] = np.arange(k, dtype=np.int32)
+    parts, tally = rank[parts], tally[order]
+    starts = frozen_int(np.searchsorted(block[order], np.arange(count + 1)))
     cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
-    owner = block.astype(np.int32)
-    blocks, due = interface_cells(cells, parts, tally, owner)
-    by_turns = [_slices(starts, rank, shift, graph.dim) for shift in range(2)]
+    blocks, due = interface_cells(cells, parts, tally, starts)
+    by_turns = [_slices(starts, shift, graph.dim) for shift in range(2)]
     room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
-    state = State(parts, tally, blocks, due, *room, rank, owner, np.zeros((count, 2)), np.ones(count, bool))
+    state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
     corners, reach = _reach(graph, parts, k, limit)
     threads = thread_count()
     work = [_work(n, k) for _ in range(threads)]
@@ -58,14 +61,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
             sweep_slices(cells, state, own, slices, start, stop, sweep, alpha, limit, reach, corners)
 
         list(mapped(make, *zip(*ranges, strict=True), work[: len(ranges)]))
-    return frozen_int(parts)
-
-
-def _ranks(block: Int, count: int, places: Any) -> tuple[Any, Int]:
-    """Rank of each part, block by block and by their places there; the first rank of each block."""
-    rank = np.empty(len(block), np.int32)
-    rank[np.lexsort((places, block))] = np.arange(len(block), dtype=np.int32)
-    return rank, frozen_int(np.concatenate(([0], np.cumsum(np.bincount(block, minlength=count)))))
+    return frozen_int(order[parts])
 
 
 def _work(n: int, k: int) -> Any:
@@ -74,12 +70,11 @@ def _work(n: int, k: int) -> Any:
     return Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.empty(n + 1), np.zeros(k))
 
 
-def _slices(starts: Int, rank: Any, shift: int, dim: int) -> Any:
+def _slices(starts: Int, shift: int, dim: int) -> Any:
     from agglo_core.kernels.shape_state import Slices
 
     rows = slices(starts, shift, dim)
-    number = np.repeat(np.arange(len(rows), dtype=np.int32), rows[:, 1] - rows[:, 0])[rank]
-    return Slices(rows, number, np.zeros((len(rows), 2)))
+    return Slices(rows, np.zeros((len(rows), 2)))
 
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +27,9 @@ from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
 __all__ = ["BlockGraph"]
+
+_LATER = ("boundary", "vertex_offsets", "vertices")
+"""What a subgraph takes from the graph it is part of only when asked: few bisectors want it."""
 
 _FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points", "origin")
 
@@ -58,6 +61,24 @@ class BlockGraph:
             object.__setattr__(self, key, frozen_index(getattr(self, key)))
         data = {key: frozen(values, np.asarray(values).dtype) for key, values in self.data.items()}
         object.__setattr__(self, "data", data)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """What a subgraph has not yet taken from the graph it is part of."""
+            if name not in _LATER or "_whole" not in self.__dict__:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            whole, nodes = self.__dict__["_whole"]
+            if name == "boundary":
+                self.__dict__[name] = frozen_float(whole.boundary[nodes])
+            else:
+                self.__dict__.update(_rows_of(whole, nodes))
+            return self.__dict__[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All arrays, and nothing of the graph that this is a part of."""
+        arrays = {name: getattr(self, name) for name in _LATER}
+        return {key: value for key, value in self.__dict__.items() if key != "_whole"} | arrays
 
     @property
     def n(self) -> int:
@@ -110,7 +131,7 @@ class BlockGraph:
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
         """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
-        from agglo_core.kernels.graphs import permute_graph, take_rows
+        from agglo_core.kernels.graphs import permute_graph
 
         order, blocks = frozen_int(nodes), frozen_int(offsets)
         if len(order) and (order.min() < 0 or order.max() >= self.n):
@@ -118,28 +139,32 @@ class BlockGraph:
         if len(blocks) == 0 or blocks[0] != 0 or blocks[-1] != len(order) or (np.diff(blocks) < 0).any():
             raise MeshError(f"block offsets must rise from 0 to {len(order)}")
         edges = self.indptr, self.indices, self.interface
-        rows, (vertex_offsets, vertices), (centroids, measures, boundary) = together(
+        whole, places = self.__dict__.get("_whole", (self, None))
+        rows, (centroids, measures, nodes_of_whole) = together(
             len(order),
             lambda: permute_graph(*edges, order, blocks),
-            lambda: take_rows(self.vertex_offsets, self.vertices, order),
             # take is ten times faster than indexing where items are rows
-            lambda: (self.centroids.take(order, axis=0), self.measures[order], self.boundary[order]),
+            lambda: (
+                frozen_float(self.centroids.take(order, axis=0)),
+                frozen_float(self.measures[order]),
+                order if places is None else frozen_int(places[order]),
+            ),
         )
-        measures = frozen_float(measures)
-        return replace(
-            self,
-            indptr=rows[0],
-            indices=rows[1],
-            interface=rows[2],
+        made = object.__new__(type(self))
+        made.__dict__.update(
+            indptr=frozen_int(rows[0]),
+            indices=frozen_index(rows[1]),
+            interface=frozen_float(rows[2]),
             centroids=centroids,
             measures=measures,
-            boundary=boundary,
-            weights=measures if self.weights is self.measures else self.weights[order],
-            vertex_offsets=vertex_offsets,
-            vertices=vertices,
+            weights=measures if self.weights is self.measures else frozen_float(self.weights[order]),
+            points=self.points,
             offsets=blocks,
-            data={key: values[order] for key, values in self.data.items()},
+            data={key: frozen(values[order], values.dtype) for key, values in self.data.items()},
+            origin=self.origin,
+            _whole=(whole, nodes_of_whole),
         )
+        return made
 
     def split(self, labels: ArrayLike) -> tuple[Self, Int]:
         """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
@@ -208,7 +233,7 @@ class BlockGraph:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
         from agglo_core.kernels.graphs import components
 
-        parts = frozen_int(np.zeros(self.n) if labels is None else labels)
+        parts = frozen_int(np.zeros(self.n, np.int64) if labels is None else labels)
         if parts.shape != (self.n,) or parts.min() < 0:
             raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
         if labels is None and parts_connected(self.indptr, self.indices, parts):
@@ -217,3 +242,11 @@ class BlockGraph:
         component = np.empty(self.n, np.int64)
         component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
         return frozen_int(component)
+
+
+def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:
+    """Vertices of some nodes of a graph."""
+    from agglo_core.kernels.graphs import take_rows
+
+    vertex_offsets, vertices = take_rows(whole.vertex_offsets, whole.vertices, nodes)
+    return {"vertex_offsets": frozen_int(vertex_offsets), "vertices": frozen_index(vertices)}

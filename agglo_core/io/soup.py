@@ -162,6 +162,9 @@ def _solids(soup: Soup, cells: Int) -> Polyhedra:
         nodes = soup.vertices[soup.offsets[own][:, None] + order]
         parts.append(polyhedra_from_elements({element: nodes}))
         found.append(own)
+    blocks = [k for k, own in enumerate(found) if len(own)]
+    if len(blocks) == 1:  # all of one shape
+        return parts[blocks[0]]
     place = np.empty(len(soup.types), np.int64)
     place[np.concatenate(found)] = np.arange(len(cells))
     return take_cells(concatenate(parts), frozen_int(place[cells]))

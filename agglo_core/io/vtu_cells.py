@@ -12,12 +12,19 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.io.bridges import single_loops
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.elements import CORNERS, Polyhedra, gather, polyhedra_from_elements
+from agglo_core.mesh.elements import (
+    CORNERS,
+    Polyhedra,
+    gather,
+    polyhedra_from_elements,
+    turns_as_listed,
+)
 
 __all__ = ["POLYHEDRON", "Cells", "cells_of"]
 
 _TRIANGLE, _POLYGON, _QUAD = 5, 7, 9
 POLYHEDRON = 42
+_CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room
 _CONVEX = 1e-9  # least triangle at a corner of a convex quadrilateral, over its area
 
 
@@ -64,9 +71,11 @@ def cells_of(mesh: Mesh) -> Cells:
     types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(used, np.int64)
     bent = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
     for kind, element in _ELEMENTS.items():
-        cells, corners = _elements(mesh, solids, kind, np.flatnonzero(_may_be(kind, solids, offsets) & ~bent))
-        types[cells] = element.number
-        vertices[offsets[cells][:, None] + np.arange(CORNERS[kind])] = corners
+        perhaps = np.flatnonzero(_may_be(kind, solids, offsets) & ~bent)
+        for start in range(0, len(perhaps), _CHUNK):
+            cells, corners = _elements(mesh, solids, kind, perhaps[start : start + _CHUNK])
+            types[cells] = element.number
+            vertices[offsets[cells][:, None] + np.arange(CORNERS[kind])] = corners
     return Cells(types, offsets, frozen_int(vertices), solids, frozen_int(np.ones(mesh.n_cells)))
 
 
@@ -111,13 +120,23 @@ def _bent(mesh: Mesh) -> Mask:
 def _half_faces(mesh: Mesh) -> Polyhedra:
     """Faces of every cell in the order of ``cell_faces``, each counter-clockwise seen from outside it."""
     offsets, faces = mesh.cell_faces
-    cells = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
+    loop_offsets = np.concatenate(([0], np.cumsum(np.diff(mesh.face_offsets)[faces])))
+    vertices = np.empty(loop_offsets[-1], np.int64)
+    for start in range(0, mesh.n_cells, _CHUNK):
+        stop = min(start + _CHUNK, mesh.n_cells)
+        cells = np.repeat(np.arange(start, stop), np.diff(offsets[start : stop + 1]))
+        first, last = loop_offsets[offsets[[start, stop]]]
+        vertices[first:last] = _seen_from(mesh, cells, faces[offsets[start] : offsets[stop]])
+    return Polyhedra(offsets, frozen_int(loop_offsets), frozen_int(vertices))
+
+
+def _seen_from(mesh: Mesh, cells: Int, faces: Int) -> Int:
+    """Vertices of the faces, one after the other, each counter-clockwise as seen from outside its cell."""
     loop_offsets, places = gather(mesh.face_offsets, faces)
     sizes = np.diff(loop_offsets)
     ends = np.repeat(mesh.face_offsets[faces] + mesh.face_offsets[faces + 1] - 1, sizes)
     inward = np.repeat(mesh.face_cells[faces, 0] != cells, sizes)
-    vertices = mesh.face_vertices[np.where(inward, ends - places, places)]
-    return Polyhedra(offsets, loop_offsets, frozen_int(vertices))
+    return frozen_int(mesh.face_vertices[np.where(inward, ends - places, places)])
 
 
 def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
@@ -136,7 +155,8 @@ def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int
     """
     sizes = frozen_int(_ELEMENTS[kind].sizes)
     _, loops = gather(solids.cell_offsets, frozen_int(cells))
-    owner, size = np.repeat(np.arange(len(cells)), len(sizes)), np.diff(solids.loop_offsets)[loops]
+    owner = np.repeat(np.arange(len(cells)), len(sizes))
+    size = solids.loop_offsets[loops + 1] - solids.loop_offsets[loops]
     order = np.lexsort((size != sizes[0], owner))
     fits = (size[order].reshape(-1, len(sizes)) == sizes).all(axis=1)
     cells, loops = cells[fits], loops[order].reshape(-1, len(sizes))[fits].ravel()
@@ -204,15 +224,10 @@ def _as_they_were(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
     faces = mesh.cell_faces[1][gather(mesh.cell_faces[0], cells)[1]].reshape(-1, len(starts))
     own = mesh.face_cells[faces, 0] == cells[:, None]
     first, second = (_local(mesh.face_vertices[mesh.face_offsets[faces] + i], corners) for i in (0, 1))
-    ordered, rest = np.array(corners), np.arange(len(cells))
-    for turn in _turns(kind):
-        place = np.argsort(turn)
-        face = np.where(own[rest], rank[place[first[rest]], place[second[rest]]], -1)
-        rises = np.diff(np.maximum.accumulate(face, axis=1), axis=1, prepend=-1) > 0
-        fits = (rises | ~own[rest]).all(axis=1)
-        ordered[rest[fits]] = corners[rest[fits]][:, turn]
-        rest = rest[~fits]
-    return frozen_int(ordered)
+    turns = frozen_int(_turns(kind))
+    chosen = turns_as_listed(first, second, own, turns, frozen_int(rank))
+    found = np.where(chosen[:, None] >= 0, turns[chosen], np.arange(CORNERS[kind]))
+    return frozen_int(np.take_along_axis(corners, found, axis=1))
 
 
 @cache

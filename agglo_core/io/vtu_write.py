@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,11 +87,9 @@ def write_vtu(
         write_document(folder / path.name, _piece(mesh, tags, {}), compress=compress, tell=own)
         for i, labels in enumerate(levels):
             own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
-            coarse = mesh.coarsen(labels)
-            kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
-            derived = under_free_names(about_agglomerates(levels, i, coarse, values[i]), taken)
-            name = f"{path.stem}_level{i}{path.suffix}"
-            write_document(folder / name, _piece(coarse, kept, derived), compress=compress, tell=own)
+            piece = _coarse_piece(mesh.coarsen(labels), levels, i, values[i], taken)
+            write_document(folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=own)
+            del piece  # or it would be there while the next one is made
     if levels:
         _remove_stale(path, len(levels))
 
@@ -119,6 +117,13 @@ def _piece(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[An
         data[BRIDGES] = cells.loops
     points, number = _used(mesh)
     return Piece(points, _cell_arrays(cells, number), {}, data, derived, DERIVED)
+
+
+def _coarse_piece(
+    coarse: Mesh, levels: Sequence[Int], level: int, values: Mapping[str, Float], taken: Collection[str]
+) -> Piece:
+    kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
+    return _piece(coarse, kept, under_free_names(about_agglomerates(levels, level, coarse, values), taken))
 
 
 def _used(mesh: Mesh) -> tuple[Float, Int | None]:

@@ -109,13 +109,16 @@ def child_order(offsets, sides):
     order = np.empty(len(sides), np.int64)
     children = np.empty(2 * len(offsets) - 1, np.int64)
     for b in range(len(offsets) - 1):
-        cursor = offsets[b]
-        for side in range(2):
-            children[2 * b + side] = cursor
-            for i in range(offsets[b], offsets[b + 1]):
-                if sides[i] == side:
-                    order[cursor] = i
-                    cursor += 1
+        start, stop = offsets[b], offsets[b + 1]
+        ones = np.int64(0)
+        for i in range(start, stop):
+            ones += sides[i]
+        left, right = start, stop - ones
+        children[2 * b], children[2 * b + 1] = left, right
+        for i in range(start, stop):
+            order[right if sides[i] else left] = i  # no branch: it would be mispredicted half the time
+            left += 1 - sides[i]
+            right += sides[i]
     children[-1] = offsets[-1]
     return order, children
 

@@ -190,7 +190,7 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         n_parts = max(n_parts, parts[i] + 1)
     graph = (indptr, indices, interface)
     tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
-    search = (np.empty(n, np.int64), np.empty(n, np.int64), np.full((n, 2), -1, np.int64))
+    search = (np.empty(n, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32))
     floors, moments, axis = np.empty(n_parts), np.empty((n_parts, d)), np.empty(d)
     lengths = np.empty(n_parts)
     keys, now, later, boundary = (
@@ -199,7 +199,7 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         np.empty(n, np.int64),
         np.empty(n, np.int64),
     )
-    listed, seen = np.full(n, -1, np.int64), np.full(n, -1, np.int64)
+    listed, seen = np.zeros(n, np.int32), np.zeros(n, np.int32)  # zeros are not written until they are used
     stamp, sweep = 0, 0
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
@@ -207,12 +207,13 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
         _axis_and_floors(present, floor, tally[1], moments, axis, floors)
         edge = 0  # cells that are or were beside another part
         for i in range(start, stop):
+            own, beside = parts[i], False
             for h in range(indptr[i], indptr[i + 1]):
-                if parts[indices[h]] != parts[i]:
-                    boundary[edge] = later[edge] = i
-                    listed[i] = b
-                    edge += 1
-                    break
+                beside |= parts[indices[h]] != own  # no branch: it would be mispredicted
+            if beside:
+                boundary[edge] = later[edge] = i
+                listed[i] = b + 1
+                edge += 1
         candidates, pairs, paired = edge, False, False
         for _ in range(_SWEEPS):
             m = _paying(graph, parts, later, candidates, pairs, lengths, axis, centroids, keys, now)
@@ -229,9 +230,9 @@ def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, f
                         _put(measures, tally, i, own)
                         continue
                     candidates = _add_new(graph, partner, later, candidates, seen, sweep)
-                    edge = _add_new(graph, partner, boundary, edge, listed, b)
+                    edge = _add_new(graph, partner, boundary, edge, listed, b + 1)
                 candidates = _add_new(graph, i, later, candidates, seen, sweep)
-                edge = _add_new(graph, i, boundary, edge, listed, b)
+                edge = _add_new(graph, i, boundary, edge, listed, b + 1)
             if pairs:
                 pairs = False
             elif candidates == 0 and not paired:

@@ -34,10 +34,8 @@ __all__ = [
 
 
 SAMPLED = np.int64(8)
-_RUN, _BANDS = (
-    np.int64(64),
-    87.7,
-)  # successive cells to look at; bands in the mean weight, which is inside one
+_RUN = 64  # successive cells to look at
+_BANDS = 87.7  # in the mean weight, which is inside one
 
 
 @helper
@@ -80,7 +78,7 @@ def units_of(centroids, weights):
     uneven = 0
     for start in range(0, len(weights), _RUN):
         count = 0
-        for i in range(start, min(start + _RUN, len(weights))):
+        for i in range(start, int(min(start + _RUN, len(weights)))):
             count += is_chosen(weights[i], _BANDS * weight)
         uneven += not 0 < count < 3 * _RUN // SAMPLED
     spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven

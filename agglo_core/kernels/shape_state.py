@@ -54,17 +54,14 @@ class State(NamedTuple):
     marks: Any
     first: Any
     listed: Any
-    rank: Any
-    owner: Any
     gains: Any
     going: Any
 
 
 class Slices(NamedTuple):
-    """First and last part by rank, and block, of each; the slice of each part; what moves in each gained."""
+    """Parts and block of each ``(S, 5)``: see ``slices``; what moves in each gained ``(S, 2)``."""
 
     rows: Any
-    number: Any
     gains: Any
 
 
@@ -103,14 +100,16 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 
 
 @kernel
-def interface_cells(given, parts, tally, owner):
-    """Inertia and interface of each of ``count`` blocks ``(B, 2)``, and which cells the first sweep looks at.
+def interface_cells(given, parts, tally, starts):
+    """Inertia and interface of each block ``(B, 2)``, and which cells the first sweep looks at.
 
-    These have 0 in ``due (n,)``, others −1.
+    These have 0 in ``due (n,)``, others −1. The parts of a block are numbered from ``starts[b]`` on.
     """
-    n, count, solid = len(parts), len(given.axes), given.centroids.shape[1] > 2
-    several = count > 1
-    blocks, due = np.zeros((count, 2)), np.empty(n, np.int8)
+    n, solid, several = len(parts), given.centroids.shape[1] > 2, len(starts) > 2
+    blocks, due, owner = np.zeros((len(starts) - 1, 2)), np.empty(n, np.int8), np.empty(len(tally), np.int32)
+    for b in range(len(blocks)):
+        for p in range(starts[b], starts[b + 1]):
+            owner[p] = b
     for i in range(n):
         p, length, others = parts[i], 0.0, np.int64(0)
         b = owner[p]
@@ -154,14 +153,14 @@ def listed_cells(state, work, sweep, before, alpha):
     for r in range(len(state.first)):
         state.first[r] = 0
     for c in range(count):
-        state.first[state.rank[state.parts[work.queue[c]]]] += 1
+        state.first[state.parts[work.queue[c]]] += 1
     filled = 0
     for r in range(len(state.first)):
         filled += state.first[r]
         state.first[r] = filled
     for c in range(count - 1, -1, -1):
         i = work.queue[c]
-        r = state.rank[state.parts[i]]
+        r = state.parts[i]
         state.first[r] -= 1
         state.listed[state.first[r]] = i
     return count

@@ -48,8 +48,8 @@ def _beside(given, state, i, work):
 
 
 @helper
-def _best_move(given, state, s, slice_of, scale, i, work):
-    """The part of slice s that cell i should move to, or −1, and what that adds to inertia and interface.
+def _best_move(given, state, bounds, scale, i, work):
+    """The part of a slice that cell i should move to, or −1, and what that adds to inertia and interface.
 
     The last of the results: whether parts of its block beyond the slice are beside the cell.
     """
@@ -62,11 +62,12 @@ def _best_move(given, state, s, slice_of, scale, i, work):
     if mass - w > 1e-12 * mass:
         lost = _square(given, state, i, home) * w * mass / (mass - w)
     length, energy = scale
+    lo, hi, start, stop = bounds
     for m in range(found):
         p = np.int64(work.queue[m])
         shared, work.share[p] = work.share[p], 0.0
-        if slice_of[p] != s:
-            beyond |= state.owner[p] == state.owner[home]
+        if not lo <= p < hi:
+            beyond |= start <= p < stop
             continue
         mass, won = state.tally[p, MASS], 0.0
         if mass > 0.0:
@@ -74,9 +75,7 @@ def _best_move(given, state, s, slice_of, scale, i, work):
         change = length * (won - lost) + energy * (own - shared)
         tie = _TIE * (length * (won + lost) + energy * (own + shared))
         first = target < 0
-        if change < (0.0 if first else best) - tie or (
-            not first and change <= best + tie and state.rank[p] < state.rank[target]
-        ):
+        if change < (0.0 if first else best) - tie or (not first and change <= best + tie and p < target):
             target, best, inertia, cut = p, change, won - lost, own - shared
     return target, inertia, cut, beyond
 
@@ -165,6 +164,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
     stamp, moved = sweep * (n + 1), np.int64(0)
     for s in range(start, stop):
         lo, hi, b = slices.rows[s, 0], slices.rows[s, 1], slices.rows[s, 4]
+        begin, end = slices.rows[s, 2], slices.rows[s, 3]
         if not state.going[b]:
             continue
         scale = (state.blocks[b, 1], alpha * state.blocks[b, 0])
@@ -176,7 +176,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
             for c in range(first, last):
                 i = state.listed[c]
                 home = state.parts[i]
-                target, inertia, cut, beyond = _best_move(given, state, s, slices.number, scale, i, work)
+                target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), scale, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
                 if target < 0:
                     continue
@@ -191,6 +191,6 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
                 for h in range(given.indptr[i], given.indptr[i + 1]):
                     j = given.indices[h]
                     p = state.parts[j]
-                    if state.owner[p] == b and not (slices.number[p] == s and state.due[j] == sweep):
+                    if begin <= p < end and not (lo <= p < hi and state.due[j] == sweep):
                         state.due[j] = sweep + 1
     return moved

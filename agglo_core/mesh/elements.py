@@ -8,10 +8,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.errors import MeshError
 
-__all__ = ["CORNERS", "Polyhedra", "concatenate", "gather", "polyhedra_from_elements", "take_cells"]
+__all__ = [
+    "CORNERS",
+    "Polyhedra",
+    "concatenate",
+    "gather",
+    "polyhedra_from_elements",
+    "take_cells",
+    "turns_as_listed",
+]
 
 _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "tetra": ((0, 1, 3), (1, 2, 3), (2, 0, 3), (0, 2, 1)),
@@ -86,9 +94,29 @@ def take_cells(polyhedra: Polyhedra, cells: Int) -> Polyhedra:
 
 def gather(offsets: Int, rows: Int) -> tuple[Int, Int]:
     """Offsets of the chosen rows of a CSR, and the places of their entries."""
-    sizes = np.diff(offsets)[rows]
+    sizes = offsets[rows + 1] - offsets[rows]
     new = np.concatenate(([0], np.cumsum(sizes)))
     return frozen_int(new), frozen_int(np.arange(new[-1]) + np.repeat(offsets[rows] - new[:-1], sizes))
+
+
+def turns_as_listed(first: Int, second: Int, own: Mask, turns: Int, ranks: Int) -> Int:
+    """The first of the ``turns (T, k)`` of each cell that lists its own faces as the element does, or −1.
+
+    Parameters
+    ----------
+    first, second : (n, F) int
+        The corners, of the k, with which each face of a cell begins.
+    own : (n, F) bool
+        Whether the cell is the owner of the face; others may come in any order.
+    turns : (T, k) int
+        Orders of the corners.
+    ranks : (8, 8) int
+        The face of the element that begins with two corners, or −1.
+    """
+    from agglo_core.kernels.solid_cells import first_turns
+
+    places = frozen_int(np.argsort(turns, axis=1))
+    return frozen_int(first_turns(first, second, own, places, ranks))
 
 
 def _join_offsets(parts: list[Int]) -> Int:

@@ -1,4 +1,4 @@
-"""Geometry of polyhedra from their faces: areas, volumes, centroids, vertices (vectorised numpy)."""
+"""Geometry of polyhedra from their faces: areas, volumes, centroids, vertices."""
 
 from __future__ import annotations
 
@@ -53,12 +53,7 @@ def polyhedron_vertices(
     face_offsets: Int, face_vertices: Int, offsets: Int, faces: Int, n_points: int
 ) -> tuple[Int, Index]:
     """Distinct vertices of each cell as CSR; cell c has ``faces[offsets[c]:offsets[c + 1]]``."""
-    n = len(offsets) - 1
-    sizes = np.diff(face_offsets)[faces]
-    start = np.cumsum(sizes) - sizes
-    take = np.arange(sizes.sum()) + np.repeat(face_offsets[faces] - start, sizes)
-    cells = np.repeat(np.repeat(np.arange(n), np.diff(offsets)), sizes)
-    keys = np.sort(cells * n_points + face_vertices[take])  # np.unique is many times slower
-    keys = keys[np.diff(keys, prepend=-1) != 0]
-    counts = np.bincount(keys // n_points, minlength=n)
-    return frozen_int(np.concatenate(([0], np.cumsum(counts)))), frozen_index(keys % n_points)
+    from agglo_core.kernels.solid_cells import vertices_of_solids
+
+    ends, vertices = vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points)
+    return frozen_int(ends), frozen_index(vertices)

@@ -21,7 +21,7 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
-from agglo_core.mesh.geometry3d import face_moments, pyramid_moments, sum_by
+from agglo_core.mesh.geometry3d import face_moments
 from agglo_core.mesh.polygons import Faces
 
 __all__ = ["build_polyhedra"]
@@ -102,27 +102,27 @@ def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, cent
     Where all faces of a cell look away from its middle, or all look towards it, they are taken as they
     are; elsewhere neighbours across an edge must traverse it in opposite directions.
     """
-    n = int(cell_of[-1]) + 1
-    first = np.flatnonzero(np.diff(cell_of, prepend=-1))
-    size = np.bincount(cell_of, weights=np.linalg.norm(vector, axis=1), minlength=n)
-    apex = sum_by(cell_of, centre, n) / np.bincount(cell_of, minlength=n)[:, None]
-    flux = frozen_float(((centre - apex[cell_of]) * vector).sum(axis=1))
-    alike = (np.minimum.reduceat(flux, first) >= 0) | (np.maximum.reduceat(flux, first) <= 0)
-    gap = np.linalg.norm(sum_by(cell_of, vector, n), axis=1)
-    doubtful = np.flatnonzero(~(alike & (gap <= _CLOSED * size))[cell_of])
+    from agglo_core.kernels.solid_cells import surfaces
+
+    offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
+    area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
+    alike = (least >= 0) | (most <= 0)
+    doubtful = np.flatnonzero(~(alike & (gap <= _CLOSED * area))[cell_of])
     sign = np.ones(len(cell_of))
     if len(doubtful):
+        cells = cell_of[doubtful]
+        arm = centre[doubtful] - np.stack(middle, axis=1)[cells]
+        flux = frozen_float((arm * vector[doubtful]).sum(axis=1))
         loops = _take_loops(loop_offsets, vertices, doubtful, np.ones(len(doubtful), bool))
-        sign[doubtful] = _consistent(frozen_int(cell_of[doubtful]), *loops, frozen_float(flux[doubtful]))
-    vector = frozen_float(vector * sign[:, None])
-    broken = np.flatnonzero(np.linalg.norm(sum_by(cell_of, vector, n), axis=1) > _CLOSED * size)
+        sign[doubtful] = _consistent(frozen_int(cells), *loops, flux)
+        _, gap, _, _, total, *_ = surfaces(offsets, frozen_float(vector * sign[:, None]), centre).T
+    broken = np.flatnonzero(gap > _CLOSED * area)
     if len(broken):
         raise MeshError(f"{name_cells(broken)}: the faces do not close, or cannot be oriented")
-    volume = pyramid_moments(cell_of, vector, centre, n)[0]
-    flat = np.flatnonzero(np.abs(volume) <= 1e-15 * size**1.5)
+    flat = np.flatnonzero(np.abs(total) <= 3e-15 * area**1.5)
     if len(flat):
         raise MeshError(f"{name_cells(flat)}: zero volume")
-    return frozen_float(sign * np.sign(volume)[cell_of])
+    return frozen_float(sign * np.sign(total)[cell_of])
 
 
 def _consistent(cell_of: Int, loop_offsets: Int, vertices: Int, flux: Float) -> Float:
@@ -165,6 +165,21 @@ def _two_sides(f: Int, g: Int, clash: NDArray[np.bool_], n: int) -> tuple[Int, F
 
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
     """Half-faces paired by vertex set: owner half-face of each face, and its partner or −1."""
+    from agglo_core.kernels.solid_cells import pair_half_faces
+
+    found = pair_half_faces(loop_offsets, vertices, len(used))
+    owner = np.flatnonzero(found >= -1)
+    partner = found[owner]
+    if not len(found):
+        owner, partner = _sorted_pairs(cell_of, loop_offsets, vertices, used)
+    same = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
+    if len(same):
+        raise MeshError(f"{name_cells(np.unique(cell_of[owner[same]]))}: the same face twice")
+    return frozen_int(owner), frozen_int(partner)
+
+
+def _sorted_pairs(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
+    """As ``_match``, by sorting; raises MeshError that says why three have the same vertices."""
     sizes = np.diff(loop_offsets)
     owners, partners = [], []
     for size in np.unique(sizes):
@@ -183,11 +198,7 @@ def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[I
         partners.append(np.where(count == 2, loops[order[np.minimum(start + 1, len(order) - 1)]], -1))
     owner, partner = np.concatenate(owners), np.concatenate(partners)
     order = np.argsort(owner)
-    owner, partner = owner[order], partner[order]
-    same = np.flatnonzero((partner >= 0) & (cell_of[owner] == cell_of[partner]))
-    if len(same):
-        raise MeshError(f"{name_cells(np.unique(cell_of[owner[same]]))}: the same face twice")
-    return frozen_int(owner), frozen_int(partner)
+    return owner[order], partner[order]
 
 
 def _refuse_shared_face(

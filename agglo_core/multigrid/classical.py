@@ -18,6 +18,7 @@ from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.near_null import smoothed_near_null
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelStack, Real
+from agglo_core.multigrid.strong_groups import group_smoother
 
 __all__ = ["CoarseFirst", "classical_stack"]
 
@@ -42,6 +43,7 @@ def classical_stack(
     theta: float = 0.25,
     dtype: Any = np.float64,
     coarsest: int = 500,
+    groups: int = 1,
 ) -> LevelStack:
     """Levels of classical coarsening for a scalar symmetric positive (semi)definite matrix.
 
@@ -70,12 +72,18 @@ def classical_stack(
         Precision of the cycles; levels are set up in double precision.
     coarsest : int
         A level of at most so many unknowns is solved directly.
+    groups : int
+        With more than 1, up to so many unknowns that strong couplings of either sign join are smoothed
+        together (:func:`~agglo_core.multigrid.strong_groups.group_smoother`): they make up for weights of
+        interpolation that serve badly.
 
     Raises
     ------
     OptionError
         For arrays that do not fit the matrix, and entries of the diagonal or of ``near_null`` that are not
         positive.
+    LinAlgError
+        If the matrix is indefinite on a group.
 
     Notes
     -----
@@ -115,7 +123,7 @@ def classical_stack(
         if below.nnz > _FULL * matrix.nnz:
             break
         own = frozen_int(np.arange(len(stays) + 1))
-        smoother = CoarseFirst(matrix, stays, dtype)
+        smoother = CoarseFirst(matrix, stays, dtype) if groups == 1 else group_smoother(matrix, groups, dtype)
         levels.append(Level(matrix.astype(dtype), own, P.astype(dtype), smoother))
         if not (below.diagonal() > 0.0).all():
             raise np.linalg.LinAlgError("a coarse matrix is not positive definite: nor is A, or not by much")

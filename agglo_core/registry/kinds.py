@@ -109,6 +109,7 @@ _RECORDS = (
             "solver",
             "solver_systems",
             "solver_history",
+            "solver_claims",
             "solver_levels",
             "solver_exact",
             "whole",

@@ -32,6 +32,8 @@ to the diagonal: of polygons a quarter."""
 _WEAK = 0.05
 """Couplings of vertices up to this part of the diagonal do not smooth the prolongation of aggregates: four in
 five of those of squares, which cost more in coarse matrices than they save in iterations."""
+_GROUPS = 64
+"""Unknowns that strong couplings join in layers, and that are smoothed together on classical levels."""
 _ONE_SIZE = 4.0
 """Ratio of the largest to the smallest κ up to which it is of one size."""
 
@@ -106,7 +108,14 @@ def conforming_stack(
     n = C.shape[0]
     given = None if labels is None else [labels_of_unknowns(space, each)[:n] for each in labels]
     if vertices == "classical":
-        rest = multigrid.classical_stack(C, labels=given, near_null=np.ones(n), guide=guide, dtype=dtype)
+        rest = multigrid.classical_stack(
+            C,
+            labels=given,
+            near_null=np.ones(n),
+            guide=guide,
+            dtype=dtype,
+            groups=1 if guide is None else _GROUPS,
+        )
     else:
         rest = multigrid.aggregation_stack(C, labels=given, weak=_WEAK, dtype=dtype)
     return multigrid.LevelStack([*levels, *rest.levels], rest.coarse, dtype)

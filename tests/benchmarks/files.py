@@ -2,12 +2,12 @@
 
     python tests/benchmarks/files.py [CELLS ...] [--repeats N]
 
-Random Delaunay triangles and Voronoi cells, one thread. Each call has a process of its own, warmed up on a
-small mesh, and a mesh of which nothing is derived yet. Seconds are those of the processor, the least of the
-repeats, in which all take turns; MB/s is the file's size by them. B/cell is what the resident memory of the
-process grows by at its highest, the mesh that is read included (Linux only). ``numpy.savez`` and
-``numpy.load`` move the same arrays of the mesh and check nothing; meshio writes and reads the same points and
-loops as VTU.
+Random Delaunay triangles, Voronoi cells, tetrahedra and agglomerates of eight of these, one thread. Each call
+has a process of its own, warmed up on a small mesh, and a mesh of which nothing is derived yet. Seconds are
+those of the processor, the least of the repeats, in which all take turns; MB/s is the file's size by them.
+B/cell is what the resident memory of the process grows by at its highest, the mesh that is read included
+(Linux only). ``numpy.savez`` and ``numpy.load`` move the same arrays of the mesh and check nothing; meshio
+writes and reads the same points and loops as VTU, in the plane.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core import Mesh, read, samples, write
+from agglo_core import Mesh, agglomerate, read, samples, write
 
 ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
 STATUS = Path("/proc/self/status")
@@ -91,7 +91,9 @@ def load(arrays: Path) -> Mesh:
 def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, float]:
     """CPU seconds of writing or reading the file, and the bytes by which this process grew at its highest."""
     warm = file.with_name(f"warm{way.suffix}")
-    way.write(warm, samples.voronoi(300))
+    with np.load(arrays) as given:
+        plane = given["points"].shape[1] == 2
+    way.write(warm, samples.voronoi(300) if plane else samples.tetrahedra(4).coarsen(np.arange(384) // 2))
     way.read(warm)
     mesh = load(arrays) if action == "write" else None
     before = resident("VmRSS")
@@ -117,7 +119,8 @@ def compare(mesh: Mesh, repeats: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         arrays = Path(folder) / "arrays.npz"
         numpy_write(arrays, mesh)
-        for _, (place, way) in product(range(repeats), enumerate(ways())):
+        known = [way for way in ways() if mesh.dim == 2 or way.write is not meshio_write]
+        for _, (place, way) in product(range(repeats), enumerate(known)):
             file = Path(folder) / f"{place}{way.suffix}"
             row: list[float] = []
             for action in ("write", "read"):
@@ -149,6 +152,9 @@ def main() -> None:
     for cells in options.cells:
         compare(samples.random_triangles(cells // 2), options.repeats)
         compare(samples.voronoi(cells), options.repeats)
+        solids = samples.tetrahedra(max(1, round((cells / 6) ** (1 / 3))))
+        compare(solids, options.repeats)
+        compare(agglomerate(solids, cells_per_part=8).mesh(0), options.repeats)
 
 
 if __name__ == "__main__":

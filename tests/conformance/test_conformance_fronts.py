@@ -272,7 +272,7 @@ AGGLO = "from agglo_core.cli import main; main({!r})"
 def test_a_plugin_outside_the_repository_passes(elsewhere: Path) -> None:
     done = python(elsewhere, AGGLO.format(["check", "mine"]))
     assert done.returncode == 0, done.stdout + done.stderr
-    laws = len(laws_for(subject_of("inertial", promises={"deterministic": True, "3d": True})))
+    laws = len(laws_for(subject_of("spectral", promises={"deterministic": True, "3d": True})))
     assert f"mine: {laws} of {laws} laws hold" in done.stdout
 
 

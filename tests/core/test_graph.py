@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import defaultdict
 
 import networkx as nx
@@ -229,6 +230,23 @@ def test_blocks_by_number() -> None:
     for block in (2, -3):
         with pytest.raises(IndexError, match="of a graph with 2 blocks"):
             level[block]
+
+
+def test_a_part_of_a_part_has_the_boundary_and_vertices_of_its_cells() -> None:
+    graph = samples.voronoi(40, seed=2).graph
+    rng = np.random.default_rng(1)
+    first, second = rng.permutation(40)[:30], rng.permutation(30)[:12]
+    part = graph.subgraph(first, [0, 30]).subgraph(second, [0, 12])
+    copy = pickle.loads(pickle.dumps(graph.subgraph(first, [0, 30]).subgraph(second, [0, 12])))
+    assert "_whole" not in vars(copy)
+    for each in (part, copy):
+        np.testing.assert_array_equal(each.boundary, graph.boundary[first[second]])
+        for k, cell in enumerate(first[second]):
+            own = each.vertices[each.vertex_offsets[k] : each.vertex_offsets[k + 1]]
+            wanted = graph.vertices[graph.vertex_offsets[cell] : graph.vertex_offsets[cell + 1]]
+            np.testing.assert_array_equal(own, wanted)
+    with pytest.raises(AttributeError, match="volume"):
+        _ = part.volume
 
 
 def test_a_permuted_graph() -> None:

@@ -23,9 +23,12 @@ from scipy.spatial.distance import pdist
 
 from agglo_core import Graph, Mesh, samples
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
+from agglo_core.graph.ordering import curve_order
+from agglo_core.kernels.curve_keys import curve_keys
 from agglo_core.kernels.faces import match_half_edges
 from agglo_core.kernels.geometry import block_diameters, compare_diameters
 from agglo_core.kernels.graphs import broken_blocks, child_order, components, permute_graph, take_rows
+from agglo_core.kernels.halves import broken_halves
 from agglo_core.kernels.interface import relax_interface
 from agglo_core.kernels.polygon_faults import check_polygons
 from agglo_core.kernels.repair import absorb
@@ -185,6 +188,36 @@ def test_nodes_by_component(seed: int) -> None:
     assert found.tolist() == [spare > 0 for spare in pieces]
     component = graph.components(labels)
     assert [np.flatnonzero(component == c).tolist() for c in range(len(wanted))] == wanted
+
+
+@settings(max_examples=30, deadline=None)
+@given(SEEDS, st.sampled_from([2, 3]))
+def test_keys_along_a_curve(seed: int, dim: int) -> None:
+    """The bits of the steps along the axes take turns."""
+    points = np.random.default_rng(seed).random((20, dim)) * 3.0 - 1.0
+    bits = 16 if dim == 2 else 10
+    low, extent = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    steps = ((points - low) * ((2**bits - 1) / extent)).astype(int)
+    wanted = [
+        sum((int(x) >> b & 1) << dim * b + k for b in range(bits) for k, x in enumerate(p)) for p in steps
+    ]
+    keys = curve_keys(frozen_float(points))
+    assert (keys >> np.uint64(32)).tolist() == wanted
+    assert (keys & np.uint64(2**32 - 1)).tolist() == list(range(20))
+    assert curve_order(points).tolist() == sorted(range(20), key=lambda i: (wanted[i], i))
+
+
+@settings(max_examples=50, deadline=None)
+@given(SEEDS, st.booleans())
+def test_halves_are_searched_along_the_cut(seed: int, scattered: bool) -> None:
+    rng, graph = np.random.default_rng(seed), samples.voronoi(60, seed=seed % 10).graph
+    labels = graph.components(graph.centroids[:, 0] > 0.5)
+    blocks, _ = graph.split(labels)
+    score = rng.random(60) if scattered else blocks.centroids @ rng.standard_normal(2)
+    sides = frozen_int(score > np.median(score))
+    found = broken_halves(blocks.offsets, blocks.indptr, blocks.indices, sides)
+    wanted = broken_blocks(blocks.offsets, blocks.indptr, blocks.indices, sides)
+    np.testing.assert_array_equal(found, wanted)
 
 
 # --- diameters --------------------------------------------------------------------------------------------

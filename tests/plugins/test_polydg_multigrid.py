@@ -219,6 +219,16 @@ def test_any_hierarchy_serves(name: str, bisector: str) -> None:
     assert counts[1] <= 1.3 * counts[0] + 1, f"seed {FRESH}"
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e30, 1e300])
+def test_coefficients_beyond_single_precision(size: float) -> None:
+    """No numpy warning, and the solution for κ = 1 over κ."""
+    mesh = samples.squares(16)
+    found, plain = (PolyDGMultigrid().solve(Diffusion(k, 8.0), bare(mesh)) for k in (size, 1.0))
+    assert found.converged
+    assert "float64" in found.choice
+    assert size * found.x == pytest.approx(plain.x, abs=1e-5 * np.abs(plain.x).max())
+
+
 def test_levels_are_counted() -> None:
     mesh = samples.squares(16)
     levels = agglomerate(mesh, n_parts=(64, 16))

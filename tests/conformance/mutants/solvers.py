@@ -123,6 +123,38 @@ class GaussSeidel(TwoPointFlux):
         return LinearOperator(A.shape, matvec=lambda r: spsolve_triangular(lower, r), dtype=float)
 
 
+class ScaledByTheResidual(TwoPointFlux):
+    """Takes the best step along what its preconditioner gives."""
+
+    def aspreconditioner(self, problem, hierarchy):
+        A, M = self.solve(problem, hierarchy).A, super().aspreconditioner(problem, hierarchy)
+
+        def best(r):
+            z = M @ r
+            return (r @ z) / (z @ (A @ z)) * z
+
+        return LinearOperator(A.shape, matvec=best, dtype=float)
+
+
+class FlatteringError(TwoPointFlux):
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        if isinstance(problem, Linear):
+            return it
+        return replace(it, x=it.x * (1 + 3e-9), energy_error=1e-12)
+
+
+class OtherTests(TwoPointFlux):
+    def solve(self, problem, hierarchy):
+        return replace(super().solve(problem, hierarchy), tests=("all of them",))
+
+
+class BlamesRounding(TwoPointFlux):
+    def solve(self, problem, hierarchy):
+        it = super().solve(problem, hierarchy)
+        return replace(it, rounding_limited=True, backward_error=1e-17)
+
+
 class MatrixFree(TwoPointFlux):
     """Knows matrices by their products alone: unusual, and right."""
 
@@ -429,4 +461,8 @@ MUTANTS = [
     Mutant("data_superposed", FluxOrSource, "switch another off"),
     Mutant("place_and_size", UnitCells, "take areas"),
     Mutant("symmetric", GaussSeidel, "mirror", {"symmetric": True}),
+    Mutant("preconditioner_linear", ScaledByTheResidual, "no step length", {"symmetric": True}),
+    Mutant("told_error_holds", FlatteringError, "from the residual of x"),
+    Mutant("told_error_holds", OtherTests, "expected some of"),
+    Mutant("told_error_holds", BlamesRounding, "misses the tolerance"),
 ]
