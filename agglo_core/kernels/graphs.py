@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = [
     "broken_blocks",
     "child_order",
     "components",
     "dual_graph",
+    "flood",
+    "join_before",
     "join_range",
     "join_ranges",
     "numbered_as_met",
@@ -123,6 +125,27 @@ def child_order(offsets, sides):
     return order, children
 
 
+@helper
+def flood(seed, indptr, indices, waiting, nodes, filled):
+    """List the nodes that ``seed`` reaches through nodes of its label; returns how many are listed then.
+
+    ``waiting`` holds labels, −1 once a node is listed. The first ``filled`` of ``nodes (n + 1,)`` are in use.
+    """
+    own, done = waiting[seed], filled
+    waiting[seed], nodes[filled] = -1, seed
+    filled += 1
+    while done < filled:
+        i = nodes[done]
+        done += 1
+        for h in range(indptr[i], indptr[i + 1]):
+            j = indices[h]
+            found = waiting[j] == own
+            nodes[filled] = j  # kept only if found; a branch would be mispredicted half the time
+            waiting[j] = -1 if found else waiting[j]
+            filled += found
+    return filled
+
+
 @kernel
 def components(indptr, indices, labels):
     """Connected components of equal labels (none negative), in the order of their first nodes.
@@ -130,30 +153,16 @@ def components(indptr, indices, labels):
     Returns the nodes component by component, and where each component starts.
     """
     n = len(indptr) - 1
-    waiting = labels.copy()  # −1 once a node is taken
+    waiting = labels.copy()
     nodes = np.empty(n + 1, np.int32)
     offsets = np.empty(n + 1, np.int64)
     offsets[0] = 0
     count, filled = 0, 0
     for seed in range(n):
-        label = waiting[seed]
-        if label < 0:
-            continue
-        waiting[seed] = -1
-        nodes[filled] = seed
-        done = filled
-        filled += 1
-        while done < filled:
-            i = nodes[done]
-            done += 1
-            for h in range(indptr[i], indptr[i + 1]):
-                j = indices[h]
-                found = waiting[j] == label
-                nodes[filled] = j  # kept only if found; a branch would be mispredicted half the time
-                waiting[j] = -1 if found else waiting[j]
-                filled += found
-        count += 1
-        offsets[count] = filled
+        if waiting[seed] >= 0:
+            filled = flood(seed, indptr, indices, waiting, nodes, filled)
+            count += 1
+            offsets[count] = filled
     return nodes[:n], offsets[: count + 1].copy()
 
 
@@ -161,7 +170,7 @@ def components(indptr, indices, labels):
 def broken_blocks(offsets, indptr, indices, labels):
     """Which blocks have a part that is not connected."""
     n, highest = len(labels), -1
-    waiting, queue = np.empty(n, np.int32), np.empty(n + 1, np.int32)  # −1 once a node is reached
+    waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
     for i in range(n):  # labels.max() compiles for half a second
         waiting[i] = labels[i]
         highest = max(highest, labels[i])
@@ -171,21 +180,36 @@ def broken_blocks(offsets, indptr, indices, labels):
         broken[b] = False
         for seed in range(offsets[b], offsets[b + 1]):
             own = waiting[seed]
-            if own < 0:
-                continue
-            broken[b] |= seen[own] == b  # a second component of its part
-            seen[own], waiting[seed], queue[0] = b, -1, seed
-            done, filled = 0, 1
-            while done < filled:
-                i = queue[done]
-                done += 1
-                for h in range(indptr[i], indptr[i + 1]):
-                    j = indices[h]
-                    found = waiting[j] == own
-                    queue[filled] = j  # kept only if found; a branch would be mispredicted half the time
-                    waiting[j] = -1 if found else waiting[j]
-                    filled += found
+            if own >= 0:
+                broken[b] |= seen[own] == b  # a second component of its part
+                seen[own] = b
+                flood(seed, indptr, indices, waiting, nodes, 0)
     return broken
+
+
+@helper
+def join_before(i, first, indptr, indices, labels, parent):
+    """Join node i with those of its label from ``first`` to i − 1 beside it, by union-find.
+
+    Returns how many components became one with it, and whether one beside it comes before the first.
+    """
+    own, root, joined, beyond = labels[i], np.int32(i), 0, False
+    parent[i] = root
+    for h in range(indptr[i], indptr[i + 1]):
+        j = indices[h]
+        before = (j < i) & (labels[j] == own)
+        beyond |= before & (j < first)
+        other = parent[j] if before & (j >= first) else root  # a branch would be mispredicted half the time
+        if other == root:
+            continue
+        while parent[other] != other:
+            other = parent[other]
+        if other != root:
+            root, child = min(root, other), max(root, other)
+            parent[child] = root
+            joined += 1
+    parent[i] = root
+    return joined, beyond
 
 
 @kernel
@@ -196,21 +220,7 @@ def join_range(first, last, indptr, indices, labels, parent, later):
     """
     count = 0
     for i in range(first, last):
-        own, root, beyond = labels[i], np.int32(i), False
-        parent[i] = root
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
-            before = (j < i) & (labels[j] == own)
-            beyond |= before & (j < first)
-            other = parent[j] if before & (j >= first) else root
-            if other == root:
-                continue
-            while parent[other] != other:
-                other = parent[other]
-            if other != root:
-                root, child = min(root, other), max(root, other)
-                parent[child] = root
-        parent[i] = root
+        beyond = join_before(i, first, indptr, indices, labels, parent)[1]
         later[count] = i  # kept only if it has an edge to a node before
         count += beyond
     return count

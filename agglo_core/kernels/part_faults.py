@@ -5,37 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.graphs import flood
 
 __all__ = ["broken_parts", "extend_parts"]
 
 
 @kernel
 def broken_parts(indptr, indices, labels, asked):
-    """Which of the parts ``asked (k,)`` are not connected, by union-find; the cells of others are skipped."""
-    parent = np.empty(len(labels), np.int32)
-    for i in range(len(labels)):
-        own, root = labels[i], np.int32(i)
-        if not asked[own]:
-            continue
-        parent[i] = root
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
-            joined = (j < i) & (labels[j] == own)
-            other = parent[j] if joined else root  # a branch would be mispredicted half the time
-            if other == root:
-                continue
-            while parent[other] != other:
-                other = parent[other]
-            if other != root:
-                root, child = min(root, other), max(root, other)
-                parent[child] = root
-        parent[i] = root
+    """Which of the parts ``asked (k,)`` are not connected; the cells of others are skipped."""
+    n = len(labels)
+    waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
+    for i in range(n):
+        waiting[i] = labels[i] if asked[labels[i]] else -1
     seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)
-    for i in range(len(labels)):
-        own = labels[i]
-        if asked[own] and parent[i] == i:  # a component; a second one of its part?
-            broken[own] |= seen[own]
+    for seed in range(n):
+        own = waiting[seed]
+        if own >= 0:
+            broken[own] |= seen[own]  # a second component
             seen[own] = True
+            flood(seed, indptr, indices, waiting, nodes, 0)
     return broken
 
 

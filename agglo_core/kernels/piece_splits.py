@@ -11,6 +11,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.geometry import box, largest_distance, octagon
+from agglo_core.kernels.graphs import join_before
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.ring_search import connected
 
@@ -152,22 +153,7 @@ def tagged_components(cells, indptr, indices, tag, parent):
     """Number of connected components of equal tags among the ``cells``, by union-find."""
     count = len(cells)
     for c in range(len(cells)):
-        i = cells[c]
-        own, root = tag[i], i
-        parent[i] = root
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
-            joined = (j < i) & (tag[j] == own)
-            other = parent[j] if joined else root  # a branch would be mispredicted half the time
-            if other == root:
-                continue
-            while parent[other] != other:
-                other = parent[other]
-            if other != root:
-                root, child = min(root, other), max(root, other)
-                parent[child] = root
-                count -= 1
-        parent[i] = root
+        count -= join_before(cells[c], 0, indptr, indices, tag, parent)[0]
     return count
 
 
