@@ -25,8 +25,8 @@ RECIPES: Final = ("auto", "conforming", "patches", "agglomerates")
 CYCLES: Final = ("auto", "V", "W", "F", "K")
 PRECISIONS: Final = ("auto", "single", "double")
 
-_FINE: Final = (1e-20, 1e20)
-"""Sizes of matrices whose products, and sums of products, single precision holds."""
+_FINE: Final = (1e-33, 1e35)
+"""Entries of the diagonal that single precision holds with room for products and sums."""
 _CELLS_PER_PART: Final = 8
 _FEWEST: Final = 60
 """Parts of the coarsest level that is made by default."""
@@ -101,7 +101,8 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe
     by_default = "W" if recipe == "patches" else found.kind
     kind: Any = by_default if wishes.cycle == "auto" else wishes.cycle
-    far = not _FINE[0] < float(fine.A.diagonal().max()) < _FINE[1]
+    sizes = fine.A.diagonal()
+    far = not (sizes.min() > _FINE[0] and sizes.max() < _FINE[1])
     by_itself = np.float64 if far else found.dtype
     dtype = by_itself if double is None else (np.float64 if double else np.float32)
     smoother: Any = "patches" if recipe == "patches" else found.smoother

@@ -219,7 +219,7 @@ def test_any_hierarchy_serves(name: str, bisector: str) -> None:
     assert counts[1] <= 1.3 * counts[0] + 1, f"seed {FRESH}"
 
 
-@pytest.mark.parametrize("size", [1e-300, 1e-30, 1e30, 1e300])
+@pytest.mark.parametrize("size", [1e-300, 1e-40, 1e40, 1e300])
 def test_coefficients_beyond_single_precision(size: float) -> None:
     """No numpy warning, and the solution for κ = 1 over κ."""
     mesh = samples.squares(16)
