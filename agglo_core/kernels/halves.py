@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
-from agglo_core.kernels.piece_splits import tagged_components
+from agglo_core.kernels.graphs import flood
 from agglo_core.kernels.ring_search import connected
 
 __all__ = ["broken_halves"]
 
-_THIN = 4  # times the nodes along the cut: blocks of fewer are looked at as a whole, by union-find
+_THIN = 4  # times the nodes along the cut: blocks of fewer are looked at as a whole
 
 
 @helper
@@ -34,16 +34,20 @@ def broken_halves(offsets, indptr, indices, sides):
     their side, the side is. So mostly nothing far from the cut is looked at.
     """
     n = np.int64(len(sides))
-    queue, root, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32)
+    queue, root, marks = np.empty(n + 1, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32)
     edge, broken, stamp = np.empty(n + 1, np.int32), np.empty(len(offsets) - 1, np.bool_), np.int64(0)
-    every, parent = np.empty(n, np.int32), np.empty(n, np.int32)
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
         m, whole = _beside(start, stop, indptr, indices, sides, edge), True
         if _THIN * m > stop - start:
             for i in range(start, stop):
-                every[i] = i
-            broken[b] = tagged_components(every[start:stop], indptr, indices, sides, parent) > 2
+                root[i] = sides[i]
+            components = 0
+            for i in range(start, stop):
+                if root[i] >= 0:
+                    flood(i, indptr, indices, root, queue, 0)
+                    components += 1
+            broken[b] = components > 2
             continue
         for side in range(2):
             filled, stamp = np.int64(0), stamp + 1
