@@ -102,12 +102,16 @@ def amg(A: Any, b: Any, block: int, near: Any, tolerance: float) -> Row:
 def own(spec: str, problem: Diffusion, hierarchy: Hierarchy, degree: int, tolerance: float) -> Row:
     """A solver component."""
     name, options = parse_spec(spec)
-    found: dict[float, Any] = {}
-    for wanted in (1e-6, 1e-10):
+    counts: dict[float, int | None] = {}
+
+    def solved(wanted: float) -> Any:
         tool = default().build("solver", name, **{"degree": degree, "tolerance": wanted, **options})
-        found[wanted] = tool.solve(problem, hierarchy)
-    counts = {wanted: it.iterations if it.converged else None for wanted, it in found.items()}
-    it = found[tolerance]
+        it = tool.solve(problem, hierarchy)
+        counts[wanted] = it.iterations if it.converged else None
+        return it
+
+    solved(1e-6 if tolerance == 1e-10 else 1e-10)  # its arrays are gone when memory is needed for the other
+    it = solved(tolerance)
     phases = it.cpu_seconds
     return {
         "loose": counts[1e-6],
