@@ -50,13 +50,13 @@ class LengthsInThePlane:
 
 
 class TiesByHash(Halves):
-    """What is equal but for rounding is put in an order that is drawn from the hash of a text."""
+    """What is equal to a tenth of the extent is put in an order that is drawn from the hash of a text."""
 
     def bisect(self, graph, rng):
         drawn = np.random.default_rng(abs(hash(f"halves of {graph.n}"))).random(graph.n)
         x = graph.centroids[:, int(np.argmax(np.ptp(graph.centroids, axis=0)))]
         sides = np.zeros(graph.n, int)
-        sides[np.lexsort((drawn, np.round(x / max(np.ptp(x), 1e-300), 9)))[graph.n // 2 :]] = 1
+        sides[np.lexsort((drawn, np.round(x / max(np.ptp(x), 1e-300), 1)))[graph.n // 2 :]] = 1
         return sides
 
 
