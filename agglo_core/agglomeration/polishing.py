@@ -25,11 +25,7 @@ __all__ = ["PartRefiner", "PostPass", "merge_parts"]
 
 @runtime_checkable
 class PartRefiner(Protocol):
-    """Optional: a refiner for finished levels that needs no graph of the blocks, which costs time to make.
-
-    One that makes no move that would disconnect a part may have ``keeps_connected = True``: then nobody looks
-    again, which would cost as much as a sweep or two.
-    """
+    """Optional: a refiner for finished levels that needs no graph of the blocks, which costs time to make."""
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Do what ``refine`` does if the parts ``p`` of each ``block[p]`` were the blocks of the graph.
@@ -91,10 +87,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
         after = _refined_by_block(graph, labels, owner, target, run, stage)
-    connected = all(getattr(member.tool, "keeps_connected", False) for member in run.post_refiners)
-    if connected and goal.limit == np.inf:
-        return after
-    return _without_bad_moves(graph, labels, after, goal.limit, connected=connected)
+    return _without_bad_moves(graph, labels, after, goal.limit)
 
 
 def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
@@ -111,14 +104,11 @@ def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run
     return frozen_int(result)
 
 
-def _without_bad_moves(
-    graph: Graph, before: Int, after: Int, limit: float, *, connected: bool = False
-) -> Int:
+def _without_bad_moves(graph: Graph, before: Int, after: Int, limit: float) -> Int:
     """Undo all moves into or out of parts that became empty, disconnected or too wide, until none is left.
 
     A part is emptied where the move that filled it is undone, and not yet that which took its last cell:
     then the other faults wait. Only parts that changed since they were looked at are looked at again.
-    ``connected``: those ``after`` are known to be.
     """
     moved = np.flatnonzero(after != before)
     changed = np.zeros(int(before.max()) + 1, bool)
@@ -127,8 +117,8 @@ def _without_bad_moves(
     while len(moved):
         bad = np.bincount(result, minlength=len(changed)) == 0
         if not bad.any():
-            bad = _spoilt(graph, result, changed, limit, connected)
-            changed[:], connected = False, False
+            bad = _spoilt(graph, result, changed, limit)
+            changed[:] = False
         back = bad[result[moved]] | bad[before[moved]]
         cells = moved[back]
         if len(cells) == 0:
@@ -140,12 +130,9 @@ def _without_bad_moves(
     return frozen_int(result)
 
 
-def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float, connected: bool) -> Mask:
-    """Which of the changed parts ``(k,)`` are wider than ``limit``, or disconnected if they may be."""
-    if connected:
-        bad = np.zeros(len(changed), bool)
-    else:
-        bad = broken_parts(graph.indptr, graph.indices, labels, changed)
+def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float) -> Mask:
+    """Which of the changed parts ``(k,)`` are disconnected, or wider than ``limit``."""
+    bad = broken_parts(graph.indptr, graph.indices, labels, changed)
     if np.isfinite(limit):
         bad |= graph.wide_parts(labels, limit, changed)
     return bad

@@ -50,7 +50,6 @@ class CompactnessRefiner:
     """
 
     objective = "shape"
-    keeps_connected = True
 
     def __init__(self, floor: float = 0.5) -> None:
         self.floor = checked_floor("compactness", floor)

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agglo_core import samples
+from agglo_core import agglomerate, samples
 from agglo_core.agglomeration.polishing import _without_bad_moves
 
 
@@ -17,6 +17,26 @@ def test_a_part_emptied_by_undoing_another_move_gets_its_cells_back() -> None:
     after = np.array([0, 0, 1, 2, 2, 2, 2, 3])
     limit = 1.000001 * strip.part_diameters(before).max()
     np.testing.assert_array_equal(_without_bad_moves(strip, before, after, limit), before)
+
+
+class Scatters:
+    """Gives one far cell of each other part to the first part, and says nothing of it."""
+
+    def refine(self, graph, labels, target):
+        return labels
+
+    def refine_parts(self, graph, labels, block, target):
+        from_first = np.linalg.norm(graph.centroids - graph.centroids[labels == 0].mean(axis=0), axis=1)
+        moved = np.array(labels)
+        moved[np.argmax(from_first)] = 0
+        return moved
+
+
+def test_a_refiner_of_finished_levels_is_not_believed() -> None:
+    mesh = samples.voronoi(400, seed=1)
+    polished = agglomerate(mesh, n_parts=20, post_refiners=(Scatters(),)).levels[0]
+    assert mesh.graph.components(polished).max() == 19
+    np.testing.assert_array_equal(polished, agglomerate(mesh, n_parts=20, polish=False).levels[0])
 
 
 @settings(max_examples=200, deadline=None)
