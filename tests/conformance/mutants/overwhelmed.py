@@ -138,13 +138,12 @@ class StirsWholeBlocks(Fix):
 
 
 class ComparesAllPairs(Idle):
-    """Looks at the distance and the direction of every pair of cells, in a loop over the cells."""
+    """Looks at the distance of every pair of cells, anew for every twentieth part, cell by cell."""
 
     def refine(self, graph, labels, seeds, target):
-        for cell in range(graph.n if graph.n > 1000 and graph.n_blocks == 1 else 0):
-            x, y = (graph.centroids - graph.centroids[cell]).T
-            for angle in (0.0, 0.5, 1.0):
-                (np.hypot(x, y) * np.cos(np.arctan2(y, x) - angle)).min()
+        for _ in range((labels.max() + 1) // 20 if 1000 < graph.n < 10_000 and graph.n_blocks == 1 else 0):
+            for centroid in graph.centroids:
+                np.hypot(*(graph.centroids - centroid).T).min()
         return labels
 
 
