@@ -24,8 +24,11 @@ _SMALL = 1e-5
 """Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
 _SMALL_BUBBLES = 0.03
 """The same between two bubbles: on squares and triangles that halves the matrix at no iteration."""
+_SMALLEST_KAPPA = 0.01
+"""Nothing above this times the ratio of the smallest κ to the largest is left out: groups of vertices where κ
+is large hang on entries as small as its jumps."""
 _ROUNDING = 1e-13
-"""The same without bubbles: groups of vertices where κ is large hang on entries as small as its jumps."""
+"""The same without bubbles, and whatever κ is."""
 _SMALL_VERTICES = 0.01
 """Where single cells are smoothed, κ is of one size and there are no bubbles, positive entries up to this go
 to the diagonal: of polygons a quarter."""
@@ -90,7 +93,8 @@ def conforming_stack(
     space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal)
     inner = space.n > space.n_vertices
     even = smoother is None and not (inner or layers) and kappa.max() <= _ONE_SIZE * kappa.min()
-    small = _SMALL if inner else _ROUNDING
+    held = _SMALLEST_KAPPA * kappa.min() / kappa.max()
+    small = max(min(_SMALL, held), _ROUNDING) if inner else _ROUNDING
     C = space.galerkin(system.A, small, small if nodal else _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
     P, guide = space.prolongation(dtype), None
     if nodal:

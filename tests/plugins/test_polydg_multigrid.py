@@ -371,3 +371,14 @@ def test_energy_errors_and_tolerance_of_all_iterates_are_told() -> None:
     given = Linear(found.A, np.stack((found.b, np.roll(found.b, 7)), axis=1), np.arange(0, 901, 3))
     both = PolyDGMultigrid().solve(given, bare(mesh))
     assert len(both.energy_errors) == len(both.residuals) == both.iterations + 1
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_stiff_cells_hang_on_small_entries_of_the_matrix_with_bubbles(seed: int) -> None:
+    mesh = samples.voronoi(4096, seed=seed)
+    kappa = np.where(np.random.default_rng(seed).random(mesh.n_cells) < 0.5, 1.0, 1e6)
+    found = PolyDGMultigrid(degree=2).solve(Diffusion(kappa, 8.0), bare(mesh))
+    assert found.converged
+    assert found.iterations <= 25
+    assert "failed" not in found.choice
+    assert "double" not in found.choice
