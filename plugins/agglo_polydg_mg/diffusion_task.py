@@ -71,7 +71,8 @@ class DiffusionTask:
             self.basis = basis or how.basis(self.numbering.mesh)
             self.fine = fine_system(self.problem, self.hierarchy, how, self.basis)
         except AggloError:
-            fine_system(problem, hierarchy, how)  # names the cells by the user's numbers
+            if self.numbering.cells is not None:
+                fine_system(problem, hierarchy, how)  # says the same with the user's numbers of cells
             raise
 
     @property

@@ -109,6 +109,7 @@ class RepeatedSolves:
         self._basis: Basis | None = None
         self._numbering: Numbering | None = None
         self._plan: Plan | None = None
+        self._renumbered = False  # what is kept
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
         """Solve, as :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.solve` does; errors as there."""
@@ -118,6 +119,9 @@ class RepeatedSolves:
             task = task_for(problem, *self._made_of, self._basis, plan, self._numbering)
         if isinstance(task, DiffusionTask):
             self._basis, self._numbering = task.basis, task.numbering
+        renumbered = isinstance(task, DiffusionTask) and task.numbering.cells is not None
+        if renumbered != self._renumbered:  # a linear system before or after a diffusion problem
+            self._kept, self._earlier, self._renumbered = None, [], renumbered
         if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
             self._kept = None
         try:

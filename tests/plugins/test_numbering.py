@@ -15,7 +15,7 @@ from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.authoring import curve_order
 from agglo_core.conformance.mesh_changes import renumbered
 from agglo_core.errors import AggloError
-from agglo_core.problems import Diffusion, Solution
+from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.deferred import Deferred
 from agglo_polydg_mg import numbering
 from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
@@ -137,6 +137,19 @@ def test_steps_renumber_once(monkeypatch, mesh: Mesh) -> None:
         assert abs(found.A - plain.A).max() <= 1e-11 * abs(plain.A).max()
         assert found.operators[0][0].shape == plain.A.shape
     assert (len(orders), steps.setups) == (1, 1)
+
+
+def test_a_linear_system_between_steps_keeps_nothing_of_another_numbering(monkeypatch, mesh: Mesh) -> None:
+    monkeypatch.setattr(numbering, "_FEW", 1)
+    problem = problems(mesh)["kappa of cells"]
+    steps = PolyDGMultigrid(tolerance=1e-10).repeated(bare(mesh))
+    first = steps.solve(problem)
+    system = Linear(first.A, first.b, 3 * np.arange(mesh.n_cells + 1))
+    for each in (system, problem):
+        again = steps.solve(each)
+        assert len(again.residuals) == again.iterations + 1
+        require_near(first.x, again.x, 1e-7)
+    assert steps.setups == 3
 
 
 def test_preconditioner_and_prolongation_take_the_users_numbers(monkeypatch, mesh: Mesh) -> None:
