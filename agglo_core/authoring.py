@@ -89,6 +89,7 @@ if TYPE_CHECKING:
     )
     from agglo_core.problems.backward_error import limit_told
     from agglo_core.problems.conjugate_gradients import MET, TESTS, History, conjugate_gradients, iterated
+    from agglo_core.problems.deferred import Deferred
     from agglo_core.problems.real_system import symmetric_system
     from agglo_core.problems.sizes import energy_of_solution, relative_size, size_ratio, two_norm
     from agglo_core.progress import Listener, Progress, Tell, labelled, phase, to_nobody
@@ -125,6 +126,7 @@ registry.attribution: Member attributed
 registry.code_options: ImportPath
 problems.backward_error: limit_told
 problems.conjugate_gradients: MET TESTS History conjugate_gradients iterated
+problems.deferred: Deferred
 problems.sizes: energy_of_solution relative_size size_ratio two_norm
 problems.real_system: symmetric_system
 progress: Listener Progress Tell labelled phase to_nobody
@@ -164,6 +166,7 @@ __all__ = [
     "Command",
     "Component",
     "ConnectivityFixer",
+    "Deferred",
     "Diffusion",
     "Discretisation",
     "Field",

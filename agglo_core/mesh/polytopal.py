@@ -18,6 +18,7 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.polygons import Faces, build_polygons
 from agglo_core.mesh.polyhedra import build_polyhedra
+from agglo_core.mesh.renumbering import renumbered_arrays
 
 __all__ = ["Mesh"]
 
@@ -253,6 +254,33 @@ class Mesh(Derived):
         }
         known = {**self.repairs, **note_repairs(repairs)}
         return Mesh(points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
+
+    def renumbered(self, cells: ArrayLike) -> Mesh:
+        """This mesh with its cells in another order, faces as the cells meet them, points as the faces do.
+
+        Tags go with cells and faces; points that no face has are left out.
+
+        Parameters
+        ----------
+        cells : (n_cells,) int
+            The cell of this mesh that becomes cell 0, 1, ….
+
+        Raises
+        ------
+        MeshError
+            If it does not hold each cell once.
+        """
+        new = renumbered_arrays(self, cells)
+        return Mesh(
+            new.points,
+            new.face_offsets,
+            new.face_vertices,
+            new.face_cells,
+            {name: values[new.old_cells] for name, values in self.cell_tags.items()},
+            {name: values[new.old_faces] for name, values in self.face_tags.items()},
+            self.repairs,
+            self.name,
+        )
 
     # -- interchange ---------------------------------------------------------------------------
     def to_shapely(self) -> NDArray[np.object_]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from agglo_core.arrays import Float
+from agglo_core.problems.deferred import deferrable
 from agglo_core.problems.iteration_history import mean_contraction, untold
 
 __all__ = ["Lifting", "Solution"]
@@ -25,11 +26,13 @@ class Lifting:
     load: Float
 
 
+@deferrable("A", "operators")
 @dataclass(frozen=True, eq=False)
 class Solution:
     """A solution ``x`` of ``A x = b`` and how it was reached.
 
-    Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``.
+    Matrices are sparse, arrays or ``scipy.sparse.linalg.LinearOperator``; a solver that has them in another
+    form gives ``A`` and ``operators`` as :class:`~agglo_core.problems.deferred.Deferred`.
     ``operators`` lists ``(A, P)`` per level, finest first; ``residuals`` are the 2-norms ‖b − A x‖
     after each iteration, the first one before any. Of several right-hand sides ``b (n, k)`` x is ``(n, k)``,
     and ``residuals``, ``iterations`` and ``reason`` are those of the worst column: one that has not converged

@@ -12,6 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
+    AggloError,
     Diffusion,
     Float,
     Hierarchy,
@@ -24,6 +25,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.advice import advice_of_multigrid
 from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.numbering import Numbering, numbering_for
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes, levels_by_default, plan_for
@@ -40,7 +42,8 @@ _MOST: Final = 1e-10
 class DiffusionTask:
     """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
 
-    A ``plan`` is that of levels which are there already; without one it is made when first asked for.
+    A ``plan`` is that of levels which are there already; without one it is made when first asked for. All
+    is in the ``numbering`` of the cells: that of an earlier problem, if given.
 
     Raises
     ------
@@ -57,14 +60,20 @@ class DiffusionTask:
         count: int | None,
         basis: Basis | None = None,
         plan: Plan | None = None,
+        numbering: Numbering | None = None,
     ) -> None:
-        self.problem, self.hierarchy, self.count = problem, hierarchy, count
-        self._penalty, self._wishes = how.penalty, wishes
         if hierarchy.fine is None:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
-        self.basis = basis or how.basis(hierarchy.fine)
-        self.fine = fine_system(problem, hierarchy, how, self.basis)
-        self._plan = plan
+        self.numbering = numbering or numbering_for(hierarchy)
+        self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
+        self.count, self._penalty, self._wishes, self._plan = count, how.penalty, wishes, plan
+        try:
+            self.basis = basis or how.basis(self.numbering.mesh)
+            self.fine = fine_system(self.problem, self.hierarchy, how, self.basis)
+        except AggloError:
+            if self.numbering.cells is not None:
+                fine_system(problem, hierarchy, how)  # says the same with the user's numbers of cells
+            raise
 
     @property
     def plan(self) -> Plan:
@@ -90,7 +99,7 @@ class DiffusionTask:
     @property
     def choice(self) -> str:
         """Which levels, and why."""
-        return self.plan.reason
+        return self.plan.reason + self.numbering.remark
 
     @property
     def advice(self) -> str:

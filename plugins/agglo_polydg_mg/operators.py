@@ -37,7 +37,7 @@ from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
 from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import block_matrix, l2_projection
 
-__all__ = ["FineSystem", "LevelSpaces", "fine_system", "level_spaces"]
+__all__ = ["FineSystem", "LevelSpaces", "fine_system", "level_spaces", "own_mesh"]
 
 
 class FineSystem(NamedTuple):
@@ -125,7 +125,7 @@ def fine_system(
         :func:`~agglo_core.problems.real_system.symmetric_system`.
     """
     if isinstance(problem, Diffusion):
-        mesh = _own_mesh(hierarchy)
+        mesh = own_mesh(hierarchy)
         return _discretised(problem, mesh, how, basis or how.basis(mesh))
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)
@@ -153,7 +153,7 @@ def _given(problem: Linear, n: int) -> FineSystem:
     return FineSystem(block_matrix(matrix, width), b, width, ResidualMeasure(b), b, None, factor)
 
 
-def _own_mesh(hierarchy: Hierarchy) -> Mesh:
+def own_mesh(hierarchy: Hierarchy) -> Mesh:
     """The mesh of a hierarchy, whose graph and levels must be of that mesh."""
     mesh, measures = hierarchy.fine, hierarchy.graph.measures
     if mesh is None:
@@ -206,7 +206,7 @@ def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], 
         near_null = None if problem.near_null is None else _columns(problem.near_null)
         system = System.trusted(fine.A, fine.b, offsets, hierarchy.fine, near_null)
         return LevelSpaces(fine, system, _constant_prolongations(hierarchy, labels, fine.width))
-    mesh = _own_mesh(hierarchy)
+    mesh = own_mesh(hierarchy)
     meshes = [mesh.coarsen(each) for each in labels]
     bases = [how.basis(each) for each in (mesh, *meshes)]
     constant = frozen_float(bases[0].project(lambda points: np.ones(len(points)))[:, None])

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid
+from agglo_polydg_mg.diffusion_task import DiffusionTask
 from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name
 from agglo_polydg_mg.penalty import Penalty
 from agglo_polydg_mg.polydg import PolyDG
@@ -124,6 +125,7 @@ class PolyDGMultigrid:
         task = task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
         task.in_double()
         try:
-            return multigrid.cycle(task.stack(), task.cycle)
+            M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+        return task.numbering.operator(M) if isinstance(task, DiffusionTask) else M

@@ -26,6 +26,7 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.diffusion_task import DiffusionTask
 from agglo_polydg_mg.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.linear_task import LinearTask
+from agglo_polydg_mg.numbering import Numbering
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes
 from agglo_polydg_mg.stopwatch import Stopwatch
@@ -48,14 +49,15 @@ def task_for(
     count: int | None,
     basis: Basis | None = None,
     plan: Plan | None = None,
+    numbering: Numbering | None = None,
 ) -> Task:
     """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised.
 
-    The ``basis`` is that of an earlier diffusion problem on the hierarchy, if there was one, the ``plan``
-    that of its levels, if they are kept.
+    The ``basis`` and the ``numbering`` are those of an earlier diffusion problem on the hierarchy, if there
+    was one, the ``plan`` that of its levels, if they are kept.
     """
     if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, wishes, count, basis, plan)
+        return DiffusionTask(problem, hierarchy, how, wishes, count, basis, plan, numbering)
     if isinstance(problem, Linear):
         return LinearTask(problem, hierarchy, wishes, count)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
@@ -105,15 +107,21 @@ class RepeatedSolves:
         self._usual: float | None = None  # iterations from 0 with fresh levels
         self._earlier: list[list[Float]] = []
         self._basis: Basis | None = None
+        self._numbering: Numbering | None = None
         self._plan: Plan | None = None
+        self._renumbered = False  # what is kept
 
     def solve(self, problem: Problem, progress: Listener | None = None) -> Solution:
         """Solve, as :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.solve` does; errors as there."""
         watch, setups = Stopwatch(), self.setups
         with watch("assemble"), phase(progress, "assembling"):
-            task = task_for(problem, *self._made_of, self._basis, self._plan if self._kept else None)
+            plan = self._plan if self._kept else None
+            task = task_for(problem, *self._made_of, self._basis, plan, self._numbering)
         if isinstance(task, DiffusionTask):
-            self._basis = task.basis
+            self._basis, self._numbering = task.basis, task.numbering
+        renumbered = isinstance(task, DiffusionTask) and task.numbering.cells is not None
+        if renumbered != self._renumbered:  # a linear system before or after a diffusion problem
+            self._kept, self._earlier, self._renumbered = None, [], renumbered
         if self._kept is not None and self._kept.levels[0].A.shape != task.A.shape:
             self._kept = None
         try:
@@ -122,7 +130,7 @@ class RepeatedSolves:
             self._kept = None
             unsolved = task.unsolved(str(error))
             nothing = task.solution(unsolved, [(task.A, None)], watch, self._tolerance)
-            return replace(nothing, choice=task.choice)
+            return _given_back(task, replace(nothing, choice=task.choice))
         stack = self._kept
         fresh = self.setups > setups  # else nothing is as cheap as to go on
         solution = replace(
@@ -135,7 +143,7 @@ class RepeatedSolves:
             advice=task.advice if fresh else "",
         )
         self._judge(histories)
-        return solution
+        return _given_back(task, solution)
 
     def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
         """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
@@ -206,6 +214,11 @@ class RepeatedSolves:
             self._usual = slowest.iterations * wanted / digits if digits > 0.0 else None
         elif slowest.iterations > _MORE * self._usual + 1:
             self._kept = None
+
+
+def _given_back(task: Task, solution: Solution) -> Solution:
+    """The solution in the numbering of the user."""
+    return task.numbering.solution(solution) if isinstance(task, DiffusionTask) else solution
 
 
 def _finished(histories: list[History], most: int) -> bool:

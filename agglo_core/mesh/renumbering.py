@@ -1,0 +1,61 @@
+"""The arrays of a mesh in another order."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh.derived import Derived
+
+__all__ = ["Renumbered", "renumbered_arrays"]
+
+
+class Renumbered(NamedTuple):
+    """Arrays of a mesh, and the old numbers of its cells and faces."""
+
+    points: Float
+    face_offsets: Int
+    face_vertices: Int
+    face_cells: Int
+    old_cells: Int
+    old_faces: Int
+
+
+def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
+    """Cells in the given order, faces as the cells meet them, points as the faces do.
+
+    Raises
+    ------
+    MeshError
+        If ``cells (n_cells,)`` does not hold each number once.
+    """
+    from agglo_core.kernels.graphs import numbered_as_met, take_rows
+
+    order, number = _numbers(cells, mesh.n_cells)
+    offsets, own = mesh.cell_faces
+    faces = frozen_int(numbered_as_met(take_rows(offsets, frozen_index(own), order)[1], mesh.n_faces)[1])
+    face_offsets, vertices = take_rows(mesh.face_offsets, frozen_index(mesh.face_vertices), faces)
+    vertices, points = numbered_as_met(vertices, mesh.n_points)
+    return Renumbered(
+        frozen_float(mesh.points.take(points, axis=0)),
+        frozen_int(face_offsets),
+        frozen_int(vertices),
+        frozen_int(number.take(mesh.face_cells.take(faces, axis=0))),
+        order,
+        faces,
+    )
+
+
+def _numbers(cells: ArrayLike, n: int) -> tuple[Int, Int]:
+    """The order, and the new number of each cell, those outside (−1) included."""
+    order = np.asarray(cells)
+    number = np.full(n + 1, -1)
+    if order.shape == (n,) and order.dtype.kind in "iu" and order.min() >= 0 and order.max() < n:
+        number[order] = np.arange(n)
+    if n and number[:n].min() < 0:
+        raise MeshError(f"an order of the cells must hold each of 0..{n - 1} once")
+    return frozen_int(order), frozen_int(number)
