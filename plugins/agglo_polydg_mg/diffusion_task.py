@@ -29,6 +29,7 @@ from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes, levels_by_default, plan_for
 from agglo_polydg_mg.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["DiffusionTask"]
 
@@ -38,7 +39,7 @@ _MOST: Final = 1e-10
 
 
 class DiffusionTask:
-    """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
+    """A diffusion problem discretised on the mesh of a hierarchy, with ``units`` of an earlier one if given.
 
     A ``plan`` is that of levels which are there already; without one it is made when first asked for.
 
@@ -55,15 +56,15 @@ class DiffusionTask:
         how: PolyDG,
         wishes: Wishes,
         count: int | None,
-        basis: Basis | None = None,
+        units: UnitForms | None = None,
         plan: Plan | None = None,
     ) -> None:
         self.problem, self.hierarchy, self.count = problem, hierarchy, count
         self._penalty, self._wishes = how.penalty, wishes
         if hierarchy.fine is None:
             raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
-        self.basis = basis or how.basis(hierarchy.fine)
-        self.fine = fine_system(problem, hierarchy, how, self.basis)
+        self.basis: Basis = how.basis(hierarchy.fine) if units is None else units.basis
+        self.fine = fine_system(problem, hierarchy, how, self.basis, units)
         self._plan = plan
 
     @property
