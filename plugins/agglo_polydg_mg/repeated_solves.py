@@ -70,11 +70,11 @@ class RepeatedSolves:
     (:func:`~agglo_polydg_mg.earlier_solutions.best_combination`). Levels are renewed for the next solve after
     one that took over 1.5 times the iterations that fresh levels take from 0, and within a solve that takes
     over 3 times as many; that solve goes on from where it is. Levels of another number of unknowns are never
-    used. From the second system on, parts of the matrix that a κ of one number in each cell only scales are
-    kept (:class:`~agglo_polydg_mg.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at most.
-    ``operators`` of a Solution are those of the levels in use, of an earlier system perhaps, as its ``choice``
-    then says. Made by :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.repeated`; not for several
-    threads at once.
+    used. From the second system on, what a κ of one number in each cell only scales is kept
+    (:class:`~agglo_polydg_mg.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at most.
+    ``operators`` of a Solution are those of the levels in use, of an earlier system perhaps, as its
+    ``choice`` then says. Made by
+    :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.repeated`; not for several threads at once.
 
     Attributes
     ----------
