@@ -86,7 +86,7 @@ def main() -> None:
     )
     parser.add_argument("--cells", type=int, default=16_384)
     parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2])
-    parser.add_argument("--meshes", nargs="+", choices=MESHES, default=["squares", "triangles", "voronoi"])
+    parser.add_argument("--meshes", nargs="+", choices=MESHES, default=list(MESHES))
     parser.add_argument("--steps", type=int, default=20)
     parser.add_argument("--rates", type=float, nargs="+", default=[0.05])
     parser.add_argument("--tolerance", type=float, default=1e-6)
