@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.errors import OptionError
 from agglo_core.problems import Diffusion, Solution
+from agglo_core.threads import using_threads
 from agglo_polydg_mg import unit_forms
 from agglo_polydg_mg.assembly import Lifted
 from agglo_polydg_mg.polydg import PolyDG
@@ -170,3 +171,16 @@ def test_too_large_a_basis_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> Non
     small = UnitForms(units.basis)
     require_same(how.lifted(problem, mesh, units.basis, small), kept)
     assert set(vars(small)) == {"basis"}
+
+
+def test_two_threads_make_the_same_of_what_is_kept() -> None:
+    mesh, how = samples.voronoi(300, seed=9), PolyDG(2, "sharp", True)
+    problem = Diffusion(kappa=jumping(mesh, 5), source=1.0)
+    found = []
+    for threads in (1, 2):
+        with using_threads(threads, few=20):
+            units = UnitForms(how.basis(mesh))
+            found.append(how.lifted(problem, mesh, units.basis, units))
+    np.testing.assert_array_equal(found[0].sigma, found[1].sigma)
+    np.testing.assert_array_equal(found[0].system.A.indices, found[1].system.A.indices)
+    np.testing.assert_allclose(found[0].system.A.data, found[1].system.A.data, rtol=1e-12, atol=1e-12)
