@@ -16,7 +16,7 @@ __all__ = ["UnitForms"]
 
 _FEW: Final = 2_000  # cells or faces one thread looks at in some milliseconds
 _MOST: Final = 2**31
-"""Bytes that are kept at most: about those of three matrices, 2.5 kB for a triangle with p = 2."""
+"""Bytes kept at most; a basis needs about twice those of its matrix, 2.5 kB for a triangle with p = 2."""
 
 
 @dataclass(frozen=True, eq=False)
