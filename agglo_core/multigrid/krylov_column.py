@@ -6,7 +6,7 @@ sides can be computed together.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,6 +66,7 @@ class Column:
     _idle: int = 0  # how often neither fell
     _stuck: bool = False  # that is too often: x passes the tests now or never
     _scale: float = 0.0  # energy norm of x when last asked for
+    _length: float = 0.0  # of the last step, in units of its direction
     _moved: float = 0.0  # squares of the energy norms of all steps
     _still: int = 0
     _lost: int = 0
@@ -97,7 +98,10 @@ class Column:
         reason = MET if met else self._reason(error)
         x, residuals = frozen_float(self.x), frozen_float(self.residuals)
         gains = frozen_float(self.gains)
-        return History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
+        found = History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
+        if not met or not self.done or self._length == 0.0:
+            return found
+        return replace(found, correction=frozen_float(self._length * self.p))
 
     def _reason(self, error: float | None) -> str:
         known = ", energy error unknown" if error is None else f", energy error about {error:.1e}"
@@ -146,6 +150,7 @@ class Column:
             self.ended = "matrix not finite" if np.isnan(curvature) else "indefinite matrix"
             return
         step = along / curvature  # p·r is z·r, and if M is poor the step that takes most from ‖e‖_A
+        self._length = step
         self._added = self._added + step * self.p
         self.x = self._added if self._base is None else self._base + self._added
         self._count(step * along, curvature)

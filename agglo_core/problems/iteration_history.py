@@ -50,7 +50,9 @@ class History:
     from the square of the error in the energy norm, empty if the method does not tell; ``energy_norm`` is
     that of x. Where the residual fell no further ``backward_error`` is that of x, as
     :func:`~agglo_core.problems.backward_error.backward_error` has it, if A is known entry by entry; an
-    iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows.
+    iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows. ``correction``
+    is the next step, as long as the last, if the iteration converged and knows it: with a good preconditioner
+    x is nearer yet with it, though not known to be.
     """
 
     x: Float
@@ -64,6 +66,7 @@ class History:
     gains: Float = field(default_factory=untold)
     energy_norm: float = 0.0
     backward_error: float | None = None
+    correction: Float | None = None
 
     @property
     def energy_errors(self) -> Float:

@@ -25,7 +25,7 @@ from agglo_core.authoring import (
     frozen_int,
     over_ranges,
 )
-from agglo_polydg_mg.basis import Basis, products
+from agglo_polydg_mg.basis import Basis, stiffness
 from agglo_polydg_mg.boundary import (
     boundary_faces,
     data_offset,
@@ -36,6 +36,7 @@ from agglo_polydg_mg.boundary import (
 from agglo_polydg_mg.penalty import PAPER, Penalty, face_penalty
 from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
 from agglo_polydg_mg.sharp_penalty import sharp_penalty
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = [
     "Lifted",
@@ -113,17 +114,21 @@ def lifted(
     penalty: Penalty = PAPER,
     scaled_basis: bool = False,
     basis: Basis | None = None,
+    units: UnitForms | None = None,
 ) -> Lifted:
     """As :func:`discretise`, together with the load that is left without the :func:`data_offset`.
 
-    A ``basis`` of an earlier problem, of that mesh and degree, keeps what is geometry alone.
+    A ``basis`` of an earlier problem, of that mesh and degree, keeps what is geometry alone; ``units`` keep
+    what κ scales too, where it is one number in each cell.
     """
     basis = basis or Basis(mesh, degree, scaled_basis)
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
-    on_faces, inside = face_coefficients(mesh, kappa, degree + 2), stiffness(basis, kappa)
-    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside)
-    A = _matrix(basis, inside, on_faces, sigma)
+    kept = units if units is not None and units.fit and not callable(kappa) else None
+    on_faces = face_coefficients(mesh, kappa, degree + 2)
+    inside = stiffness(basis, kappa) if kept is None else None
+    sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, kept)
+    A = _matrix(basis, inside, on_faces, sigma, kappa, kept)
     loads = load(basis, problem).reshape(mesh.n_cells, -1)
     g = dirichlet_values(basis, problem, boundary)
     offsets = frozen_int(np.arange(mesh.n_cells + 1) * basis.n_local)
@@ -158,49 +163,50 @@ def jump_penalty(
     natural: Int,
     on_faces: Float | None = None,
     inside: Float | None = None,
+    units: UnitForms | None = None,
 ) -> Float:
     """Penalty σ of each face ``(n_faces,)``, 0 on ``natural`` ones, for κ as :func:`positive` returns it.
 
     ``on_faces`` are its :func:`face_coefficients` for degree + 2, ``inside`` its :func:`stiffness`, where
-    they are at hand.
+    they are at hand; so are ``units``, if κ is one number in each cell.
     """
     if penalty != "sharp":
         constant = PAPER if penalty == "paper" else penalty
         return face_penalty(basis.mesh, basis.degree, constant, natural)
     on_faces = face_coefficients(basis.mesh, kappa, basis.degree + 2) if on_faces is None else on_faces
-    inside = stiffness(basis, kappa) if inside is None else inside
-    return sharp_penalty(basis, kappa, on_faces, inside, natural)
+    if inside is None and units is None:
+        inside = stiffness(basis, kappa)
+    return sharp_penalty(basis, kappa, on_faces, inside, natural, units)
 
 
-def _matrix(basis: Basis, inside: Float, on_faces: Float, sigma: Float) -> sparse.bsr_array:
-    from agglo_polydg_mg.face_kernels import face_blocks
+def _matrix(
+    basis: Basis, inside: Float | None, on_faces: Float, sigma: Float, kappa: Field, units: UnitForms | None
+) -> sparse.bsr_array:
+    from agglo_polydg_mg.face_kernels import face_blocks, scaled_blocks
 
     mesh = basis.mesh
     rule = gauss(basis.degree + 1 if on_faces.shape[2] == 1 else on_faces.shape[2])
     indptr, indices, diagonal, slots = basis.pattern
     blocks = np.zeros((len(indices), basis.n_local, basis.n_local))
-    blocks[diagonal] = inside
-    across = np.argsort(mesh.local_centroids[:, 0])
+    if inside is not None:
+        blocks[diagonal] = inside
+    across = basis.across
 
     def add(start: int, stop: int) -> None:
         """Rows of the cells of one strip of the mesh; only faces between two strips are looked at twice."""
         mine = np.zeros(mesh.n_cells + 1, bool)  # the last one is outside
         mine[across[start:stop]] = True
         faces = frozen_int(np.flatnonzero(mine.take(cells).any(axis=1)))
-        face_blocks(points, pairs, cells, faces, mine, slots, *frames, sigma, on_faces, *rule, blocks)
+        if units is None:
+            face_blocks(points, pairs, cells, faces, mine, slots, *frames, sigma, on_faces, *rule, blocks)
+        else:
+            parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
+            scaled_blocks(cells, faces, mine, *parts, blocks)
 
     points, pairs, cells = mesh.local_points, mesh.face_pairs, mesh.face_cells
     frames = basis.boxes, basis.scale
     over_ranges(add, mesh.n_cells, few=_FEW, shares=1)
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
-
-
-def stiffness(basis: Basis, kappa: Field) -> Float:
-    """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
-    integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
-    integrals *= (basis.scale**2)[:, None]
-    along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
-    return products(along, basis.degree, [(1, 0), (0, 1)])
 
 
 def positive(mesh: Mesh, kappa: Field) -> Field:

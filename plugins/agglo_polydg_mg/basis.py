@@ -27,7 +27,7 @@ from agglo_core.authoring import (
 from agglo_polydg_mg.option_checks import require_count
 from agglo_polydg_mg.quadrature import gauss, moments, per_cell, weighted_moments
 
-__all__ = ["Basis", "block_diagonal", "legendre", "one_per_row", "orders", "products", "slopes"]
+__all__ = ["Basis", "block_diagonal", "legendre", "one_per_row", "orders", "products", "slopes", "stiffness"]
 
 
 _FILL = 0.1
@@ -120,6 +120,16 @@ class Basis:
         """Factor of the polynomials of each cell ``(n_cells,)``: 1 unless ``scaled``."""
         quarter = self.boxes[:, 2] * self.boxes[:, 3]
         return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
+
+    @property
+    def fill(self) -> Float:
+        """Part of its box that each cell fills ``(n_cells,)``."""
+        return frozen_float(self.mesh.cell_measures / (4.0 * self.boxes[:, 2] * self.boxes[:, 3]))
+
+    @cached_property
+    def across(self) -> Int:
+        """Cells from left to right ``(n_cells,)``: a slice of them is a strip of the mesh."""
+        return frozen_int(np.argsort(self.mesh.local_centroids[:, 0]))
 
     @cached_property
     def pattern(self) -> tuple[Int, Int, Int, Int]:
@@ -223,6 +233,14 @@ def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, i
             len(blocks),
         )
     return blocks
+
+
+def stiffness(basis: Basis, kappa: Field) -> Float:
+    """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
+    integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
+    integrals *= (basis.scale**2)[:, None]
+    along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
+    return products(along, basis.degree, [(1, 0), (0, 1)])
 
 
 @cache

@@ -31,6 +31,7 @@ from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes, levels_by_default, plan_for
 from agglo_polydg_mg.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["DiffusionTask"]
 
@@ -40,7 +41,7 @@ _MOST: Final = 1e-10
 
 
 class DiffusionTask:
-    """A diffusion problem discretised on the mesh of a hierarchy, with the basis of an earlier one if given.
+    """A diffusion problem discretised on the mesh of a hierarchy, with ``units`` of an earlier one if given.
 
     A ``plan`` is that of levels which are there already; without one it is made when first asked for. All
     is in the ``numbering`` of the cells: that of an earlier problem, if given.
@@ -58,7 +59,7 @@ class DiffusionTask:
         how: PolyDG,
         wishes: Wishes,
         count: int | None,
-        basis: Basis | None = None,
+        units: UnitForms | None = None,
         plan: Plan | None = None,
         numbering: Numbering | None = None,
     ) -> None:
@@ -68,8 +69,8 @@ class DiffusionTask:
         self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
         self.count, self._penalty, self._wishes, self._plan = count, how.penalty, wishes, plan
         try:
-            self.basis = basis or how.basis(self.numbering.mesh)
-            self.fine = fine_system(self.problem, self.hierarchy, how, self.basis)
+            self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
+            self.fine = fine_system(self.problem, self.hierarchy, how, self.basis, units)
         except AggloError:
             if self.numbering.cells is not None:
                 fine_system(problem, hierarchy, how)  # says the same with the user's numbers of cells

@@ -1,4 +1,4 @@
-"""Kernels of the faces: the largest triangles on them, and their blocks of the matrix.
+"""Kernels of the faces: their blocks of the matrix, made at once or kept for κ = 1 and scaled.
 
 Polynomials and boxes are those of :mod:`~agglo_polydg_mg.legendre_kernels`.
 """
@@ -10,102 +10,7 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-__all__ = ["block_pattern", "face_blocks", "largest_triangles"]
-
-_SHRUNK = 1e-8  # how far into a triangle, in barycentric coordinates, an edge must reach to count
-
-
-@helper
-def _reaches(sx, sy, tx, ty, ax, ay, bx, by, vx, vy):
-    """Whether the segment st passes through the inside of the triangle abv."""
-    twice = (bx - ax) * (vy - ay) - (by - ay) * (vx - ax)
-    low, high = 0.0, 1.0
-    px, py, ex, ey = ax, ay, bx - ax, by - ay
-    for side in range(3):
-        if side == 1:
-            px, py, ex, ey = bx, by, vx - bx, vy - by
-        elif side == 2:
-            px, py, ex, ey = vx, vy, ax - vx, ay - vy
-        at_s = (ex * (sy - py) - ey * (sx - px)) / twice - _SHRUNK
-        at_t = (ex * (ty - py) - ey * (tx - px)) / twice - _SHRUNK
-        if at_s <= 0.0 and at_t <= 0.0:
-            return False
-        if at_s <= 0.0:
-            low = max(low, at_s / (at_s - at_t))
-        elif at_t <= 0.0:
-            high = min(high, at_s / (at_s - at_t))
-    return low < high
-
-
-@helper
-def _is_convex(start, end, m):
-    """Whether each of the m edges has every vertex on its left."""
-    for k in range(m):
-        ax, ay = start[k, 0], start[k, 1]
-        ex, ey = end[k, 0] - ax, end[k, 1] - ay
-        lowest, highest = 0.0, 0.0
-        for v in range(m):
-            height = ex * (start[v, 1] - ay) - ey * (start[v, 0] - ax)
-            lowest, highest = min(lowest, height), max(highest, height)
-        if lowest < -1e-10 * highest:
-            return False
-    return True
-
-
-@helper
-def _visible_height(start, end, m, k, convex, queue):
-    """Height of the largest triangle on edge k whose apex is a vertex and which no edge enters.
-
-    ``queue`` orders the edges: one that hides a vertex moves to the front, as it is likely to hide more.
-    """
-    ax, ay, bx, by = start[k, 0], start[k, 1], end[k, 0], end[k, 1]
-    length = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-    best = 0.0
-    for v in range(m):
-        vx, vy = start[v, 0], start[v, 1]
-        height = ((bx - ax) * (vy - ay) - (by - ay) * (vx - ax)) / length
-        if height <= best * (1.0 + 1e-12) or height <= 1e-12 * length:
-            continue
-        hidden = False
-        if not convex:
-            for i in range(m):
-                g = queue[i]
-                if _reaches(start[g, 0], start[g, 1], end[g, 0], end[g, 1], ax, ay, bx, by, vx, vy):
-                    for back in range(i, 0, -1):
-                        queue[back] = queue[back - 1]
-                    hidden, queue[0] = True, g
-                    break
-        if not hidden:
-            best = height
-    return best
-
-
-@kernel
-def largest_triangles(points, offsets, faces, face_vertices, face_cells, first_cell, heights):
-    """Write the height over each face of the largest triangle in cells ``first_cell``, ...
-
-    Its base is the face, its apex a vertex of the cell, and it lies in the cell. ``heights (F, 2)`` are for
-    owner and neighbour; those of faces of no length are left as they are. 0 if no vertex is visible.
-    """
-    most = 0
-    for c in range(len(offsets) - 1):
-        most = max(most, offsets[c + 1] - offsets[c])
-    start, end, queue = np.empty((most, 2)), np.empty((most, 2)), np.empty(most, np.int64)
-    for c in range(len(offsets) - 1):
-        m = offsets[c + 1] - offsets[c]
-        for k in range(m):
-            f = faces[offsets[c] + k]
-            flip = 0 if face_cells[f, 0] == first_cell + c else 1
-            queue[k] = k
-            for x in range(2):
-                start[k, x] = points[face_vertices[f, flip], x]
-                end[k, x] = points[face_vertices[f, 1 - flip], x]
-        convex = _is_convex(start, end, m)
-        for k in range(m):
-            f = faces[offsets[c] + k]
-            if start[k, 0] != end[k, 0] or start[k, 1] != end[k, 1]:
-                side = 0 if face_cells[f, 0] == first_cell + c else 1
-                heights[f, side] = _visible_height(start, end, m, k, convex, queue)
+__all__ = ["block_pattern", "face_blocks", "scaled_blocks", "unit_faces"]
 
 
 @kernel
@@ -207,6 +112,73 @@ def _scatter(sums, lane, m, f, face_cells, mine, slots, blocks):
                 blocks[upper, j, i] += sums[m + i, j, lane]
 
 
+@helper
+def _choose(following, faces, sigma, chosen):
+    """The next faces of σ > 0 to ``chosen``, at most ``LANES``: how many, and where the following start."""
+    count = 0
+    while count < LANES and following < len(faces):
+        if sigma[faces[following]] != 0.0:
+            chosen[count] = faces[following]
+            count += 1
+        following += 1
+    return count, following
+
+
+@helper(allocates=True)
+def _rooms(rules, m, degree):
+    """Where :func:`_add_up` computes, for polynomials and for frames of faces."""
+    return np.empty((2, rules, 2 * m, LANES)), np.empty((4, degree + 1, LANES)), np.empty((8, LANES))
+
+
+@helper
+def _add_up(
+    points, face_vertices, face_cells, chosen, count, boxes, scale, means, stiffs, nodes, weights, table,
+    rooms, sums,
+):  # fmt: skip
+    """Σ_q j rᵀ + r jᵀ of ``chosen`` faces to the lower halves ``sums (2 m, 2 m, LANES)``.
+
+    j are the jumps of the polynomials of both cells, r = stiff j − mean g with the sum g of their normal
+    derivatives; ``means`` and ``stiffs (q, LANES)`` are given at each point.
+    """
+    traces, lines, frame = rooms
+    jumps, rest, degree, m = traces[0], traces[1], table.shape[1], traces.shape[2] // 2
+    lx, dx, ly, dy = lines[0], lines[1], lines[2], lines[3]
+    x, y, along_x, along_y = frame[0], frame[1], frame[2], frame[3]
+    nx, ny, signed, length = frame[4], frame[5], frame[6], frame[7]
+    for side in range(2):
+        frame[:] = 0.0
+        for lane in range(count):
+            f = chosen[lane]
+            c, a, b = face_cells[f, side], face_vertices[f, 0], face_vertices[f, 1]
+            ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            length[lane] = np.sqrt(ex * ex + ey * ey)
+            if c < 0:
+                continue
+            wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
+            ex, ey = along_box(ex, ey, boxes[c])
+            px, py = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
+            x[lane], y[lane] = px * wide, py * high
+            along_x[lane], along_y[lane] = ex * wide, ey * high
+            nx[lane] = scale[c] * ey * wide / length[lane]
+            ny[lane] = -scale[c] * ex * high / length[lane]
+            signed[lane] = scale[c] * (1.0 - 2.0 * side)
+        for q in range(len(nodes)):
+            s, mean, stiff = 0.5 * (1.0 + nodes[q]), means[q], stiffs[q]
+            _along(x, along_x, s, table, lx, dx)
+            _along(y, along_y, s, table, ly, dy)
+            k, half = side * m, 0.5 * weights[q]
+            for total in range(degree + 1):
+                for j in range(total + 1):
+                    i = total - j
+                    for lane in range(LANES):
+                        value = signed[lane] * lx[i, lane] * ly[j, lane]
+                        slope = nx[lane] * dx[i, lane] * ly[j, lane] + ny[lane] * lx[i, lane] * dy[j, lane]
+                        rest[q, k, lane] = stiff[lane] * value - mean[lane] * slope
+                        jumps[q, k, lane] = half * length[lane] * value
+                    k += 1
+    _sum_points(jumps, rest, sums)
+
+
 @kernel
 def face_blocks(
     points, face_vertices, face_cells, faces, mine, slots, boxes, scale, sigma, kappa, nodes, weights, blocks,
@@ -220,62 +192,99 @@ def face_blocks(
     """
     m, rules = blocks.shape[1], len(nodes)
     degree = int(np.sqrt(2.0 * m)) - 1  # m = (degree + 1)(degree + 2) / 2
-    table = recurrences(degree)
-    jumps, rest = np.empty((rules, 2 * m, LANES)), np.empty((rules, 2 * m, LANES))
-    sums = np.empty((2 * m, 2 * m, LANES))
-    lx, dx, ly, dy = (
-        np.empty((degree + 1, LANES)), np.empty((degree + 1, LANES)),
-        np.empty((degree + 1, LANES)), np.empty((degree + 1, LANES)),
-    )  # fmt: skip
-    chosen, frame, shares = np.empty(LANES, np.int64), np.empty((8, LANES)), np.zeros((2, LANES))
-    x, y, along_x, along_y, nx, ny = frame[0], frame[1], frame[2], frame[3], frame[4], frame[5]
-    signed, length, mean, stiff = frame[6], frame[7], shares[0], shares[1]
-    following = 0
-    while following < len(faces):
-        count = 0
-        while count < LANES and following < len(faces):
-            if sigma[faces[following]] != 0.0:
-                chosen[count] = faces[following]
-                count += 1
-            following += 1
-        for side in range(2):
-            frame[:] = 0.0
+    table, rooms, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
+    chosen, means, stiffs = np.empty(LANES, np.int64), np.zeros((rules, LANES)), np.zeros((rules, LANES))
+    count, following = _choose(0, faces, sigma, chosen)
+    while count > 0:
+        for q in range(rules):
+            at = min(q, kappa.shape[2] - 1)
             for lane in range(count):
-                f = chosen[lane]
-                c, a, b = face_cells[f, side], face_vertices[f, 0], face_vertices[f, 1]
-                ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-                length[lane] = np.sqrt(ex * ex + ey * ey)
-                if c < 0:
-                    continue
-                wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
-                ex, ey = along_box(ex, ey, boxes[c])
-                px, py = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
-                x[lane], y[lane] = px * wide, py * high
-                along_x[lane], along_y[lane] = ex * wide, ey * high
-                nx[lane] = scale[c] * ey * wide / length[lane]
-                ny[lane] = -scale[c] * ex * high / length[lane]
-                signed[lane] = scale[c] * (1.0 - 2.0 * side)
-            for q in range(rules):
-                s, at = 0.5 * (1.0 + nodes[q]), min(q, kappa.shape[2] - 1)
-                for lane in range(count):
-                    own, other = kappa[chosen[lane], 0, at], kappa[chosen[lane], 1, at]
-                    inner = face_cells[chosen[lane], 1] >= 0
-                    mean[lane] = own * (other / (own + other)) if inner else own
-                    stiff[lane] = (1.0 if inner else 0.5) * sigma[chosen[lane]] * mean[lane]
-                _along(x, along_x, s, table, lx, dx)
-                _along(y, along_y, s, table, ly, dy)
-                k, half = side * m, 0.5 * weights[q]
-                for total in range(degree + 1):
-                    for j in range(total + 1):
-                        i = total - j
-                        for lane in range(LANES):
-                            value = signed[lane] * lx[i, lane] * ly[j, lane]
-                            slope = (
-                                nx[lane] * dx[i, lane] * ly[j, lane] + ny[lane] * lx[i, lane] * dy[j, lane]
-                            )
-                            rest[q, k, lane] = stiff[lane] * value - mean[lane] * slope
-                            jumps[q, k, lane] = half * length[lane] * value
-                        k += 1
-        _sum_points(jumps, rest, sums)
+                own, other = kappa[chosen[lane], 0, at], kappa[chosen[lane], 1, at]
+                inner = face_cells[chosen[lane], 1] >= 0
+                means[q, lane] = own * (other / (own + other)) if inner else own
+                stiffs[q, lane] = (1.0 if inner else 0.5) * sigma[chosen[lane]] * means[q, lane]
+        _add_up(
+            points, face_vertices, face_cells, chosen, count, boxes, scale, means, stiffs, nodes, weights,
+            table, rooms, sums,
+        )  # fmt: skip
         for lane in range(count):
             _scatter(sums, lane, m, chosen[lane], face_cells, mine, slots, blocks)
+        count, following = _choose(following, faces, sigma, chosen)
+
+
+@kernel
+def unit_faces(
+    points, face_vertices, face_cells, first, lengths, boxes, scale, nodes, weights, degree, units
+):  # fmt: skip
+    """Write what faces ``first``, ... add to the blocks of their cells where the harmonic mean of κ is 1.
+
+    The lower halves, row by row, of the block of both cells: of the jumps, σ being 1, to ``units[k, 0]``, of
+    the averages to ``units[k, 1]``. Faces of ``lengths`` 0 are left as they are.
+    """
+    m, rules = (degree + 1) * (degree + 2) // 2, len(nodes)
+    table, rooms, sums = recurrences(degree), _rooms(rules, m, degree), np.empty((2 * m, 2 * m, LANES))
+    chosen, ones, stiffs = np.empty(LANES, np.int64), np.ones((rules, LANES)), np.empty((rules, LANES))
+    none, faces = np.zeros((rules, LANES)), np.arange(first, first + len(units))
+    count, following = _choose(0, faces, lengths, chosen)
+    while count > 0:
+        for lane in range(count):
+            for q in range(rules):
+                stiffs[q, lane] = 1.0 if face_cells[chosen[lane], 1] >= 0 else 0.5
+        for part in range(2):
+            _add_up(
+                points, face_vertices, face_cells, chosen, count, boxes, scale, ones if part else none,
+                none if part else stiffs, nodes, weights, table, rooms, sums,
+            )  # fmt: skip
+            for lane in range(count):
+                unit, place = units[chosen[lane] - first, part], 0
+                for i in range(2 * m):
+                    for j in range(i + 1):
+                        unit[place] = sums[i, j, lane]
+                        place += 1
+        count, following = _choose(following, faces, lengths, chosen)
+
+
+@kernel
+def scaled_blocks(face_cells, faces, mine, slots, diagonal, sigma, kappa, stiffness, units, blocks):
+    """As :func:`face_blocks`, for ``kappa (n,)`` in the cells, of the ``units`` of all faces.
+
+    The ``stiffness (n, m, m)`` of the cells, for κ = 1, is added to their blocks on the ``diagonal (n,)``.
+    """
+    m, both = blocks.shape[1], np.empty(units.shape[2])
+    for c in range(len(diagonal)):
+        if mine[c]:
+            for i in range(m):
+                for j in range(m):
+                    blocks[diagonal[c], i, j] += kappa[c] * stiffness[c, i, j]
+    for f in faces:
+        if sigma[f] == 0.0:
+            continue
+        owner, neighbour, jumps, averages = face_cells[f, 0], face_cells[f, 1], units[f, 0], units[f, 1]
+        mean = kappa[owner]
+        if neighbour >= 0:
+            mean *= kappa[neighbour] / (kappa[owner] + kappa[neighbour])
+        stiff = sigma[f] * mean
+        for k in range(len(both)):
+            both[k] = stiff * jumps[k] + mean * averages[k]
+        for side in range(2):
+            if face_cells[f, side] < 0 or not mine[face_cells[f, side]]:
+                continue
+            block = blocks[slots[f, side, side]]
+            for i in range(m):
+                row = side * m + i
+                start = (row * (row + 1)) // 2 + side * m
+                for j in range(i):
+                    block[i, j] += both[start + j]
+                    block[j, i] += both[start + j]
+                block[i, i] += both[start + i]
+        if neighbour < 0:
+            continue
+        lower, upper = blocks[slots[f, 1, 0]], blocks[slots[f, 0, 1]]
+        for i in range(m if mine[neighbour] else 0):
+            start = ((m + i) * (m + i + 1)) // 2
+            for j in range(m):
+                lower[i, j] += both[start + j]
+        for i in range(m if mine[owner] else 0):
+            start = ((m + i) * (m + i + 1)) // 2
+            for j in range(m):
+                upper[j, i] += both[start + j]

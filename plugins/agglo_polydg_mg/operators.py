@@ -36,6 +36,7 @@ from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
 from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import block_matrix, l2_projection
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["FineSystem", "LevelSpaces", "fine_system", "level_spaces", "own_mesh"]
 
@@ -110,12 +111,16 @@ class LevelSpaces:
 
 
 def fine_system(
-    problem: Problem, hierarchy: Hierarchy, how: PolyDG, basis: Basis | None = None
+    problem: Problem,
+    hierarchy: Hierarchy,
+    how: PolyDG,
+    basis: Basis | None = None,
+    units: UnitForms | None = None,
 ) -> FineSystem:
     """The system on the mesh.
 
-    A diffusion problem is discretised on the mesh of the hierarchy, with the ``basis`` of an earlier one if
-    it is given; a linear system is taken as it is.
+    A diffusion problem is discretised on the mesh of the hierarchy, with ``basis`` and ``units`` of an
+    earlier one if they are given; a linear system is taken as it is.
 
     Raises
     ------
@@ -126,23 +131,31 @@ def fine_system(
     """
     if isinstance(problem, Diffusion):
         mesh = own_mesh(hierarchy)
-        return _discretised(problem, mesh, how, basis or how.basis(mesh))
+        return _discretised(problem, mesh, how, basis or how.basis(mesh), units)
     if isinstance(problem, Linear):
         return _given(problem, hierarchy.graph.n)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
 
 
-def _discretised(problem: Diffusion, mesh: Mesh, how: PolyDG, basis: Basis) -> FineSystem:
-    system, load, offset, sigma = how.lifted(problem, mesh, basis)
+def _discretised(
+    problem: Diffusion, mesh: Mesh, how: PolyDG, basis: Basis, units: UnitForms | None
+) -> FineSystem:
+    system, load, offset, sigma = how.lifted(problem, mesh, basis, units)
     factor = factor_for(float(np.abs(load).max()) or data_size(mesh, problem))
     if factor != 1.0:
         problem = times(problem, factor)
-        system, load, offset, sigma = how.lifted(problem, mesh, basis)
-    if not (np.isfinite(system.b).all() and np.isfinite(system.A.data).all()):
+        system, load, offset, sigma = how.lifted(problem, mesh, basis, units)
+    if not (_finite(system.b) and _finite(system.A.data)):
         raise OptionError("matrix or right-hand side hold values that are not finite")
     measure, width = how.residual_measure(problem, mesh, load, basis), int(system.block_offsets[1])
     offset_or_none = offset if offset.any() else None
     return FineSystem(system.A, load, width, measure, system.b, offset_or_none, factor, sigma)
+
+
+def _finite(values: Float) -> bool:
+    """Whether all values are; their squares need not be, but if these are that is faster to tell."""
+    flat = values.ravel()
+    return bool(np.isfinite(flat @ flat) or np.isfinite(flat).all())
 
 
 def _given(problem: Linear, n: int) -> FineSystem:

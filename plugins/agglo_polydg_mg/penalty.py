@@ -63,7 +63,7 @@ def triangle_heights(mesh: Mesh) -> Float:
     Its base is the face, its apex a vertex of the cell, and it lies in the cell. Infinite outside the
     domain and for faces of no length; 0 if no vertex is visible from a face.
     """
-    from agglo_polydg_mg.face_kernels import largest_triangles
+    from agglo_polydg_mg.triangle_kernels import largest_triangles
 
     heights = np.full((mesh.n_faces, 2), np.inf)
     points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)

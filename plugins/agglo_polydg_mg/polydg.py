@@ -32,6 +32,7 @@ from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.sampling import samples_of
 from agglo_polydg_mg.scaling import factor_for, times
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["PolyDG", "corrections"]
 
@@ -82,13 +83,16 @@ class PolyDG:
         asked = _diffusion(problem)
         return discretise(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
 
-    def lifted(self, problem: Problem, mesh: Mesh, basis: Basis | None = None) -> Lifted:
+    def lifted(
+        self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
+    ) -> Lifted:
         """The same, with the load that is left without the offset of the Dirichlet data.
 
-        A :meth:`basis` of the mesh spares what is geometry alone, where there has been a problem before.
+        A :meth:`basis` of the mesh, and ``units`` of it, spare what is geometry alone, where there has been a
+        problem before.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
-        return lifted(mesh, self.degree, asked, penalty=self.penalty, basis=basis)
+        return lifted(mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units)
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""

@@ -22,7 +22,6 @@ from agglo_core.authoring import (
     multigrid,
     phase,
 )
-from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.diffusion_task import DiffusionTask
 from agglo_polydg_mg.earlier_solutions import KEPT, best_combination
 from agglo_polydg_mg.linear_task import LinearTask
@@ -30,6 +29,7 @@ from agglo_polydg_mg.numbering import Numbering
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.recipes import Plan, Wishes
 from agglo_polydg_mg.stopwatch import Stopwatch
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["RepeatedSolves", "Task", "task_for"]
 
@@ -47,17 +47,17 @@ def task_for(
     how: PolyDG,
     wishes: Wishes,
     count: int | None,
-    basis: Basis | None = None,
+    units: UnitForms | None = None,
     plan: Plan | None = None,
     numbering: Numbering | None = None,
 ) -> Task:
     """A problem with a hierarchy, checked and, if it is a diffusion problem, discretised.
 
-    The ``basis`` and the ``numbering`` are those of an earlier diffusion problem on the hierarchy, if there
-    was one, the ``plan`` that of its levels, if they are kept.
+    The ``units`` are those of the basis of an earlier diffusion problem on the hierarchy, if there was one,
+    and so is the ``numbering``; the ``plan`` is that of its levels, if they are kept.
     """
     if isinstance(problem, Diffusion):
-        return DiffusionTask(problem, hierarchy, how, wishes, count, basis, plan, numbering)
+        return DiffusionTask(problem, hierarchy, how, wishes, count, units, plan, numbering)
     if isinstance(problem, Linear):
         return LinearTask(problem, hierarchy, wishes, count)
     raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
@@ -68,12 +68,14 @@ class RepeatedSolves:
 
     Each system is assembled anew; the levels of an earlier one precondition it, which costs iterations as the
     matrix changes, but never accuracy: convergence is judged by the matrix at hand. Each solve starts from
-    the combination of the last five solutions that has the smallest error
+    the combination of the last eight solutions that has the smallest error
     (:func:`~agglo_polydg_mg.earlier_solutions.best_combination`). Levels are renewed for the next solve after
     one that took over 1.5 times the iterations that fresh levels take from 0, and within a solve that takes
     over 3 times as many; that solve goes on from where it is. Levels of another number of unknowns are never
-    used. ``operators`` of a Solution are those of the levels in use, of
-    an earlier system perhaps, as its ``choice`` then says. Made by
+    used. From the second system on, what a κ of one number in each cell only scales is kept
+    (:class:`~agglo_polydg_mg.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at most.
+    ``operators`` of a Solution are those of the levels in use, of an earlier system perhaps, as its
+    ``choice`` then says. Made by
     :meth:`~agglo_polydg_mg.polydg_multigrid.PolyDGMultigrid.repeated`; not for several threads at once.
 
     Attributes
@@ -105,8 +107,9 @@ class RepeatedSolves:
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
         self._usual: float | None = None  # iterations from 0 with fresh levels
+        self._before: list[int] = []  # iterations with others, when they were made
         self._earlier: list[list[Float]] = []
-        self._basis: Basis | None = None
+        self._units: UnitForms | None = None
         self._numbering: Numbering | None = None
         self._plan: Plan | None = None
         self._renumbered = False  # what is kept
@@ -116,9 +119,9 @@ class RepeatedSolves:
         watch, setups = Stopwatch(), self.setups
         with watch("assemble"), phase(progress, "assembling"):
             plan = self._plan if self._kept else None
-            task = task_for(problem, *self._made_of, self._basis, plan, self._numbering)
-        if isinstance(task, DiffusionTask):
-            self._basis, self._numbering = task.basis, task.numbering
+            task = task_for(problem, *self._made_of, self._units, plan, self._numbering)
+        if isinstance(task, DiffusionTask) and self._units is None:
+            self._units, self._numbering = UnitForms(task.basis), task.numbering  # nothing is made of it yet
         renumbered = isinstance(task, DiffusionTask) and task.numbering.cells is not None
         if renumbered != self._renumbered:  # a linear system before or after a diffusion problem
             self._kept, self._earlier, self._renumbered = None, [], renumbered
@@ -156,10 +159,10 @@ class RepeatedSolves:
             if _finished(histories, self._most):
                 return histories
         task.forget_plan()
-        self._renew(task, watch, progress, "setting up the levels")
+        self._renew(task, histories, watch, progress, "setting up the levels")
         histories = self._iterate(task, self._most, histories, watch, progress)
         while any(each.preconditioner_failed for each in histories) and task.retreat():
-            self._renew(task, watch, progress, "setting up other levels")
+            self._renew(task, histories, watch, progress, "setting up other levels")
             histories = self._iterate(task, self._most, histories, watch, progress)
         return histories
 
@@ -176,7 +179,14 @@ class RepeatedSolves:
             ]
         return [History(x, frozen_float([np.nan]), False, "") for x in starts]
 
-    def _renew(self, task: Task, watch: Stopwatch, progress: Listener | None, title: str) -> None:
+    def _renew(
+        self,
+        task: Task,
+        before: list[History] | None,
+        watch: Stopwatch,
+        progress: Listener | None,
+        title: str,
+    ) -> None:
         self._kept = None  # the levels of before are not needed while those to come are made
         if isinstance(task, DiffusionTask) and task.makes_levels:
             with watch("hierarchy"), phase(progress, "agglomerating"):
@@ -185,6 +195,7 @@ class RepeatedSolves:
             self._kept = task.stack()
         self._plan = task.plan if isinstance(task, DiffusionTask) else None
         self.setups, self._usual = self.setups + 1, None
+        self._before = [each.iterations for each in before or ()]
 
     def _iterate(
         self,
@@ -206,12 +217,14 @@ class RepeatedSolves:
         if not all(each.final for each in histories):
             self._kept, self._earlier = None, []
             return
-        self._earlier = [*self._earlier[1 - KEPT :], [each.x for each in histories]]
-        slowest = max(histories, key=lambda each: each.iterations)
-        digits = _digits(slowest)
+        self._earlier = [*self._earlier[1 - KEPT :], [_nearer(each) for each in histories]]
+        at = max(range(len(histories)), key=lambda j: histories[j].iterations)
+        slowest = histories[at]
         if self._usual is None:
+            residuals = slowest.residuals[self._before[at] if self._before else 0 :]
+            digits = _digits(residuals)
             wanted = max(digits, -math.log10(self._tolerance))
-            self._usual = slowest.iterations * wanted / digits if digits > 0.0 else None
+            self._usual = (len(residuals) - 1) * wanted / digits if digits > 0.0 else None
         elif slowest.iterations > _MORE * self._usual + 1:
             self._kept = None
 
@@ -225,9 +238,14 @@ def _finished(histories: list[History], most: int) -> bool:
     return all(each.final or each.iterations >= most for each in histories)
 
 
-def _digits(history: History) -> float:
-    """Digits by which the residual fell."""
-    first, last = float(history.residuals[0]), float(history.residuals[-1])
+def _nearer(history: History) -> Float:
+    """The solution with what is known of its error: extrapolation makes much of what a few lack."""
+    return history.x if history.correction is None else frozen_float(history.x + history.correction)
+
+
+def _digits(residuals: Float) -> float:
+    """Digits by which residuals fell."""
+    first, last = float(residuals[0]), float(residuals[-1])
     return math.log10(first / last) if 0.0 < last < first else 0.0
 
 

@@ -14,6 +14,7 @@ from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_floa
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.penalty import triangle_heights
 from agglo_polydg_mg.quadrature import gauss, inside, sample
+from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["MARGIN", "sharp_penalty"]
 
@@ -24,7 +25,12 @@ MARGIN = 0.25
 
 
 def sharp_penalty(
-    basis: Basis, kappa: Field, on_faces: Float, blocks: Float, natural: Int | None = None
+    basis: Basis,
+    kappa: Field,
+    on_faces: Float,
+    blocks: Float | None,
+    natural: Int | None = None,
+    units: UnitForms | None = None,
 ) -> Float:
     """Penalty σ ``(n_faces,)``, in 1 / length, for which a(v, v) >= MARGIN · ‖v‖²_DG whatever v.
 
@@ -39,36 +45,46 @@ def sharp_penalty(
         The coefficient.
     on_faces : (n_faces, 2, 1 or q) float
         The same on both sides of the faces, at the Gauss points where it is a callable.
-    blocks : (n_cells, n_local, n_local) float
-        ∫ κ∇φ_i·∇φ_j of each cell.
+    blocks : (n_cells, n_local, n_local) float, or None
+        ∫ κ∇φ_i·∇φ_j of each cell; not needed if there are ``units``.
     natural : (k,) int, optional
         Faces of Neumann data: they have no penalty, and ask for none.
+    units : UnitForms, optional
+        Of an earlier problem, if κ is one number in each cell.
 
     Raises
     ------
     MeshError
         Naming cells that overlap themselves, or are flat.
     """
+    held = np.ones(basis.mesh.n_faces, bool)
+    if natural is not None:
+        held[natural] = False
+    if units is not None and not callable(kappa):
+        asked, resolved = units.asked(kappa, held)
+    else:
+        assert blocks is not None
+        asked, resolved = _asked(basis, on_faces, blocks, held)
+    if not resolved.all():
+        asked += _by_triangles(basis, kappa, on_faces, held, ~resolved)
+    return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
+
+
+def _asked(basis: Basis, on_faces: Float, blocks: Float, held: np.ndarray) -> tuple[Float, np.ndarray]:
+    """What cells ask of their faces ``(n_faces, 2)``, and which are not too thin for that ``(n_cells,)``."""
     from agglo_polydg_mg.trace_kernels import side_penalties
 
     mesh = basis.mesh
-    held = np.ones(mesh.n_faces, bool)
-    if natural is not None:
-        held[natural] = False
-    fill = mesh.cell_measures / (4.0 * basis.boxes[:, 2] * basis.boxes[:, 3])
     rule = basis.degree if on_faces.shape[2] == 1 else on_faces.shape[2]
     points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
-    of_cells, asked = (basis.boxes, basis.scale, fill, blocks), np.zeros((mesh.n_faces, 2))
+    of_cells, asked = (basis.boxes, basis.scale, basis.fill, blocks), np.zeros((mesh.n_faces, 2))
 
     def ask(start: int, stop: int) -> np.ndarray:
         own = [each[start:stop] for each in of_cells]
         shape = points, offsets[start : stop + 1], faces, *sides, start
         return np.asarray(side_penalties(*shape, held, *own, on_faces, *gauss(rule), basis.degree, asked))
 
-    resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
-    if not resolved.all():
-        asked += _by_triangles(basis, kappa, on_faces, held, ~resolved)
-    return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
+    return asked, np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
 
 
 def _by_triangles(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray, thin: np.ndarray) -> Float:

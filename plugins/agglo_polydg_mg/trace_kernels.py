@@ -1,7 +1,7 @@
 """Kernel of the sharp penalty: how large normal derivatives on its faces a cell allows.
 
-Cells are taken ``LANES`` at a time, so that the powers of their matrices are computed side by side: the
-matrices themselves are too small for fast loops.
+Either at once, whatever κ; or in two parts where κ is one number in each cell: what is geometry alone is
+kept, and scaled by each κ.
 """
 
 from __future__ import annotations
@@ -9,94 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.authoring import helper, kernel
+from agglo_polydg_mg.bound_kernels import SQUARINGS, complete, factorise, square
 from agglo_polydg_mg.legendre_kernels import CONSTANT, LANES, along_box, recurrences
 
-__all__ = ["largest_bounds", "side_penalties"]
+__all__ = ["scaled_penalties", "side_penalties", "whitened_forms"]
 
-_SQUARINGS = 5  # the bound exceeds the eigenvalue by n^(1/64) at most: 5 % for n = 27, 1 % for n = 2
 _RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills
-
-
-@helper
-def _factorise(matrix, n, tolerance):
-    """Cholesky factor in place, in the lower half, its diagonal inverted; False where a pivot is rounding."""
-    for j in range(n):
-        diagonal = matrix[j, j]
-        pivot = diagonal
-        for k in range(j):
-            pivot -= matrix[j, k] * matrix[j, k]
-        if not pivot > tolerance * diagonal:
-            return False
-        matrix[j, j] = 1.0 / np.sqrt(pivot)
-        for i in range(j + 1, n):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = value * matrix[j, j]
-    return True
-
-
-@helper
-def _square(lanes, scaled, traces):
-    """Divide symmetric matrices by their ``traces``, which come out, and square them: the lower halves."""
-    n = len(lanes)
-    for lane in range(LANES):
-        traces[lane] = 0.0
-    for i in range(n):
-        for lane in range(LANES):
-            traces[lane] += lanes[i, i, lane]
-    for i in range(n):
-        for j in range(i + 1):
-            for lane in range(LANES):
-                shrink = 1.0 / traces[lane] if traces[lane] > 0.0 else 0.0
-                scaled[i, j, lane] = scaled[j, i, lane] = shrink * lanes[i, j, lane]
-    for i in range(n):
-        for j in range(i + 1):
-            out, left, right = lanes[i, j], scaled[i], scaled[j]
-            for lane in range(LANES):
-                out[lane] = 0.0
-            for k in range(0, n - 3, 4):  # by fours: sums stay in registers
-                for lane in range(LANES):
-                    out[lane] += (
-                        left[k, lane] * right[k, lane]
-                        + left[k + 1, lane] * right[k + 1, lane]
-                        + left[k + 2, lane] * right[k + 2, lane]
-                        + left[k + 3, lane] * right[k + 3, lane]
-                    )
-            for k in range(n - n % 4, n):
-                for lane in range(LANES):
-                    out[lane] += left[k, lane] * right[k, lane]
-
-
-@helper
-def _complete(lanes, scaled, traces, bounds):
-    """The ``bounds`` from matrices that have been squared once and their first ``traces``."""
-    for step in range(1, _SQUARINGS):
-        _square(lanes, scaled, traces[step])
-    for lane in range(LANES):
-        bounds[lane] = 0.0
-    for i in range(len(lanes)):
-        for j in range(i + 1):
-            twice = 1.0 if i == j else 2.0
-            for lane in range(LANES):
-                bounds[lane] += twice * lanes[i, j, lane] * lanes[i, j, lane]
-    for lane in range(LANES):
-        bound = np.sqrt(bounds[lane])
-        for step in range(_SQUARINGS - 1, -1, -1):
-            bound = traces[step, lane] * np.sqrt(bound)
-        bounds[lane] = bound
-
-
-@kernel
-def largest_bounds(lanes, bounds):
-    """Upper ``bounds (LANES,)`` of the largest eigenvalues of symmetric positive semidefinite matrices.
-
-    λ^(2^k) is an eigenvalue of the 2^k-th power, and none of these exceeds its Frobenius norm. ``lanes``
-    holds the lower halves ``(n, n, LANES)`` and is overwritten.
-    """
-    scaled, traces = np.empty(lanes.shape), np.empty((_SQUARINGS, LANES))
-    _square(lanes, scaled, traces[0])
-    _complete(lanes, scaled, traces, bounds)
 
 
 @helper
@@ -130,7 +48,7 @@ def _whiten(slopes, q, factor, n):
 
 @helper
 def _face_form(slopes, masses, n, forms, face):
-    """Σ_q masses[q] y yᵀ with y = slopes[q]: the lower half, row by row, to ``forms[face]``; its trace."""
+    """Σ_q masses[q] y yᵀ with y = slopes[q] to ``forms[face]``: lower half, row by row, and trace."""
     trace, place = 0.0, 0
     for i in range(n):
         for j in range(i + 1):
@@ -140,33 +58,164 @@ def _face_form(slopes, masses, n, forms, face):
             forms[face, place] = value
             place += 1
         trace += value
-    return trace
+    forms[face, place] = trace
 
 
 @helper
-def _gather(forms, shares, first, last, n, lanes, lane):
-    """Σ_F shares[F] forms[F] over the faces of a cell, into a lane."""
+def _gather(forms, base, weights, start, first, last, n, whole, lanes, lane):
+    """Σ_F weights[F] forms[F] over the faces of a cell, into a lane; ``whole`` is room for it."""
+    place = 0
+    for k in range(len(whole)):
+        whole[k] = 0.0
+    for h in range(first, last):
+        form, weight = forms[h - base], weights[h - start]
+        for k in range(len(whole)):
+            whole[k] += form[k] * weight
+    for i in range(n):
+        for j in range(i + 1):
+            lanes[i, j, lane] = whole[place]
+            place += 1
+
+
+@helper
+def _spread(lanes, lane, n, whole):
+    """The matrix in a lane to ``whole``, its lower half row by row: what multiplies a form to the trace."""
     place = 0
     for i in range(n):
         for j in range(i + 1):
-            value = 0.0
-            for h in range(first, last):
-                value += forms[h, place] * shares[h]
-            lanes[i, j, lane] = value
+            whole[place] = lanes[i, j, lane] if i == j else 2.0 * lanes[i, j, lane]
             place += 1
+
+
+@helper(reorder_sums=True)
+def _against(form, whole, size):
+    """Trace of the product of a form and the matrix that is :func:`_spread`."""
+    value = 0.0
+    for k in range(size):
+        value += form[k] * whole[k]
+    return value
+
+
+@helper(allocates=True)
+def _balancing(most, n):
+    """Where :func:`_balance` computes, for ``most`` faces: arrays by themselves, or loops are slow."""
+    return (
+        np.empty(most), np.empty(most), np.empty(most), np.empty((n, n, LANES)), np.empty((n, n, LANES)),
+        np.empty((SQUARINGS, LANES)), np.empty(LANES), np.empty(LANES), np.empty(LANES),
+        np.zeros(n * (n + 1) // 2 + 1),
+    )  # fmt: skip
 
 
 @helper
-def _against(forms, face, n, lanes, lane):
-    """Trace of the product of a form and the matrix in a lane."""
-    value, place = 0.0, 0
-    for i in range(n):
-        for j in range(i):
-            value += 2.0 * forms[face, place] * lanes[i, j, lane]
-            place += 1
-        value += forms[face, place] * lanes[i, i, lane]
-        place += 1
-    return value
+def _balance(
+    offsets, faces, face_cells, first_cell, begin, end, forms, base, shares, lengths, n, rooms, asked
+):  # fmt: skip
+    """Write to ``asked (F, 2)`` what cells ``begin`` to ``end``, at most ``LANES``, ask of their faces.
+
+    Faces ask in proportion to the sizes of their forms or, where that is less, to what the forms make of the
+    sum of all. The form of face h of the list is ``forms[h - base]`` times ``shares[k]``, k counted from the
+    first face of the first of these cells; a face with ``lengths[k]`` 0 asks for nothing.
+    """
+    first, second, inverse, lanes, scaled, traces, of_traces, uniform, balanced, whole = rooms
+    start, last = offsets[begin], forms.shape[1] - 1
+    lanes[:] = 0.0
+    for c in range(begin, end):
+        for h in range(offsets[c], offsets[c + 1]):
+            k = h - start
+            first[k] = inverse[k] = 0.0
+            if lengths[k] > 0.0:
+                first[k] = np.sqrt(forms[h - base, last] * shares[k] / lengths[k])
+                inverse[k] = shares[k] / first[k] if first[k] > 0.0 else 0.0
+        _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
+    square(lanes, scaled, traces[0], of_traces)
+    for c in range(begin, end):
+        _spread(lanes, c - begin, n, whole)
+        for h in range(offsets[c], offsets[c + 1]):
+            k = h - start
+            second[k] = inverse[k] = 0.0
+            if first[k] > 0.0:
+                spread = shares[k] * _against(forms[h - base], whole, last) / lengths[k]
+                second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
+                inverse[k] = shares[k] / second[k] if second[k] > 0.0 else 0.0
+    complete(lanes, scaled, traces, of_traces, uniform)
+    lanes[:] = 0.0
+    for c in range(begin, end):
+        _gather(forms, base, inverse, start, offsets[c], offsets[c + 1], n, whole, lanes, c - begin)
+    square(lanes, scaled, traces[0], of_traces)
+    complete(lanes, scaled, traces, of_traces, balanced)
+    for c in range(begin, end):
+        before, after, lane = 0.0, 0.0, c - begin
+        for k in range(offsets[c] - start, offsets[c + 1] - start):
+            before += lengths[k] * uniform[lane] * first[k]
+            after += lengths[k] * balanced[lane] * second[k]
+        for k in range(offsets[c] - start, offsets[c + 1] - start):
+            f = faces[start + k]
+            side = 0 if face_cells[f, 0] == first_cell + c else 1
+            own, other = uniform[lane] * first[k], balanced[lane] * second[k]
+            asked[f, side] = other if after < before else own
+
+
+@helper
+def _most_faces(offsets):
+    """Faces of ``LANES`` cells in a row, at most."""
+    n_cells, most = len(offsets) - 1, 0
+    for begin in range(0, n_cells, LANES):
+        most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])
+    return most
+
+
+@helper(allocates=True)
+def _tracing(rules, degree, n):
+    """Where :func:`_trace` computes, and the recurrences of its polynomials."""
+    return (
+        recurrences(degree), np.empty((4, degree + 1)), np.empty((rules, n)), np.empty(rules),
+        np.empty((n, n)),
+    )  # fmt: skip
+
+
+@helper
+def _trace(
+    points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale, fill,
+    blocks, kappa, nodes, weights, n, rooms, forms, base, lengths, resolved,
+):  # fmt: skip
+    """Write the form of each face h of cells ``begin`` to ``end`` to ``forms[h - base]``.
+
+    ``lengths`` are those of the faces, counted from the first; 0 where there is no form.
+    """
+    table, lines, slopes, masses, factor = rooms
+    start = offsets[begin]
+    for c in range(begin, end):
+        for i in range(n):
+            for j in range(i + 1):
+                factor[i, j] = blocks[c, i + 1, j + 1]
+        resolved[c] = factorise(factor, n, _RESOLVED / fill[c])
+        for h in range(offsets[c], offsets[c + 1]):
+            f, k = faces[h], h - start
+            lengths[k] = 0.0
+            if not (resolved[c] and held[f]):
+                continue
+            a, b = face_vertices[f, 0], face_vertices[f, 1]
+            ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            length = np.sqrt(ex * ex + ey * ey)
+            if not length > 0.0:
+                continue
+            wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
+            ex, ey = along_box(ex, ey, boxes[c])
+            ax, ay = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
+            along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
+            ax, ay = ax * wide, ay * high
+            side = 0 if face_cells[f, 0] == first_cell + c else 1
+            for q in range(len(nodes)):
+                at = min(q, kappa.shape[2] - 1)
+                own, across = kappa[f, side, at], kappa[f, 1 - side, at]
+                share = own if face_cells[f, 1] < 0 else 0.5 * own * (across / (own + across))
+                masses[q] = 0.5 * weights[q] * length * share
+                s = 0.5 * (1.0 + nodes[q])
+                x, y = ax + s * ex * wide, ay + s * ey * high
+                _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q)
+                _whiten(slopes, q, factor, n)
+            lengths[k] = length
+            _face_form(slopes, masses, n, forms, h - base)
 
 
 @kernel
@@ -181,75 +230,61 @@ def side_penalties(
     result is False for cells whose S is singular to rounding: nothing is said of them. Faces that are not
     ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills.
     """
-    n, n_cells, rules, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, len(nodes), 0
-    for begin in range(0, n_cells, LANES):
-        most = max(most, offsets[min(begin + LANES, n_cells)] - offsets[begin])
-    table, lines = recurrences(degree), np.empty((4, degree + 1))
-    resolved = np.ones(n_cells, np.bool_)
-    forms, lengths = np.zeros((most, (n * (n + 1)) // 2)), np.empty(most)
-    first, second, inverse = np.empty(most), np.empty(most), np.empty(most)
-    slopes, masses, factor = np.empty((rules, n)), np.empty(rules), np.empty((n, n))
-    lanes, scaled = np.empty((n, n, LANES)), np.empty((n, n, LANES))
-    traces, uniform, balanced = np.empty((_SQUARINGS, LANES)), np.empty(LANES), np.empty(LANES)
+    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, _most_faces(offsets)
+    resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
+    lengths, shares = np.empty(most), np.ones(most)
+    tracing, balancing = _tracing(len(nodes), degree, n), _balancing(most, n)
     for begin in range(0, n_cells, LANES):
         end, start = min(begin + LANES, n_cells), offsets[begin]
-        lanes[:] = 0.0
+        _trace(
+            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale,
+            fill, blocks, kappa, nodes, weights, n, tracing, forms, start, lengths, resolved,
+        )  # fmt: skip
+        _balance(
+            offsets, faces, face_cells, first_cell, begin, end, forms, start, shares, lengths, n, balancing,
+            asked,
+        )  # fmt: skip
+    return resolved
+
+
+@kernel
+def whitened_forms(
+    points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
+    nodes, weights, degree, forms,
+):  # fmt: skip
+    """Write to ``forms (h, k)`` those :func:`side_penalties` makes, with the same result.
+
+    T_F of each face h of the list, whitened by the stiffness: the lower half, row by row, and its trace.
+    """
+    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, _most_faces(offsets)
+    resolved, lengths, rooms = np.ones(n_cells, np.bool_), np.empty(most), _tracing(len(nodes), degree, n)
+    for begin in range(0, n_cells, LANES):
+        end = min(begin + LANES, n_cells)
+        _trace(
+            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale,
+            fill, blocks, kappa, nodes, weights, n, rooms, forms, 0, lengths, resolved,
+        )  # fmt: skip
+    return resolved
+
+
+@kernel
+def scaled_penalties(
+    offsets, faces, face_cells, first_cell, held, face_lengths, kappa, forms, resolved, degree, asked
+):  # fmt: skip
+    """As :func:`side_penalties`, of :func:`whitened_forms` for c = κ = 1, with ``kappa (n,)``."""
+    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, _most_faces(offsets)
+    lengths, shares, rooms = np.empty(most), np.empty(most), _balancing(most, n)
+    for begin in range(0, n_cells, LANES):
+        end, start = min(begin + LANES, n_cells), offsets[begin]
         for c in range(begin, end):
-            for i in range(n):
-                for j in range(i + 1):
-                    factor[i, j] = blocks[c, i + 1, j + 1]
-            resolved[c] = _factorise(factor, n, _RESOLVED / fill[c])
+            cell = first_cell + c
             for h in range(offsets[c], offsets[c + 1]):
                 f, k = faces[h], h - start
-                first[k] = lengths[k] = inverse[k] = 0.0
-                if not (resolved[c] and held[f]):
-                    continue
-                a, b = face_vertices[f, 0], face_vertices[f, 1]
-                ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-                length = np.sqrt(ex * ex + ey * ey)
-                if not length > 0.0:
-                    continue
-                wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
-                ex, ey = along_box(ex, ey, boxes[c])
-                ax, ay = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
-                along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
-                ax, ay = ax * wide, ay * high
-                side = 0 if face_cells[f, 0] == first_cell + c else 1
-                for q in range(rules):
-                    at = min(q, kappa.shape[2] - 1)
-                    own, across = kappa[f, side, at], kappa[f, 1 - side, at]
-                    share = own if face_cells[f, 1] < 0 else 0.5 * own * (across / (own + across))
-                    masses[q] = 0.5 * weights[q] * length * share
-                    s = 0.5 * (1.0 + nodes[q])
-                    x, y = ax + s * ex * wide, ay + s * ey * high
-                    _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q)
-                    _whiten(slopes, q, factor, n)
-                lengths[k] = length
-                first[k] = np.sqrt(_face_form(slopes, masses, n, forms, k) / length)
-                inverse[k] = 1.0 / first[k] if first[k] > 0.0 else 0.0
-            _gather(forms, inverse, offsets[c] - start, offsets[c + 1] - start, n, lanes, c - begin)
-        _square(lanes, scaled, traces[0])
-        for c in range(begin, end):
-            for k in range(offsets[c] - start, offsets[c + 1] - start):
-                second[k] = inverse[k] = 0.0
-                if first[k] > 0.0:
-                    spread = _against(forms, k, n, lanes, c - begin) / lengths[k]
-                    second[k] = traces[0, c - begin] * np.sqrt(max(0.0, spread))
-                    inverse[k] = 1.0 / second[k] if second[k] > 0.0 else 0.0
-        _complete(lanes, scaled, traces, uniform)
-        lanes[:] = 0.0
-        for c in range(begin, end):
-            _gather(forms, inverse, offsets[c] - start, offsets[c + 1] - start, n, lanes, c - begin)
-        _square(lanes, scaled, traces[0])
-        _complete(lanes, scaled, traces, balanced)
-        for c in range(begin, end):
-            before, after, lane = 0.0, 0.0, c - begin
-            for k in range(offsets[c] - start, offsets[c + 1] - start):
-                before += lengths[k] * uniform[lane] * first[k]
-                after += lengths[k] * balanced[lane] * second[k]
-            for k in range(offsets[c] - start, offsets[c + 1] - start):
-                f = faces[start + k]
-                side = 0 if face_cells[f, 0] == first_cell + c else 1
-                own, other = uniform[lane] * first[k], balanced[lane] * second[k]
-                asked[f, side] = other if after < before else own
-    return resolved
+                other = face_cells[f, 0] + face_cells[f, 1] - cell
+                lengths[k] = face_lengths[f] if resolved[cell] and held[f] else 0.0
+                shares[k] = 1.0
+                if other >= 0:
+                    shares[k] = 0.5 * kappa[other] / (kappa[cell] + kappa[other])
+        _balance(
+            offsets, faces, face_cells, first_cell, begin, end, forms, 0, shares, lengths, n, rooms, asked
+        )

@@ -16,6 +16,7 @@ from agglo_core import Mesh, OptionError, samples
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import discretise, face_coefficients, jump_penalty, positive, stiffness
 from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.bound_kernels import largest_bounds
 from agglo_polydg_mg.legendre_kernels import LANES
 from agglo_polydg_mg.norms import Errors, errors
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
@@ -23,7 +24,7 @@ from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.quadrature import face_points, gauss
 from agglo_polydg_mg.sharp_penalty import MARGIN
-from agglo_polydg_mg.trace_kernels import largest_bounds, side_penalties
+from agglo_polydg_mg.trace_kernels import side_penalties
 
 Array = NDArray[np.float64]
 

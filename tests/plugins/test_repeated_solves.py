@@ -9,8 +9,11 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from agglo_core import Hierarchy, Mesh, samples
+from agglo_core.arrays import frozen_float, frozen_index
+from agglo_core.multigrid import pcg
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.earlier_solutions import best_combination
+from agglo_polydg_mg.energy_kernels import WIDE, differences_of, half_products
 from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
 
 Array = NDArray[np.float64]
@@ -45,6 +48,55 @@ def test_vectors_that_are_parallel_or_0_do_no_harm() -> None:
             best_combination(sparse.csr_array(A), A @ (3 * x), earlier), 3 * x, rtol=1e-9
         )
     assert not best_combination(sparse.csr_array(A), x, [np.zeros(20)]).any()
+
+
+@pytest.mark.parametrize("width", [1, 3, 6, 10])
+def test_it_is_the_same_for_a_matrix_in_blocks(width: int) -> None:
+    """Its energies come from a kernel of their own, of 8 vectors at most."""
+    rng = np.random.default_rng(4)
+    n = 8 * width
+    A, x, V = positive_definite(n, rng), rng.standard_normal(n), rng.standard_normal((10, n))
+    found = best_combination(sparse.bsr_array(A, blocksize=(width, width)), A @ x, list(V))
+    expected = best_combination(sparse.csr_array(A), A @ x, list(V[2:]))
+    assert np.abs(found - expected).max() <= 1e-6 * np.abs(expected).max()
+    difference = x - found
+    assert difference @ A @ difference < x @ A @ x
+
+
+def test_differences_are_those_of_numpy() -> None:
+    vectors = np.random.default_rng(5).standard_normal((5, 700))
+    table = np.full((700, WIDE), np.nan)
+    differences_of(vectors, table)
+    for order in range(5):
+        expected = np.diff(vectors, order, axis=0)[-1]
+        np.testing.assert_allclose(table[:, order], expected / abs(expected).max(), rtol=1e-12, atol=1e-14)
+    assert not table[:, 5:].any()
+
+
+def test_half_products_are_those_of_numpy() -> None:
+    rng = np.random.default_rng(6)
+    A, V = positive_definite(12, rng), rng.standard_normal((12, WIDE))
+    blocks = sparse.bsr_array(A, blocksize=(3, 3))
+    arrays = frozen_index(blocks.indptr), frozen_index(blocks.indices), frozen_float(blocks.data)
+    products = np.empty((12, WIDE))
+    half_products(*arrays, V, products)
+    half = np.tril(np.kron(np.tril(np.ones((4, 4)), -1) + 0.5 * np.eye(4), np.ones((3, 3))) * A, 12)
+    np.testing.assert_allclose(products, half @ V, rtol=1e-12, atol=1e-12)
+
+
+def test_the_correction_told_at_the_end_is_a_step_towards_the_solution() -> None:
+    """Of a good preconditioner of whatever scale; none without an iteration."""
+    rng = np.random.default_rng(11)
+    turn = np.linalg.qr(rng.standard_normal((60, 60)))[0]
+    eigenvalues = np.geomspace(1.0, 1e3, 60)
+    A, exact = turn * eigenvalues @ turn.T, rng.standard_normal(60)
+    M = turn * (rng.uniform(0.6, 1.0, 60) / eigenvalues) @ turn.T
+    for scale in (1e-3, 1.0, 1e3):
+        found = pcg(A, A @ exact, scale * M, tolerance=1e-3)
+        assert found.correction is not None
+        left, better = exact - found.x, exact - found.x - found.correction
+        assert better @ A @ better < 0.2 * (left @ A @ left)
+    assert pcg(A, np.zeros(60)).correction is None
 
 
 def bare(mesh: Mesh) -> Hierarchy:
