@@ -37,6 +37,14 @@ def test_noise(ratio: float, most: tuple[int, int, int]) -> None:
         assert iterations(mesh, degree) <= bound, f"degree {degree}, seed {FRESH}"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("ratio", "most"), [(1e3, (17, 24, 25)), (1e6, (20, 30, 33))])
+def test_noise_with_more_cells(ratio: float, most: tuple[int, int, int]) -> None:
+    mesh = noisy_layer(64, ratio, FRESH)
+    for degree, bound in enumerate(most, start=1):
+        assert iterations(mesh, degree) <= bound, f"degree {degree}, seed {FRESH}"
+
+
 @pytest.mark.parametrize(("degree", "most"), [(1, 40), (2, 65)])
 def test_a_coefficient_that_is_random_in_each_cell_as_well(degree: int, most: int) -> None:
     mesh = noisy_layer(24, 1e6, FRESH)
