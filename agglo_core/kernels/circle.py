@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.circle_edges import (
+    HEIGHT,
     ROWS,
     apart,
     bounding_box,
@@ -19,74 +20,53 @@ from agglo_core.kernels.circle_edges import (
     shortened,
     signed_distance,
 )
+from agglo_core.kernels.circle_program import convex, largest_in_box, linearised, majorised, tightest
 from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["circles"]
 
-_NEAREST = 12  # contacts looked at when polishing
+_CONVEX = 32  # edges up to which an outline is tested for being convex, edge by edge
+_LISTED = 64  # edges up to which the best average of their distances is sought in a box
 _SHORT = 32  # edges in a list that is not worth shortening
 _THIN = 3.0  # ratio of the sides of a box from which on the axis along which it is halved matters
 
 
-@helper(allocates=True)
-def _polished(edges, m, x, y, radius, trio, weight):
-    """Centre and radius after a few Newton steps towards the circle that touches three edges.
-
-    With distances linearised at (x, y) the best step is a linear program; by duality its value is the
-    least Σ λ_i d_i over contacts whose gradients satisfy Σ λ_i g_i = 0, λ >= 0, Σ λ = 1. The last three
-    contacts and their λ are left in ``trio`` and ``weight``.
-    """
-    d, gx, gy = np.empty(_NEAREST + 1), np.empty(_NEAREST + 1), np.empty(_NEAREST + 1)
-    edge = np.empty(_NEAREST + 1, np.int64)
-    squares = edges[ROWS]
+@helper
+def _polished(edges, m, x, y, radius, trio, weight, inverse):
+    """Centre and radius after a few Newton steps; edges that touch, their λ in ``trio``, ``weight``."""
     for _ in range(3):
-        n = 0
-        if squares[nearest_edge(edges, np.int64(0), m, x, y)] == 0.0:
-            return x, y, radius
-        for i in range(m):  # the nearest contacts, by insertion
-            j = n
-            while j > 0 and squares[edge[j - 1]] > squares[i]:
-                edge[j] = edge[j - 1]
-                j -= 1
-            if j < _NEAREST:
-                edge[j] = i
-                n = min(n + 1, _NEAREST)
-        least, sx, sy = np.inf, 0.0, 0.0
-        for i in range(n):
-            dx, dy = offset(edges, edge[i], x, y)
-            d[i] = np.sqrt(dx * dx + dy * dy)
-            gx[i], gy[i] = dx / d[i], dy / d[i]
-            for j in range(i):
-                third = gx[i] * gy[j] - gy[i] * gx[j]
-                for k in range(j):
-                    first = gx[j] * gy[k] - gy[j] * gx[k]
-                    second = gx[k] * gy[i] - gy[k] * gx[i]
-                    total = first + second + third
-                    if total == 0.0 or min(first / total, second / total, third / total) < 1e-9:
-                        continue
-                    value = (first * d[i] + second * d[j] + third * d[k]) / total
-                    if value < least:
-                        least = value
-                        trio[0], trio[1], trio[2] = edge[i], edge[j], edge[k]
-                        weight[0], weight[1], weight[2] = first / total, second / total, third / total
-                        sx = ((value - d[i]) * gy[j] - (value - d[j]) * gy[i]) / third
-                        sy = ((value - d[j]) * gx[i] - (value - d[i]) * gx[j]) / third
-        if least == np.inf:
-            return x, y, radius
-        better = signed_distance(edges, m, x + sx, y + sy)
+        linearised(edges, np.int64(0), m, x, y)
+        first = tightest(edges, np.int64(0), m, 0.0, 0.0)
+        px, py, _ = largest_in_box(
+            edges, np.int64(0), m, first, radius, radius, 0.0, 1e-15 * radius, trio, weight, inverse
+        )
+        better = signed_distance(edges, m, x + px, y + py)
         if better <= radius:
-            return x, y, radius
-        x, y, radius = x + sx, y + sy, better
+            break
+        x, y, radius = x + px, y + py, better
     return x, y, radius
+
+
+@helper
+def _convex_radius(edges, m, diameter, trio, weight, inverse):
+    """Radius of the largest circle in a convex outline of few edges; -1 if it is none."""
+    if m > _CONVEX or not convex(edges, m, 1e-13 * diameter):
+        return -1.0
+    x, y, radius = largest_in_box(
+        edges, np.int64(0), m, np.int64(0), diameter, diameter, 0.0, 1e-15 * diameter, trio, weight, inverse
+    )
+    found = signed_distance(edges, m, x, y)
+    return found if radius - found <= 1e-12 * diameter else -1.0
 
 
 @helper
 def _average(edges, some, weight, x, y):
     """Weighted average of the distances from (x, y) to some edges."""
     average = 0.0
-    for n in range(len(some)):
-        dx, dy = offset(edges, some[n], x, y)
-        average += weight[n] * np.sqrt(dx * dx + dy * dy)
+    for n in range(3):
+        if weight[n] > 0.0:
+            dx, dy = offset(edges, some[n], x, y)
+            average += weight[n] * np.sqrt(dx * dx + dy * dy)
     return average
 
 
@@ -156,7 +136,11 @@ def _largest(edges, m, diameter, best, heap):
     """Radius of the largest circle, at least ``best`` (that about the origin); edges and heap to reuse."""
     best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0
     trio, weight = np.zeros(3, np.int64), np.zeros(3)
-    pair, halves = np.zeros(2, np.int64), np.full(2, 0.5)
+    pair, halves = np.zeros(3, np.int64), np.array((0.5, 0.5, 0.0))
+    some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
+    exact = _convex_radius(edges, m, diameter, some, share, inverse)
+    if exact >= 0.0:
+        return max(exact, best), edges, heap
     box = np.empty((1, 9))
     x0, y0, sx, sy = bounding_box(edges, m)
     start, stop, top = np.int64(0), m, m  # edges of the open box; end of those in use
@@ -170,8 +154,7 @@ def _largest(edges, m, diameter, best, heap):
             if parts == 2:
                 x += (2 * part - 1) * (1 - axis) * sx
                 y += (2 * part - 1) * axis * sy
-            pair[0] = nearest_edge(edges, start, stop, x, y)
-            d = np.sqrt(edges[ROWS, pair[0]])
+            d = np.sqrt(edges[ROWS, nearest_edge(edges, start, stop, x, y)])
             inside = is_inside(edges, m, start, stop, axis, x0, y0, above, 1e-12 * diameter, x, y)
             signed = d if inside else -d
             if signed > best:
@@ -180,35 +163,44 @@ def _largest(edges, m, diameter, best, heap):
                 continue
             if thin and not inside and apart(edges, start, stop, x, y, sx, sy):
                 continue
-            if weight[0] > 0.0 and _decided(edges, trio, weight, x, y, sx, sy, best + slack):
+            if polished > 0.0 and _decided(edges, trio, weight, x, y, sx, sy, best + slack):
                 continue
             first, last = start, stop
             if stop - start > _SHORT:
                 limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
                 edges, first, last = shortened(edges, start, stop, limit, top)
+            pair[0] = nearest_edge(edges, first, last, x, y)
             dx, dy = offset(edges, pair[0], x, y)
             pair[1] = nearest_edge(edges, first, last, x + dx, y + dy)
-            if inside:  # the middle of both nearest points may be a better centre
-                px, py = offset(edges, pair[1], x + dx, y + dy)
-                gap = (2.0 * dx - px) ** 2 + (2.0 * dy - py) ** 2
-                px, py = x - 0.5 * px, y - 0.5 * py
-                if gap > 4.0 * best**2 and edges[ROWS, nearest_edge(edges, first, last, px, py)] > best**2:
-                    d = signed_distance(edges, m, px, py)
-                    if d > best:
-                        best, best_x, best_y = d, px, py
             if _decided(edges, pair, halves, x, y, sx, sy, best + slack):
                 continue
+            bound = signed + reach
+            if last - first <= _LISTED:
+                majorised(edges, first, last, x, y, sx, sy)
+                px, py, most = largest_in_box(
+                    edges, first, last, pair[0], sx, sy, best + slack, 0.1 * slack, some, share, inverse
+                )
+                if most <= best + slack:
+                    continue
+                bound = min(bound, most)
+            else:  # the middle of both nearest points
+                px, py = offset(edges, pair[1], x + dx, y + dy)
+                px, py = -0.5 * px, -0.5 * py
+            if inside and edges[ROWS, nearest_edge(edges, first, last, x + px, y + py)] > best**2:
+                d = signed_distance(edges, m, x + px, y + py)
+                if d > best:
+                    best, best_x, best_y = d, x + px, y + py
             along = 0 if sx >= sy else 1
             if thin and min(sx, sy) > slack:
                 along = _steeper(edges, pair, halves, x, y, sx, sy)
-            box[0, 0], box[0, 1], box[0, 2], box[0, 3], box[0, 4] = signed + reach, x, y, sx, sy
+            box[0, 0], box[0, 1], box[0, 2], box[0, 3], box[0, 4] = bound, x, y, sx, sy
             box[0, 5], box[0, 6], box[0, 7], box[0, 8] = signed, first, last, along
             heap = _push(heap, size, box)
             size += 1
             top = max(top, last)
         done = size == 0 or heap[0, 0] <= best + slack
         if (done or opened == polish) and best > polished:
-            best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight)
+            best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight, inverse)
             polished = best
         if opened == polish:
             polish *= 2
@@ -227,22 +219,23 @@ def _largest(edges, m, diameter, best, heap):
 def circles(points, offsets, faces, face_vertices, centroids, diameters, anywhere):
     """Radius of the largest circle inside each agglomerate: anywhere, or about the centroid (else 0).
 
-    Anywhere: boxes are halved, best bound first, until no bound exceeds the best radius by 1e-4 diameters
-    (or by 1e-3 of the radius if that is less, down to 1e-5 diameters); a few Newton steps then make the
-    radius exact where three edges touch the circle. Let c be the centre of a box, R half its diagonal and d
-    the distance from c to the boundary. No radius in the box exceeds d + R, nor the largest Σ λ_i d_i there,
-    d_i the distances to any edges, λ >= 0, Σ λ = 1. Two such choices are tried. The edge nearest to c and
-    that nearest to the mirror image, in c, of the nearest point, half each, decide long strips. The three
-    edges of a polished circle are exact at its centre and O(R²) above nearby, so that boxes around the
-    largest circle are discarded early. Thin boxes are halved along the axis along which the first choice
-    rises more, and discarded if they are outside and meet no edge.
+    Anywhere: in a convex outline of few edges a linear program tells the radius. Otherwise boxes are halved,
+    best bound first, until none exceeds the best radius by 1e-4 diameters (or by 1e-3 of the radius if that
+    is less, down to 1e-5 diameters); a few Newton steps then make the radius exact where three edges touch
+    the circle. Let c be the centre of a box, R half its diagonal and d the distance from c to the boundary.
+    No radius in the box exceeds d + R, nor the largest Σ λ_i d_i there, d_i the distances to any edges,
+    λ >= 0, Σ λ = 1. Three such choices are tried. The edges of a polished circle are exact at its centre and
+    O(R²) above nearby, so that boxes around the largest circle are discarded early. The edge nearest to c and
+    that nearest to the mirror image, in c, of the nearest point, half each, decide long strips. In what is
+    left the best λ are sought if edges are few. Thin boxes are halved along the axis along which the second
+    choice rises more, and discarded if they are outside and meet no edge.
 
     Only edges within d + 2R of c can be nearest to a point of the box: they alone are handed down to its
     halves, so that many edges cost little more than few. Whether a centre is inside follows from that of
     the box it was halved from and the edges between the two.
     """
     radius = np.zeros(len(offsets) - 1)
-    edges = np.empty((ROWS + 1, 64))
+    edges = np.empty((HEIGHT, 64))
     heap = np.empty((256, 9))  # bound, x, y, half sides, signed distance, first and last column of its edges
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]

@@ -1,8 +1,9 @@
 """The edges of one agglomerate: distances to them, the even-odd rule, which of them matter in a box.
 
 Edges ab are columns of a table, so that loops over them run in vector registers: ``ROWS`` rows ax, ay, ux,
-uy, bx, by, 1/|u|² where u = b − a, and one for the squares of distances. The end b stands beside u because
-the even-odd rule needs it without rounding. A list of edges is a range of columns.
+uy, bx, by, 1/|u|² where u = b − a, one for the squares of distances, or other values, and three for a plane
+in place of the distance. The end b stands beside u because the even-odd rule needs it without rounding. A
+list of edges is a range of columns.
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ import numpy as np
 from agglo_core.kernels.compiling import helper
 
 __all__ = [
+    "DISTANCE",
+    "HEIGHT",
     "ROWS",
+    "SLOPE",
     "apart",
     "bounding_box",
     "crosses",
@@ -24,7 +28,8 @@ __all__ = [
     "signed_distance",
 ]
 
-ROWS = 7  # numbers that describe an edge
+ROWS = 7  # numbers that describe an edge; the next row takes squares of distances
+DISTANCE, SLOPE, HEIGHT = 8, 9, 11  # rows of planes, value and gradient; all rows
 
 
 @helper(allocates=True)
@@ -34,7 +39,7 @@ def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
     The origin is (x0, y0), the first axis the longest one of the outline. Edges of no length are left out.
     """
     if edges.shape[1] < stop - start:
-        edges = np.empty((ROWS + 1, 2 * (stop - start)))
+        edges = np.empty((HEIGHT, 2 * (stop - start)))
     sxx, sxy, syy = 0.0, 0.0, 0.0
     m = 0
     for h in range(start, stop):
@@ -160,7 +165,7 @@ def shortened(edges, start, stop, limit, top):
     if 2 * count > stop - start:
         return edges, start, stop
     if top + count > edges.shape[1]:
-        grown = np.empty((ROWS + 1, 2 * (top + count)))
+        grown = np.empty((HEIGHT, 2 * (top + count)))
         for k in range(ROWS + 1):
             for i in range(top):
                 grown[k, i] = edges[k, i]

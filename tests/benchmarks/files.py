@@ -93,8 +93,10 @@ def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, flo
     warm = file.with_name(f"warm{way.suffix}")
     with np.load(arrays) as given:
         plane = given["points"].shape[1] == 2
-    way.write(warm, samples.voronoi(300) if plane else samples.tetrahedra(4).coarsen(np.arange(384) // 2))
-    way.read(warm)
+    solids = samples.tetrahedra(4)
+    for small in (samples.voronoi(300),) if plane else (solids, solids.coarsen(np.arange(384) // 2)):
+        way.write(warm, small)
+        way.read(warm)
     mesh = load(arrays) if action == "write" else None
     before = resident("VmRSS")
     if before:
@@ -113,7 +115,7 @@ def resident(line: str) -> float:
     return 1024.0 * float(STATUS.read_text().split(f"{line}:")[1].split()[0])
 
 
-def compare(mesh: Mesh, repeats: int) -> None:
+def compare(name: str, mesh: Mesh, repeats: int) -> None:
     """Print the table of all ways for a mesh; each call has a process of its own."""
     found: dict[str, list[list[float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -127,7 +129,7 @@ def compare(mesh: Mesh, repeats: int) -> None:
                 command = [sys.executable, __file__, "--one", way.name, action, str(arrays), str(file)]
                 row += json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
             found.setdefault(way.name, []).append([file.stat().st_size / 1e6, *row])
-    print(f"\n{mesh.name}: {mesh.n_cells} cells, least of {repeats}, one thread")
+    print(f"\n{name}: {mesh.n_cells} cells, least of {repeats}, one thread")
     print(f"{'':22}{'MB':>8}{'write s':>10}{'MB/s':>8}{'B/cell':>8}{'read s':>10}{'MB/s':>8}{'B/cell':>8}")
     for name, rows in found.items():
         size, saved, high, took, top = np.min(rows, axis=0)
@@ -150,11 +152,11 @@ def main() -> None:
         print(json.dumps(measure(way, action, Path(arrays), Path(file))))
         return
     for cells in options.cells:
-        compare(samples.random_triangles(cells // 2), options.repeats)
-        compare(samples.voronoi(cells), options.repeats)
+        compare("random triangles", samples.random_triangles(cells // 2), options.repeats)
+        compare("Voronoi", samples.voronoi(cells), options.repeats)
         solids = samples.tetrahedra(max(1, round((cells / 6) ** (1 / 3))))
-        compare(solids, options.repeats)
-        compare(agglomerate(solids, cells_per_part=8).mesh(0), options.repeats)
+        compare("tetrahedra", solids, options.repeats)
+        compare("tetrahedra, agglomerated", agglomerate(solids, cells_per_part=8).mesh(0), options.repeats)
 
 
 if __name__ == "__main__":

@@ -110,11 +110,13 @@ def test_l_shape_is_exact() -> None:
     assert _measure(CircleRatio(), shape)[0] == pytest.approx(2 * radius / 18**0.5, rel=1e-9)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.7])
-def test_thin_cells_have_their_incircles(angle: float) -> None:
+@pytest.mark.parametrize(("angle", "aspect"), [(0.0, 1000), (0.7, 1000), (0.7, 30), (0.3, 1)])
+def test_convex_cells_have_their_incircles(angle: float, aspect: float) -> None:
     wide = samples.voronoi(40, seed=5)
     points = (
-        wide.points * [1000, 1] @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        wide.points
+        * [aspect, 1]
+        @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     )
     loops = wide.boundary_loops
     thin = Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices))
@@ -125,7 +127,7 @@ def test_thin_cells_have_their_incircles(angle: float) -> None:
         normal = np.stack((edge[:, 1], -edge[:, 0]), axis=1) / np.linalg.norm(edge, axis=1)[:, None]
         rows = np.column_stack((normal, np.ones(len(edge))))
         best = linprog([0, 0, -1], rows, (normal * corners).sum(axis=1), bounds=[(None, None)] * 3).x[2]
-        assert ratio[cell] == pytest.approx(2 * best / thin.cell_diameters[cell], abs=2.1e-5)
+        assert ratio[cell] == pytest.approx(2 * best / thin.cell_diameters[cell], rel=1e-8)
 
 
 def _outline(radii: np.ndarray, angles: np.ndarray) -> np.ndarray:
