@@ -20,8 +20,8 @@ def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique,
     """
     m = 0
     for i in range(len(cells)):
-        for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
-            v = vertices[h]
+        for h in range(np.uint64(vertex_offsets[cells[i]]), np.uint64(vertex_offsets[cells[i] + 1])):
+            v = np.uint32(vertices[h])
             if stamp[v] != b:
                 stamp[v], unique[m] = b, v
                 m += 1
@@ -141,8 +141,9 @@ def octagon(cells, vertex_offsets, vertices, points, enough):
     x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
     x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
     for i in range(len(cells)):
-        for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
-            x, y = points[vertices[h], 0], points[vertices[h], 1]
+        for h in range(np.uint64(vertex_offsets[cells[i]]), np.uint64(vertex_offsets[cells[i] + 1])):
+            v = np.uint32(vertices[h])
+            x, y = points[v, 0], points[v, 1]
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
             u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
         if max(x1 - x0, y1 - y0) > enough:

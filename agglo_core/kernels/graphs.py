@@ -68,8 +68,8 @@ def permute_graph(indptr, indices, interface, order, offsets):
         start, stop = offsets[b], offsets[b + 1]
         for i in range(start, stop):
             node = order[i]
-            for h in range(indptr[node], indptr[node + 1]):
-                j = position[indices[h]]
+            for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + 1])):
+                j = position[np.uint32(indices[h])]
                 new_indices[m] = j
                 new_interface[m] = interface[h]
                 m += (start <= j) & (j < stop)  # no branch: it would be mispredicted half the time

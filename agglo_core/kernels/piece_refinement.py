@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper
+from agglo_core.kernels.compiling import ONE, helper
 from agglo_core.kernels.ring_search import keeps_whole
 
 __all__ = ["refine_sides", "sort_by_keys"]
@@ -19,8 +19,8 @@ def _gain(graph, tag, i, own, other):
     """Interface saved if cell i goes to the other side, and the least that counts as something."""
     indptr, indices, interface = graph
     gain, total, beside = 0.0, 0.0, np.int64(0)
-    for h in range(indptr[i], indptr[i + 1]):
-        t = tag[indices[h]]
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+        t = tag[np.uint32(indices[h])]
         there, here = np.int64(t == other), np.int64(t == own)
         gain += interface[h] * (there - here)
         total += interface[h] * (there + here)
@@ -32,16 +32,17 @@ def _gain(graph, tag, i, own, other):
 def _partner(graph, tag, i, own, other, gain, least):
     """The neighbour with which cell i should move, −1 if no pair pays."""
     indptr, indices, interface = graph
-    partner, best = -1, least
-    for h in range(indptr[i], indptr[i + 1]):
-        j = indices[h]
+    partner, best = np.int64(-1), least
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+        j = np.uint64(np.uint32(indices[h]))
         if tag[j] == own:
             both = gain + 2.0 * interface[h]
-            for g in range(indptr[j], indptr[j + 1]):  # no branch: it would be mispredicted
-                t = tag[indices[g]]
+            # no branch: it would be mispredicted
+            for g in range(np.uint64(indptr[j]), np.uint64(indptr[j + ONE])):
+                t = tag[np.uint32(indices[g])]
                 both += interface[g] * (np.int64(t == other) - np.int64(t == own))
             if both > best:
-                partner, best = j, both
+                partner, best = np.int64(j), both
     return partner
 
 
@@ -52,7 +53,7 @@ def _leave(graph, measures, tag, i, own, other, sides, search, stamp):
     s = own & 1  # tags of right sides are odd
     if count[s] < 2 or size[s] - measures[i] < floor:
         return False
-    if not keeps_whole(graph[0], graph[1], tag, i, search, stamp):
+    if not keeps_whole(graph[0], graph[1], tag, np.int64(i), search, stamp):
         return False
     _put(measures, tag, i, other, sides)
     return True
@@ -90,7 +91,7 @@ def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now
     """Write to ``now`` the cells of ``later[:m]`` worth moving, along ``axis``; returns how many."""
     found = 0
     for c in range(m):
-        i = np.int64(later[c])
+        i = np.uint64(later[c])
         own = np.int64(tag[i])
         other = left + right - own
         gain, least = _gain(graph, tag, i, own, other)
@@ -110,8 +111,9 @@ def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now
 def _add_near(graph, tag, left, right, i, listed, m, marks, kind, stamp):
     """Append cell i and its neighbours in the piece not seen under ``stamp``; returns the new length."""
     indptr, indices, _ = graph
-    for h in range(indptr[i] - 1, indptr[i + 1]):
-        j = indices[h] if h >= indptr[i] else i
+    before = np.int64(indptr[i]) - 1
+    for h in range(before, np.int64(indptr[i + ONE])):
+        j = np.uint64(np.uint32(indices[h])) if h > before else i
         if (tag[j] == left or tag[j] == right) and marks[j, kind] != stamp:
             marks[j, kind] = stamp
             listed[m] = j
@@ -156,7 +158,7 @@ def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floo
         stamp += 1
         sweep, m = stamp, np.int64(0)
         for c in range(moves):
-            i = np.int64(now[c])
+            i = np.uint64(now[c])
             own = np.int64(tag[i])
             other = left + right - own
             gain, least = _gain(graph, tag, i, own, other)
@@ -171,11 +173,12 @@ def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floo
                 continue
             if partner >= 0:
                 stamp += 1
-                if not _leave(graph, measures, tag, partner, own, other, tally, search, stamp):
+                also = np.uint64(partner)
+                if not _leave(graph, measures, tag, also, own, other, tally, search, stamp):
                     _put(measures, tag, i, own, tally)
                     continue
-                m = _add_near(graph, tag, left, right, partner, later, m, marks, _SEEN, sweep)
-                edge = _add_near(graph, tag, left, right, partner, boundary, edge, marks, _LISTED, everywhere)
+                m = _add_near(graph, tag, left, right, also, later, m, marks, _SEEN, sweep)
+                edge = _add_near(graph, tag, left, right, also, boundary, edge, marks, _LISTED, everywhere)
             m = _add_near(graph, tag, left, right, i, later, m, marks, _SEEN, sweep)
             edge = _add_near(graph, tag, left, right, i, boundary, edge, marks, _LISTED, everywhere)
         if pairs:

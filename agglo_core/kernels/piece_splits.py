@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 from agglo_core.kernels.geometry import box, largest_distance, octagon
 from agglo_core.kernels.graphs import join_before
 from agglo_core.kernels.piece_refinement import refine_sides
@@ -104,8 +104,8 @@ def reach_of_cells(indptr, indices, centroids):
     for i in range(len(reach)):
         largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
         third = last - 1.0  # 0 in the plane
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            j = np.uint32(indices[h])
             u, v, w = centroids[j, 0] - x, centroids[j, 1] - y, third * (centroids[j, last] - z)
             largest = max(largest, u * u + v * v + w * w)
         reach[i] = 1.0001 * np.sqrt(largest)
@@ -117,11 +117,11 @@ def cells_beside(indptr, indices, tag, left, right, cells, m):
     """Keep those of ``cells[:m]`` that are beside the other side of their piece; returns how many."""
     found = 0
     for k in range(m):
-        i = cells[k]
+        i = np.uint32(cells[k])
         other = left + right - tag[i]
         beside = False
-        for h in range(indptr[i], indptr[i + 1]):
-            beside |= tag[indices[h]] == other  # no branch: it would be mispredicted
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
+            beside |= tag[np.uint32(indices[h])] == other  # no branch: it would be mispredicted
         cells[found] = i
         found += beside
     return found
@@ -173,17 +173,17 @@ def broken_pieces(slices, cells, indptr, indices, tag, leaf, reached):
             seed = cells[k]
             if reached[seed]:
                 continue
-            own, done, filled = tag[seed], 0, 1
+            own, done, filled = tag[seed], np.uint64(0), ONE
             reached[seed], queue[0] = 1, seed
             parts -= 1
             while done < filled:
-                i = queue[done]
-                done += 1
-                for h in range(indptr[i], indptr[i + 1]):
-                    j = indices[h]
+                i = np.uint32(queue[done])
+                done += ONE
+                for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
+                    j = np.uint32(indices[h])
                     same = tag[j] == own
                     queue[filled] = j  # kept only if new; a branch would be mispredicted half the time
-                    filled += same and not reached[j]
+                    filled += np.uint64(same and not reached[j])
                     reached[j] |= same
         broken[s] = parts < 0
     return broken
@@ -200,17 +200,17 @@ def side_sizes(tag, measures, cells, lo, hi, size):
 @helper
 def part_list(tag, cells, lo, hi, spare):
     """Put the cells of the left side before the others, the order kept; returns where the others start."""
-    middle, right = lo, np.int64(0)
-    for k in range(lo, hi):
-        i = cells[k]
-        on_right = tag[i] & 1
+    middle, right = np.uint64(lo), np.uint64(0)
+    for k in range(np.uint64(lo), np.uint64(hi)):
+        i = np.uint32(cells[k])
+        on_right = np.uint64(tag[i] & 1)
         cells[middle] = i  # no branch: it would be mispredicted half the time
         spare[right] = i
-        middle += 1 - on_right
+        middle += ONE - on_right
         right += on_right
     for k in range(right):
         cells[middle + k] = spare[k]
-    return middle
+    return np.int64(middle)
 
 
 @helper

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper
+from agglo_core.kernels.compiling import ONE, helper
 
 __all__ = ["CROWD", "REACH", "connected", "keeps_whole"]
 
@@ -29,29 +29,30 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
     """
     queue, root, marks = search
     for k in range(filled):
-        marks[queue[k], 0], marks[queue[k], 1], root[k] = stamp, k, k
-    apart, done = filled - 1, 0
-    while apart > 0 and done < filled <= reach:
+        start = np.uint32(queue[k])
+        marks[start, 0], marks[start, 1], root[k] = stamp, k, k
+    apart, done, filled = np.int64(filled) - 1, np.uint64(0), np.uint64(filled)
+    while apart > 0 and done < filled <= np.uint64(reach):
         ring = filled
         while apart > 0 and done < ring:
-            node = queue[done]
-            done += 1
-            if indptr[node + 1] - indptr[node] > crowd:
+            node = np.uint64(np.uint32(queue[done]))
+            done += ONE
+            if indptr[node + ONE] - indptr[node] > crowd:
                 continue
-            for h in range(indptr[node], indptr[node + 1]):
-                j = indices[h]
+            for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
+                j = np.uint32(indices[h])
                 if labels[j] != own:
                     continue
                 if marks[j, 0] != stamp:
                     marks[j, 0], marks[j, 1] = stamp, marks[node, 1]
                     queue[filled] = j
-                    filled += 1
+                    filled += ONE
                     continue
-                one, other = marks[node, 1], marks[j, 1]
+                one, other = np.uint32(marks[node, 1]), np.uint32(marks[j, 1])
                 while root[one] != one:
-                    one = root[one]
+                    one = np.uint32(root[one])
                 while root[other] != other:
-                    other = root[other]
+                    other = np.uint32(root[other])
                 if one != other:
                     root[one] = other
                     apart -= 1
@@ -62,10 +63,10 @@ def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd)
 def keeps_whole(indptr, indices, labels, i, search, stamp):
     """Whether the neighbours of cell i with its label stay connected near it once it has left."""
     own, queue, filled = labels[i], search[0], np.int64(0)
-    for h in range(indptr[i], indptr[i + 1]):
-        if labels[indices[h]] == own:
-            queue[filled] = indices[h]
-            filled += 1
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+        j = np.uint32(indices[h])
+        queue[filled] = j  # kept only if it has the label; a branch would be mispredicted half the time
+        filled += labels[j] == own
     if filled < 2:
         return True
     labels[i] = -1  # out of the way

@@ -24,9 +24,9 @@ def _tag_sides(cells, lo, hi, centroids, placing, extent, plane, tag, measures, 
     best, nx, ny, nz, t = plane
     x, y, z, unit, last = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] - 1
     t, extent = t / unit, _ROUNDING * extent
-    ones, total, above, m = np.int64(0), 0.0, 0.0, np.int64(0)
-    for k in range(hi - lo):
-        i = cells[lo + k]
+    ones, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
+    for k in range(np.uint64(lo), np.uint64(hi)):
+        i = np.uint32(cells[k])
         height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y) + nz * (centroids[i, last] - z) - t
         side = np.int64(height > 0.0)
         tag[i] = left + side * (right - left)
@@ -34,10 +34,10 @@ def _tag_sides(cells, lo, hi, centroids, placing, extent, plane, tag, measures, 
         total += measures[i]
         ones += side
         near[m] = i
-        m += abs(height) - extent <= reach[i]
+        m += np.uint64(abs(height) - extent <= reach[i])
     size[0], size[1], count[0], count[1] = total - above, above, hi - lo - ones, ones
     if best > 0.0 and 0 < ones < hi - lo:
-        return m
+        return np.int64(m)
     return piece_driver.tag_halves(cells, lo, hi, tag, measures, near, size, count)
 
 

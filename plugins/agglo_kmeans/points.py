@@ -42,12 +42,12 @@ def means_room(m):
 @helper
 def _sample(cells, lo, hi, weights, units, chosen):
     """Write the cells that stand for a large piece to ``chosen``, all heavy ones too; returns how many."""
-    m, heavy = np.int64(0), _HEAVY / units[1]
-    for k in range(lo, hi):
-        i = cells[k]
+    m, heavy = np.uint64(0), _HEAVY / units[1]
+    for k in range(np.uint64(lo), np.uint64(hi)):
+        i = np.uint32(cells[k])
         chosen[m] = i
-        m += piece_splits.is_chosen(weights[i], units[2]) | (weights[i] > heavy)
-    return m
+        m += np.uint64(piece_splits.is_chosen(weights[i], units[2]) | (weights[i] > heavy))
+    return np.int64(m)
 
 
 @helper
@@ -57,12 +57,12 @@ def _gather(cells, lo, n, centroids, weights, units, boost, points):
     Weights that are not heavy are multiplied by ``boost``.
     """
     x, y, z, w = points[0], points[1], points[2], points[3]
-    d, first, length, weight = centroids.shape[1], cells[lo], units[0], units[1]
+    d, first, start, length, weight = centroids.shape[1], cells[lo], np.uint64(lo), units[0], units[1]
     x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, d - 1]
     total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
-        i = cells[lo + k]
+        i = np.uint32(cells[start + np.uint64(k)])
         a, b, m = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length, weights[i] * weight
         m *= boost if m <= _HEAVY else 1.0
         x[k], y[k], w[k] = a, b, m
