@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from agglo_core.agglomeration.goals import Goal
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
@@ -25,7 +27,9 @@ def ordered_levels(
     """Labels ``(n,)`` of each level, finest first, numbered by first cell."""
     with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
         order = curve_order(graph.centroids)
-        ordered = _with_points_as_met(graph.subgraph(order, frozen_int([0, graph.n])))
+        ordered = graph.subgraph(order, frozen_int([0, graph.n]))
+        if any(goal.limit < np.inf for goal in goals):  # otherwise nobody asks for points, but may
+            ordered = _with_points_as_met(ordered)
     result = []
     for labels in _levels(ordered, goals, run, post, kway=kway, nested=nested):
         given = labels.copy()

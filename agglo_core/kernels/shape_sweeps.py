@@ -14,9 +14,9 @@ import numpy as np
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.reach import fits, take_in
 from agglo_core.kernels.ring_search import CROWD, REACH, connected
-from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM
+from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
-__all__ = ["sweep_slices"]
+__all__ = ["sweep_all", "sweep_slices"]
 
 _TIE = 1e-9
 
@@ -194,3 +194,13 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
                     if begin <= p < end and not (lo <= p < hi and state.due[j] == sweep):
                         state.due[j] = sweep + 1
     return moved
+
+
+@kernel(allocates=False)
+def sweep_all(given, state, work, by_turns, sweeps, alpha, limit, reach, corners):
+    """Up to so many sweeps, over the two kinds of slices by turns, as one thread makes them."""
+    for sweep in range(sweeps):
+        slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
+        if listed_cells(state, work, sweep, before, alpha) == 0:
+            break
+        sweep_slices(given, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)
