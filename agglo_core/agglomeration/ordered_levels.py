@@ -12,10 +12,9 @@ from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen_index, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
-from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import phase
 
 __all__ = ["ordered_levels"]
@@ -30,12 +29,17 @@ def ordered_levels(
         ordered = graph.subgraph(order, frozen_int([0, graph.n]))
         if any(goal.limit < np.inf for goal in goals):  # otherwise nobody asks for points, but may
             ordered = _with_points_as_met(ordered)
-    result = []
-    for labels in _levels(ordered, goals, run, post, kway=kway, nested=nested):
-        given = labels.copy()
-        given[order] = labels
-        result.append(by_first_cell(given))
-    return result
+    levels = _levels(ordered, goals, run, post, kway=kway, nested=nested)
+    return [_by_first_cell(labels, order) for labels in levels]
+
+
+def _by_first_cell(labels: Int, order: Int) -> Int:
+    """Labels of the cells ``order``, given for each of its places and numbered by first cell."""
+    from agglo_core.kernels.graphs import numbered_as_met
+
+    given = np.empty(len(order), np.int32)
+    given[order] = labels
+    return frozen_int(numbered_as_met(frozen_index(given), int(labels.max()) + 1)[0])
 
 
 def _with_points_as_met(graph: Graph) -> Graph:

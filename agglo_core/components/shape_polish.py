@@ -120,16 +120,18 @@ def slices(starts: Int, shift: int, dim: int) -> Int:
     A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
     others without.
     """
-    counts = np.diff(starts)
+    counts = starts[1:] - starts[:-1]
     strips = np.minimum(np.maximum(counts ** (1.0 / dim) / _WIDTH, 1.0), 16.0).astype(np.int64)
-    shifts = np.where(strips > 1, shift, 0)
-    rows = strips + shifts
-    block = np.repeat(np.arange(len(counts)), rows)
-    place = 2 * (np.arange(len(block)) - (np.cumsum(rows) - rows)[block]) - shifts[block]
-    size, first = counts[block], starts[:-1][block]
-    width = 2 * strips[block]
-    ends = [first + np.minimum(np.maximum(size * each // width, 0), size) for each in (place, place + 2)]
-    return frozen_int(np.stack((*ends, first, first + size, block), axis=1))
+    shifts = shift * (strips > 1)
+    block = np.repeat(np.arange(len(counts)), strips + shifts)
+    before = np.cumsum(strips + shifts) - strips - shifts
+    place = 2 * (np.arange(len(block)) - before[block]) - shifts[block]
+    size, first, width = counts[block], starts[block], 2 * strips[block]
+    rows = np.empty((len(block), 5), np.int64)
+    for column, each in enumerate((place, place + 2)):
+        rows[:, column] = first + np.minimum(np.maximum(size * each // width, 0), size)
+    rows[:, 2], rows[:, 3], rows[:, 4] = first, first + size, block
+    return frozen_int(rows)
 
 
 @cache
