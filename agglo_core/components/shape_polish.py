@@ -49,7 +49,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
     how = alpha, limit, *_reach(graph, parts, k, limit)
     if thread_count() == 1:
-        sweep_all(cells, state, _work(n, k), by_turns, _SWEEPS, *how)
+        sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *how)
     else:
         _swept_together(cells, state, by_turns, how)
     return frozen_int(order[parts])

@@ -219,8 +219,9 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
 
 
 @kernel(allocates=False)
-def sweep_all(given, state, work, by_turns, sweeps, alpha, limit, reach, corners):
-    """Up to so many sweeps, over the two kinds of slices by turns, as one thread makes them."""
+def sweep_all(given, state, work, even, odd, sweeps, alpha, limit, reach, corners):
+    """Up to so many sweeps, over the even and the odd slices by turns, as one thread makes them."""
+    by_turns = (even, odd)
     for sweep in range(sweeps):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
         if listed_cells(state, work, sweep, before, alpha) == 0:
