@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from agglo_core.agglomeration.goals import Goal
 from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen_index, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
-from agglo_core.hierarchy import by_first_cell
 from agglo_core.progress import phase
 
 __all__ = ["ordered_levels"]
@@ -25,13 +26,20 @@ def ordered_levels(
     """Labels ``(n,)`` of each level, finest first, numbered by first cell."""
     with run.statistics.timed("order"), phase(run.progress, "ordering the cells"):
         order = curve_order(graph.centroids)
-        ordered = _with_points_as_met(graph.subgraph(order, frozen_int([0, graph.n])))
-    result = []
-    for labels in _levels(ordered, goals, run, post, kway=kway, nested=nested):
-        given = labels.copy()
-        given[order] = labels
-        result.append(by_first_cell(given))
-    return result
+        ordered = graph.subgraph(order, frozen_int([0, graph.n]))
+        if any(goal.limit < np.inf for goal in goals):  # otherwise nobody asks for points, but may
+            ordered = _with_points_as_met(ordered)
+    levels = _levels(ordered, goals, run, post, kway=kway, nested=nested)
+    return [_by_first_cell(labels, order) for labels in levels]
+
+
+def _by_first_cell(labels: Int, order: Int) -> Int:
+    """Labels of the cells ``order``, given for each of its places and numbered by first cell."""
+    from agglo_core.kernels.graphs import numbered_as_met
+
+    given = np.empty(len(order), np.int32)
+    given[order] = labels
+    return frozen_int(numbered_as_met(frozen_index(given), int(labels.max()) + 1)[0])
 
 
 def _with_points_as_met(graph: Graph) -> Graph:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Int, Mask, UInt64, frozen_int, label_order
+from agglo_core.arrays import Float, Index, Int, Mask, UInt64, frozen_index, frozen_int, label_order
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
@@ -83,7 +83,7 @@ class PieceGrowth:
             reach_of_cells(graph.indptr, graph.indices, graph.centroids),
             units_of(graph.centroids, graph.weights),
         )
-        self._shape = (graph.vertex_offsets, graph.vertices, graph.points)
+        self._source = graph
         self._kernel, self._floor, self._tiny = kernel, floor, tiny
         self._tag = np.empty(graph.n, np.int32)
         self._marks = np.zeros((graph.n, 4), np.int32)
@@ -125,6 +125,7 @@ class PieceGrowth:
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
         if self._stamp > _LAST_STAMP:
             self._marks[:], self._stamp = 0, 1
+        self._shape = _shape(self._source, limit)
         leaf, tally = np.zeros(len(self._cells), np.bool_), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), 4), np.int64)
         todo[:, :2], todo[:, 2] = self._slices, quotas
@@ -251,6 +252,13 @@ class PieceGrowth:
         labels = np.empty(len(leaf), np.int64)
         labels[self._cells] = np.repeat(number, stops - starts)
         return frozen_int(labels)
+
+
+def _shape(graph: Graph, limit: float) -> tuple[Int, Index, Float]:
+    """Vertices of the cells; of none where nothing is measured, as a subgraph fetches its own when asked."""
+    if limit > 0.0:
+        return graph.vertex_offsets, graph.vertices, graph.points
+    return frozen_int([0]), frozen_index([]), graph.points
 
 
 def _enlarged(rows: Int) -> Int:

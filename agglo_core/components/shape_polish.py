@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.threads import mapped, thread_count
 
@@ -30,8 +30,8 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     ``limit``.
     """
     from agglo_core.kernels.part_order import part_places
-    from agglo_core.kernels.shape_state import Cells, State, interface_cells, listed_cells, part_tally
-    from agglo_core.kernels.shape_sweeps import sweep_slices
+    from agglo_core.kernels.shape_state import Cells, State, interface_cells, part_tally
+    from agglo_core.kernels.shape_sweeps import sweep_all
 
     n, k, count = graph.n, len(block), int(block.max()) + 1
     geometry = graph.centroids, graph.weights, graph.measures
@@ -44,24 +44,35 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     starts = frozen_int(np.searchsorted(block[order], np.arange(count + 1)))
     cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
     blocks, due = interface_cells(cells, parts, tally, starts)
-    by_turns = [_slices(starts, shift, graph.dim) for shift in range(2)]
+    by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
     room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
     state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
-    corners, reach = _reach(graph, parts, k, limit)
+    how = alpha, limit, *_reach(graph, parts, k, limit)
+    if thread_count() == 1:
+        sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *how)
+    else:
+        _swept_together(cells, state, by_turns, how)
+    return frozen_int(order[parts])
+
+
+def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...]) -> None:
+    """The sweeps of ``sweep_all``, several slices at a time."""
+    from agglo_core.kernels.shape_state import listed_cells
+    from agglo_core.kernels.shape_sweeps import sweep_slices
+
     threads = thread_count()
-    work = [_work(n, k) for _ in range(threads)]
+    work = [_work(len(state.parts), len(state.tally)) for _ in range(threads)]
     for sweep in range(_SWEEPS):
         slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
-        looked_at = listed_cells(state, work[0], sweep, before, alpha)
+        looked_at = listed_cells(state, work[0], sweep, before, how[0])
         if looked_at == 0:
             break
         ranges = _shares(slices.rows, state.first, threads if looked_at > _FEW else 1)
 
         def make(start: int, stop: int, own: Any, sweep: int = sweep, slices: Any = slices) -> None:
-            sweep_slices(cells, state, own, slices, start, stop, sweep, alpha, limit, reach, corners)
+            sweep_slices(cells, state, own, slices, start, stop, sweep, *how)
 
         list(mapped(make, *zip(*ranges, strict=True), work[: len(ranges)]))
-    return frozen_int(order[parts])
 
 
 def _work(n: int, k: int) -> Any:
@@ -81,14 +92,16 @@ def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
     """What the kernels need to know of the widths of parts; nothing if these have no limit."""
     from agglo_core.kernels.reach import Corners, Reach, part_lists
 
-    corners = Corners(graph.vertex_offsets, graph.vertices, graph.points, *directions(graph.dim))
     if limit == np.inf:
-        parts, k = parts[:0], 0
+        parts, k, shape = parts[:0], 0, (frozen_int([0]), frozen_index([]))
+    else:
+        shape = graph.vertex_offsets, graph.vertices
+    corners = Corners(*shape, graph.points, *directions(graph.dim))
     extents = np.empty((k, len(corners.directions), 2))
     ends = np.empty(extents.shape, np.int32)
     first, after, before = part_lists(parts, k)
     far, looks = np.full(k, -1, np.int32), np.zeros(k, np.int64)
-    return corners, Reach(first, after, before, far, looks, extents, ends)
+    return Reach(first, after, before, far, looks, extents, ends), corners
 
 
 def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
@@ -107,16 +120,18 @@ def slices(starts: Int, shift: int, dim: int) -> Int:
     A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
     others without.
     """
-    counts = np.diff(starts)
+    counts = starts[1:] - starts[:-1]
     strips = np.minimum(np.maximum(counts ** (1.0 / dim) / _WIDTH, 1.0), 16.0).astype(np.int64)
-    shifts = np.where(strips > 1, shift, 0)
-    rows = strips + shifts
-    block = np.repeat(np.arange(len(counts)), rows)
-    place = 2 * (np.arange(len(block)) - (np.cumsum(rows) - rows)[block]) - shifts[block]
-    size, first = counts[block], starts[:-1][block]
-    width = 2 * strips[block]
-    ends = [first + np.minimum(np.maximum(size * each // width, 0), size) for each in (place, place + 2)]
-    return frozen_int(np.stack((*ends, first, first + size, block), axis=1))
+    shifts = shift * (strips > 1)
+    block = np.repeat(np.arange(len(counts)), strips + shifts)
+    before = np.cumsum(strips + shifts) - strips - shifts
+    place = 2 * (np.arange(len(block)) - before[block]) - shifts[block]
+    size, first, width = counts[block], starts[block], 2 * strips[block]
+    rows = np.empty((len(block), 5), np.int64)
+    for column, each in enumerate((place, place + 2)):
+        rows[:, column] = first + np.minimum(np.maximum(size * each // width, 0), size)
+    rows[:, 2], rows[:, 3], rows[:, 4] = first, first + size, block
+    return frozen_int(rows)
 
 
 @cache

@@ -13,8 +13,6 @@ __all__ = [
     "dual_graph",
     "flood",
     "join_before",
-    "join_range",
-    "join_ranges",
     "numbered_as_met",
     "permute_graph",
     "take_rows",
@@ -210,44 +208,3 @@ def join_before(i, first, indptr, indices, labels, parent):
             joined += 1
     parent[i] = root
     return joined, beyond
-
-
-@kernel
-def join_range(first, last, indptr, indices, labels, parent, later):
-    """Union-find of the nodes first..last−1 over edges of equal labels; their ``parent`` is written.
-
-    Those with such an edge to a node before the first are written to ``later``; returns how many.
-    """
-    count = 0
-    for i in range(first, last):
-        beyond = join_before(i, first, indptr, indices, labels, parent)[1]
-        later[count] = i  # kept only if it has an edge to a node before
-        count += beyond
-    return count
-
-
-@kernel
-def join_ranges(later, indptr, indices, labels, parent):
-    """Join the nodes ``later`` with those before them; returns whether every label is one component."""
-    for i in later:
-        root = parent[i]
-        while parent[root] != root:
-            root = parent[root]
-        for h in range(indptr[i], indptr[i + 1]):
-            other = indices[h]
-            if other > i or labels[other] != labels[i]:
-                continue
-            while parent[other] != other:
-                other = parent[other]
-            root, child = min(root, other), max(root, other)
-            parent[child] = root
-    highest = -1
-    for i in range(len(labels)):
-        highest = max(highest, labels[i])
-    seen = np.zeros(highest + 1, np.bool_)
-    for i in range(len(labels)):
-        if parent[i] == i:
-            if seen[labels[i]]:
-                return False
-            seen[labels[i]] = True
-    return True

@@ -14,11 +14,14 @@ import numpy as np
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.reach import fits, take_in
 from agglo_core.kernels.ring_search import CROWD, REACH, connected
-from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM
+from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
 
-__all__ = ["sweep_slices"]
+__all__ = ["sweep_all", "sweep_slices"]
 
 _TIE = 1e-9
+
+_CACHED = 40_000
+"""So few cells stay in the cache with all that is read for them."""
 
 
 @helper
@@ -152,6 +155,23 @@ def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
     return _leaves_whole(given, state, i, target, work, stamp)
 
 
+@helper
+def _read_ahead(given, state, work, first, last):
+    """Bring what is to be read for the cells listed from ``first`` to ``last`` into the cache, all at once.
+
+    A part is far in memory from the one before it; its cells one by one would wait for each line.
+    """
+    read = np.int64(0)
+    for c in range(first, last):
+        i = state.listed[c]
+        begin, end = given.indptr[i], given.indptr[i + 1] - 1
+        p, q = state.parts[given.indices[begin]], state.parts[given.indices[end]]
+        read += np.int64(given.interface[begin] > given.interface[end])
+        read += np.int64(state.tally[p, MASS] > state.tally[q, MASS])
+        read += np.int64(given.centroids[i, 0] > given.weights[i]) + state.due[i]
+    work.root[0] = read  # else nothing would be read
+
+
 @kernel(allocates=False)
 def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, reach, corners):
     """Look once at each cell that is due in the slices from ``start`` to ``stop``; returns how many moved.
@@ -170,6 +190,8 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
         scale = (state.blocks[b, 1], alpha * state.blocks[b, 0])
         for r in range(lo, hi):
             first, last = state.first[r], state.first[r + 1]
+            if n > _CACHED and r + 1 < hi:
+                _read_ahead(given, state, work, last, state.first[r + 2])
             if first == last:
                 continue
             _sort_listed(given, state, work, b, first, last)
@@ -194,3 +216,14 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
                     if begin <= p < end and not (lo <= p < hi and state.due[j] == sweep):
                         state.due[j] = sweep + 1
     return moved
+
+
+@kernel(allocates=False)
+def sweep_all(given, state, work, even, odd, sweeps, alpha, limit, reach, corners):
+    """Up to so many sweeps, over the even and the odd slices by turns, as one thread makes them."""
+    by_turns = (even, odd)
+    for sweep in range(sweeps):
+        slices, before = by_turns[sweep % 2], by_turns[1 - sweep % 2]
+        if listed_cells(state, work, sweep, before, alpha) == 0:
+            break
+        sweep_slices(given, state, work, slices, 0, len(slices.rows), sweep, alpha, limit, reach, corners)

@@ -8,10 +8,10 @@ import os
 import sys
 import time
 import traceback
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import pluggy
@@ -36,6 +36,14 @@ class _Plugin:
     distribution: str
     plugin: object
     records: tuple[Record, ...]
+
+    @cached_property
+    def named(self) -> Mapping[tuple[str, str], Records]:
+        """Records by kind and name: several are looked up at each run."""
+        found: dict[tuple[str, str], Records] = defaultdict(list)
+        for record in self.records:
+            found[record.kind, record.name].append(record)
+        return dict(found)
 
 
 class Registry:
@@ -129,7 +137,7 @@ class Registry:
         if kind not in (*KINDS, "command"):
             raise PluginError(f"unknown kind of component {kind!r}; expected one of {', '.join(KINDS)}")
         qualifier, _, plain = name.rpartition("/")
-        records = self._records(lambda r: r.kind == kind and r.name == plain, resolved=not qualifier)
+        records = self._records((kind, plain), resolved=not qualifier)
         if qualifier:
             records = [r for r in records if qualifier in (r.plugin, r.distribution)]
             records = [r for r in records if r.in_tree] or records
@@ -142,7 +150,7 @@ class Registry:
 
     def declares(self, kind: str, name: str) -> bool:
         """Whether a component of this name is declared, whatever its state: asked at each run."""
-        return any(r.kind == kind and r.name == name for plugin in self._plugins for r in plugin.records)
+        return any((kind, name) in plugin.named for plugin in self._plugins)
 
     def level_done(self, info: Mapping[str, Any]) -> None:
         """Tell every plugin that watches runs how far one has come.
@@ -216,10 +224,10 @@ class Registry:
             records.append(replace(origin, state="broken", reason=problem))
         self._plugins.append(_Plugin(origin.plugin, origin.distribution, plugin, tuple(records)))
 
-    def _records(
-        self, wanted: Callable[[Record], bool] = lambda _: True, *, resolved: bool = True
-    ) -> Records:
-        found = (record for plugin in self._plugins for record in plugin.records if wanted(record))
+    def _records(self, named: tuple[str, str] | None = None, *, resolved: bool = True) -> Records:
+        """Records with their states; only those of this kind and name, if given."""
+        lists = (plugin.records if named is None else plugin.named.get(named, ()) for plugin in self._plugins)
+        found = (record for records in lists for record in records)
         installed = Installed()
         records = [with_requirements(self._unblocked(record), installed) for record in found]
         return with_conflicts(records) if resolved else records

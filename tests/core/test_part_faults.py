@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 import agglo_core as agglo
 from agglo_core import samples
 from agglo_core.agglomeration import growing
-from agglo_core.arrays import frozen_index
+from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import broken_parts
+from agglo_core.kernels import part_faults
 from agglo_core.kernels.graphs import numbered_as_met
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -73,3 +74,39 @@ def test_growth_that_goes_on_gives_what_growth_made_anew_gives(targets, monkeypa
     other = agglo.agglomerate(mesh, **targets)
     for a, b in zip(one.levels, other.levels, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+def spider(legs: int) -> tuple[np.ndarray, np.ndarray]:
+    """CSR of legs of two nodes around a hub: ends come first, the hub last, so that ends are far apart."""
+    ends = np.arange(legs)
+    rows = np.concatenate((ends, ends + legs, ends + legs, np.full(legs, 2 * legs)))
+    columns = np.concatenate((ends + legs, ends, np.full(legs, 2 * legs), ends + legs))
+    order = np.lexsort((columns, rows))
+    return frozen_int(np.searchsorted(rows[order], np.arange(2 * legs + 2))), frozen_index(columns[order])
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_connections_that_are_far_to_seek_are_found_by_flooding(cut: bool) -> None:
+    legs = 400
+    indptr, indices = spider(legs)
+    labels = np.zeros(2 * legs + 1, np.int64)
+    if cut:  # the hub and the ends on their own: as many components as there are legs
+        labels[2 * legs] = 1
+    asked = np.ones(labels.max() + 1, bool)
+    assert broken_parts(indptr, indices, labels, asked).tolist() == ([True, False] if cut else [False])
+    assert not broken_parts(indptr, indices, labels, ~asked).any()
+
+
+def test_connections_around_a_hub_cost_no_more_than_a_few_passes() -> None:
+    """The searches end once they have read as many edges as there are."""
+    legs = 50
+    indptr, indices = spider(legs)
+    marks, queue = np.zeros(2 * legs + 1, np.int32), np.empty(2 * legs + 2, np.int32)
+    left, searches = len(indices), 0
+    while left >= 0:
+        met, left = part_faults._meets_earlier(
+            1 + searches, indptr, indices, np.zeros(2 * legs + 1, np.int64), marks, queue, left
+        )
+        searches += 1
+    assert searches <= 4
+    assert not met
