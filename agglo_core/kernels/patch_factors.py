@@ -16,8 +16,6 @@ from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["patch_factors", "patch_orders"]
 
-_TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes with denormal numbers
-
 
 @kernel
 def patch_orders(offsets, parts, indptr, indices):
@@ -82,63 +80,66 @@ def patch_factors(width: int) -> Any:
     """Kernel ``(offsets, parts, starts, below, indptr, indices, data, pivots, factors)``; blocks have a size.
 
     It fills ``pivots`` with the inverses of the diagonal blocks of D, and ``factors`` with the blocks of −Lᵀ
-    above the diagonal; patches are those of :func:`patch_orders`, all blocks of a matrix in one flat array.
-    Returned is the first patch on which the matrix ``data`` is not positive definite, −1 if there is none.
+    above the diagonal; patches are those of :func:`patch_orders`; 0 stands for any size. Returned is the
+    first patch on which the matrix ``data`` is not positive definite, −1 if there is none.
     """
 
     @kernel(reorder_sums=True)
     def factors_of_patches(offsets, parts, starts, below, indptr, indices, data, pivots, factors):
-        n, block = width, width * width
+        n = width if width > 0 else data.shape[1]
         most = 0
         for i in range(len(offsets) - 1):
             most = max(most, offsets[i + 1] - offsets[i])
-        W = np.empty(most * most * block)  # its upper half: block of places a ≤ b at a · most + b
-        D, L = np.empty(block), np.empty(most * block)
+        W = np.empty((most * most, n, n))  # its upper half: block of places a ≤ b at a · most + b
+        D, L = np.empty((n, n)), np.empty((most, n, n))
         place = np.full(len(indptr) - 1, -1, np.int64)
         for i in range(len(offsets) - 1):
             first, size = offsets[i], offsets[i + 1] - offsets[i]
             for a in range(size):
                 place[parts[first + a]] = a
-                for k in range((a * most + a) * block, (a * most + size) * block):
-                    W[k] = 0.0
+                for b in range(a, size):
+                    for r in range(n):
+                        for q in range(n):
+                            W[a * most + b, r, q] = 0.0
             for a in range(size):
                 part = parts[first + a]
                 for h in range(indptr[part], indptr[part + 1]):
                     b = place[indices[h]]
                     if b >= a:
-                        for k in range(block):
-                            W[(a * most + b) * block + k] = data[h * block + k]
+                        for r in range(n):
+                            for q in range(n):
+                                W[a * most + b, r, q] = data[h, r, q]
             for a in range(size):
                 place[parts[first + a]] = -1
 
             for a in range(size):
-                for k in range(block):
-                    D[k] = W[(a * most + a) * block + k]
+                for r in range(n):
+                    for q in range(n):
+                        D[r, q] = W[a * most + a, r, q]
                 if not _inverted(D, n):
                     return i
                 for r in range(n):
-                    for q in range(r):
-                        D[q * n + r] = D[r * n + q]  # but for rounding it is
-                _store(D, 0, block, pivots, (first + a) * block)
+                    for q in range(n):
+                        pivots[first + a, r, q] = D[r, q]
                 low, high = starts[first + a], starts[first + a + 1]
                 for h in range(low, high):
-                    own, right = (h - low) * block, (a * most + below[h]) * block
-                    for k in range(block):
-                        L[own + k] = 0.0
+                    k, m = a * most + below[h], h - low
                     for r in range(n):
+                        for q in range(n):
+                            L[m, r, q] = 0.0
                         for c in range(n):
                             for q in range(n):
-                                L[own + r * n + q] -= D[r * n + c] * W[right + c * n + q]
-                    _store(L, own, block, factors, h * block)
+                                L[m, r, q] -= D[r, c] * W[k, c, q]
+                        for q in range(n):
+                            factors[h, r, q] = L[m, r, q]
                 for h in range(low, high):
                     for g in range(low, high):
                         if below[h] <= below[g]:
-                            into = (below[h] * most + below[g]) * block
-                            own, right = (h - low) * block, (a * most + below[g]) * block
+                            into, k, m = below[h] * most + below[g], a * most + below[g], h - low
                             for r in range(n):
                                 for c in range(n):
                                     for q in range(n):
-                                        W[into + r * n + q] += L[own + c * n + r] * W[right + c * n + q]
+                                        W[into, r, q] += L[m, c, r] * W[k, c, q]
         return -1
 
     return factors_of_patches
@@ -146,29 +147,21 @@ def patch_factors(width: int) -> Any:
 
 @helper(reorder_sums=True)
 def _inverted(D, n):
-    """Invert a symmetric matrix, by rows, in its place; False if it is not positive definite."""
+    """Invert a symmetric matrix in its place; False if it is not positive definite."""
     for j in range(n):
-        if not D[j * n + j] > 0.0:
+        if not D[j, j] > 0.0:
             return False
-        scale = 1.0 / D[j * n + j]
-        D[j * n + j] = 1.0
+        scale = 1.0 / D[j, j]
+        D[j, j] = 1.0
         for q in range(n):
-            D[j * n + q] *= scale
+            D[j, q] *= scale
         for r in range(n):
             if r != j:
-                factor = D[r * n + j]
-                D[r * n + j] = 0.0
+                factor = D[r, j]
+                D[r, j] = 0.0
                 for q in range(n):
-                    D[r * n + q] -= factor * D[j * n + q]
+                    D[r, q] -= factor * D[j, q]
+    for r in range(n):  # but for rounding it is symmetric
+        for q in range(r):
+            D[q, r] = D[r, q]
     return True
-
-
-@helper
-def _store(values, at, count, out, to):
-    """Copy ``values[at:at + count]`` to ``out[to:]``, but for tiny ones."""
-    largest = 0.0
-    for k in range(count):
-        largest = max(largest, abs(values[at + k]))
-    for k in range(count):
-        value = values[at + k]
-        out[to + k] = value if abs(value) > _TINY * largest else 0.0

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.block_sweeps import UNROLLED
+from agglo_core.kernels.block_sweeps import UNROLLED, clear_tiny
 from agglo_core.kernels.group_sweeps import group_sweeps
 from agglo_core.kernels.patch_factors import patch_factors, patch_orders
 from agglo_core.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
@@ -26,6 +26,11 @@ from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches
 
 __all__ = ["AdditivePatches", "PatchSmoother", "VertexPatches"]
+
+
+_TINY = 1e-22
+_CUBICS = 10
+"""Unknowns of a cell at degree 3, where overlapping patches serve most: factors are compiled for it."""
 
 
 class _Inverses:
@@ -58,16 +63,23 @@ class _Factors:
         width = int(A.blocksize[0])
         ordered, starts, below = patch_orders(self.offsets, parts, *_pattern(A))
         self.parts, self.starts, self.below = frozen_index(ordered), frozen_int(starts), frozen_index(below)
-        pivots, blocks = (np.empty(len(each) * width**2, dtype) for each in (ordered, below))
+        pivots, blocks = (np.empty((len(each), width, width), dtype) for each in (ordered, below))
         pattern = self.offsets, self.parts, self.starts, self.below
-        given = frozen(A.data, A.dtype).reshape(-1)
-        failed = patch_factors(width)(*pattern, *_pattern(A), given, pivots, blocks)
+        factorise = patch_factors(width if width == _CUBICS else 0)
+        failed = factorise(*pattern, *_pattern(A), frozen(A.data, A.dtype), pivots, blocks)
         _require_definite(failed, self.offsets, self.parts)
-        self.pivots, self.blocks = frozen(pivots, dtype), frozen(blocks, dtype)
+        self.pivots, self.blocks = (_without_tiny(each.reshape(-1)) for each in (pivots, blocks))
 
     @property
     def arrays(self) -> tuple[Int, Any, Int, Any, Any, Any]:
         return self.offsets, self.parts, self.starts, self.below, self.pivots, self.blocks
+
+
+def _without_tiny(values: Real) -> Real:
+    """Values of which the tiny ones become 0, lest single precision computes with denormal numbers."""
+    if values.dtype == np.float32 and len(values):
+        clear_tiny(values, values.dtype.type(_TINY * max(values.max(), -values.min())))
+    return frozen(values, values.dtype)
 
 
 def _checked(A: Any, patches: Patches) -> tuple[Int, Any]:
