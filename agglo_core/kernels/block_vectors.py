@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
 from numba.core.errors import RequireLiteralValue
 from numba.extending import intrinsic
@@ -18,8 +18,7 @@ __all__ = ["add_dots", "add_product"]
 _FLAGS = ("contract", "reassoc", "nsz")
 
 
-@intrinsic
-def add_product(typing, n, factors, start, stride, block, at, into, to):  # type: ignore[no-untyped-def]
+def _add_product(typing, n, factors, start, stride, block, at, into, to):
     """``into[to:to + n]`` += Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n], c < n.
 
     n must be a literal, or a variable of the function around a kernel.
@@ -43,8 +42,7 @@ def add_product(typing, n, factors, start, stride, block, at, into, to):  # type
     return types.void(n, factors, place, place, block, place, into, place), generate
 
 
-@intrinsic
-def add_dots(typing, n, block, at, vector, start, into, to):  # type: ignore[no-untyped-def]
+def _add_dots(typing, n, block, at, vector, start, into, to):
     """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n; n as above."""
     width = _literal(n)
 
@@ -134,3 +132,7 @@ class _Lanes:
     def _shuffled(self, one: Any, other: Any, places: Any) -> Any:
         lanes = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
         return self.builder.shuffle_vector(one, other, lanes)
+
+
+add_product: Any = intrinsic(_add_product)
+add_dots: Any = intrinsic(_add_dots)
