@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.kernels.block_vectors import add_dots
 from agglo_core.kernels.compiling import kernel
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "clear_tiny",
     "invert_blocks",
     "sweep_parts",
+    "wide_block_product",
 ]
 
 UNROLLED = 6
@@ -109,6 +111,21 @@ def block_product(width: int) -> Any:
                         row[q] += data[k, q, c] * t
             for q in range(n):
                 y[i * n + q] = row[q]
+        return y
+
+    return product
+
+
+@cache
+def wide_block_product(width: int) -> Any:
+    """The same for larger blocks, whose rows are vectors of the processor; ``data`` is flat."""
+
+    @kernel(reorder_sums=True)
+    def product(indptr, indices, data, x):
+        y = np.zeros_like(x)
+        for i in range(len(indptr) - 1):
+            for k in range(indptr[i], indptr[i + 1]):
+                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, y, i * width)
         return y
 
     return product

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.kernels.block_vectors import add_dots, add_product
 from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["patch_borders", "patch_inverses", "patch_sum", "patch_sweep"]
+__all__ = ["patch_inverses", "patch_sum", "patch_sweep"]
 
 _TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes with denormal numbers
 
@@ -82,91 +83,68 @@ def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
     return -1
 
 
-@kernel
-def patch_borders(offsets, parts, indptr, indices):
-    """For each part of a patch, the blocks in its row that lead out of the patch.
-
-    Blocks ``starts[a]:starts[a + 1]`` belong to ``parts[a]``; those before ``known[a]`` lead to parts that
-    an earlier patch holds. Returned with them: which block of the matrix each is, and its column.
-    """
-    holder = np.full(len(indptr) - 1, -1, np.int64)  # the last patch that holds a part
-    starts = np.zeros(len(parts) + 1, np.int64)
-    known = np.empty(len(parts), np.int64)
-    for i in range(len(offsets) - 1):
-        for a in range(offsets[i], offsets[i + 1]):
-            holder[parts[a]] = i
-        for a in range(offsets[i], offsets[i + 1]):
-            part, count, earlier = parts[a], 0, 0
-            for h in range(indptr[part], indptr[part + 1]):
-                count += holder[indices[h]] != i
-                earlier += (holder[indices[h]] != i) & (holder[indices[h]] >= 0)
-            starts[a + 1] = starts[a] + count
-            known[a] = starts[a] + earlier
-    blocks = np.empty(starts[-1], np.int32)
-    columns = np.empty(starts[-1], np.int32)
-    holder[:] = -1
-    for i in range(len(offsets) - 1):
-        for a in range(offsets[i], offsets[i + 1]):
-            holder[parts[a]] = i
-        for a in range(offsets[i], offsets[i + 1]):
-            part, early, late = parts[a], starts[a], known[a]
-            for h in range(indptr[part], indptr[part + 1]):
-                column = indices[h]
-                if holder[column] == i:
-                    continue
-                at = early if holder[column] >= 0 else late
-                early += holder[column] >= 0
-                late += holder[column] < 0
-                blocks[at] = h
-                columns[at] = column
-    return starts, known, blocks, columns
-
-
 @cache
 def patch_sweep(width: int) -> Any:
-    """Kernel ``(offsets, parts, inverse_starts, inverses, starts, stops, columns, border, b, x, back)``.
+    """Kernel ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x, order)``.
 
-    It returns x after solving for the unknowns of each patch in turn, others fixed; ``back``: last patch
-    first. ``inverses`` are stored by half. Block h of :func:`patch_borders`, transposed, is ``border[h]``, of
-    size ``width``; 0 stands for any. Blocks ``starts[a]:stops[a]`` enter: all, or those that can matter in a
-    first sweep from x = 0.
+    It solves for the unknowns of each overlapping patch in turn, those with the factors of
+    :mod:`agglo_core.kernels.patch_factors`; x becomes better. Patches are taken in their order (1, 0) or the
+    opposite (−1). For the order 0 b must be the residual b − A x, and is kept up. Blocks have the size
+    ``width``, and are in flat arrays.
     """
 
     @kernel(reorder_sums=True)
-    def sweep(offsets, parts, inverse_starts, inverses, starts, stops, columns, border, b, x, back):
-        n, count = width if width > 0 else border.shape[1], len(offsets) - 1
-        most = 0
+    def sweep(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x, order):
+        n, block = width, width * width
+        count, most = len(offsets) - 1, 0
         for i in range(count):
-            most = max(most, (offsets[i + 1] - offsets[i]) * n)
-        own, rest, better = np.empty(n, x.dtype), np.empty(most, x.dtype), np.empty(most, x.dtype)
-        x = x.copy()
-        for s in range(count):
-            i = count - 1 - s if back else s
-            first, last = offsets[i], offsets[i + 1]
-            for a in range(first, last):
-                row, into = np.uint32(parts[a]) * n, (a - first) * n
-                for r in range(n):
-                    own[r] = b[row + r]
-                for h in range(starts[a], stops[a]):
-                    column = np.uint32(columns[h]) * n  # unsigned: no test whether it counts from the end
-                    for c in range(n):
-                        value = x[column + c]
-                        for r in range(n):
-                            own[r] -= border[h, c, r] * value
-                for r in range(n):
-                    rest[into + r] = own[r]
-            _solve(inverses, inverse_starts[i], rest, (last - first) * n, better)
-            for a in range(first, last):
-                row, into = np.uint32(parts[a]) * n, (a - first) * n
-                for r in range(n):
-                    x[row + r] = better[into + r]
-        return x
+            most = max(most, offsets[i + 1] - offsets[i])
+        rest, better = np.empty(most * n, x.dtype), np.empty(most * n, x.dtype)
+        holder = np.full(len(indptr) - 1, -1, np.int32)  # the last patch that holds a part
+        for turn in range(count):
+            i = count - 1 - turn if order < 0 else turn
+            first, size = offsets[i], offsets[i + 1] - offsets[i]
+            for a in range(size):
+                holder[np.uint32(parts[first + a])] = i  # unsigned: no test whether it counts from the end
+            for a in range(size):
+                part = np.uint32(parts[first + a])
+                for q in range(n):
+                    rest[a * n + q] = -b[part * n + q]
+                    better[a * n + q] = 0
+                if order != 0:
+                    for h in range(indptr[part], indptr[part + 1]):
+                        column = np.uint32(indices[h])
+                        if holder[column] != i:
+                            add_dots(width, data, h * block, x, column * n, rest, a * n)
+
+            for a in range(size):
+                for h in range(starts[first + a], starts[first + a + 1]):
+                    add_product(width, rest, a * n, 1, factors, h * block, rest, below[h] * n)
+                add_product(width, rest, a * n, 1, pivots, (first + a) * block, better, a * n)
+            for back in range(size):
+                a = size - 1 - back
+                for h in range(starts[first + a], starts[first + a + 1]):
+                    add_dots(width, factors, h * block, better, below[h] * n, better, a * n)
+
+            for a in range(size):  # better is the change of x, or x itself, times −1
+                part = np.uint32(parts[first + a])
+                if order != 0:
+                    for q in range(n):
+                        x[part * n + q] = -better[a * n + q]
+                    continue
+                for q in range(n):
+                    x[part * n + q] -= better[a * n + q]
+                    b[part * n + q] = 0  # but for rounding it is
+                for h in range(indptr[part], indptr[part + 1]):
+                    column = np.uint32(indices[h])
+                    if holder[column] != i:
+                        add_product(width, better, a * n, 1, data, h * block, b, column * n)
 
     return sweep
 
 
 @helper(reorder_sums=True)
-def _solve(inverses, start, rest, m, better):
+def _multiply(inverses, start, rest, m, better):
     """``better[:m]`` becomes the product of ``rest`` with the symmetric matrix stored by half."""
     at = start
     for r in range(m):
@@ -192,7 +170,7 @@ def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
         for a in range(first, last):
             for c in range(n):
                 there[(a - first) * n + c] = weights[parts[a]] * r[parts[a] * n + c]
-        _solve(inverses, inverse_starts[i], there, (last - first) * n, better)
+        _multiply(inverses, inverse_starts[i], there, (last - first) * n, better)
         for a in range(first, last):
             for c in range(n):
                 x[parts[a] * n + c] += weights[parts[a]] * better[(a - first) * n + c]

@@ -8,6 +8,7 @@ preconditioning for p-version triangular and tetrahedral finite elements", IMA J
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,9 +16,10 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.block_sweeps import UNROLLED
+from agglo_core.kernels.block_sweeps import UNROLLED, clear_tiny
 from agglo_core.kernels.group_sweeps import group_sweeps
-from agglo_core.kernels.patch_sweeps import patch_borders, patch_inverses, patch_sum, patch_sweep
+from agglo_core.kernels.patch_factors import patch_factors, patch_orders
+from agglo_core.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
 from agglo_core.multigrid.block_matrix import in_precision
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
@@ -25,17 +27,18 @@ from agglo_core.problems import MultigridLevel, Patches
 
 __all__ = ["AdditivePatches", "PatchSmoother", "VertexPatches"]
 
+
+_TINY = 1e-22
 _CUBICS = 10
-"""Unknowns of a cell at degree 3, where overlapping patches serve most: their sweep is compiled for it."""
+"""Unknowns of a cell at degree 3, where overlapping patches serve most: factors are compiled for it."""
 
 
 class _Inverses:
     """Patches of a matrix in blocks, and the inverse of the matrix on each: its lower half, or all of it."""
 
     def __init__(self, A: Any, patches: Patches, dtype: Any, half: bool) -> None:
-        self.offsets, self.parts = frozen_int(patches.offsets), frozen_index(patches.parts)
+        self.offsets, self.parts = _checked(A, patches)
         self.width = int(A.blocksize[0])
-        self._check(A.shape[0] // self.width)
         rows = np.diff(self.offsets) * self.width
         sizes = rows * (rows + 1) // 2 if half else rows**2
         self.starts = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
@@ -44,21 +47,60 @@ class _Inverses:
         failed = patch_inverses(
             self.offsets, self.parts, *_pattern(A), blocks, frozen_int(self.starts[:-1]), half, values
         )
-        if failed >= 0:
-            members = self.parts[self.offsets[failed] : self.offsets[failed + 1]].tolist()
-            raise np.linalg.LinAlgError(f"the matrix is not positive definite on the parts {members}")
+        _require_definite(failed, self.offsets, self.parts)
         self.values = frozen(values, dtype)
-
-    def _check(self, n_parts: int) -> None:
-        if len(self.parts) and (self.parts.min() < 0 or self.parts.max() >= n_parts):
-            raise OptionError(f"patches hold part {self.parts.max()}; the matrix has blocks for {n_parts}")
-        missing = np.flatnonzero(np.bincount(self.parts, minlength=n_parts) == 0)
-        if len(missing):
-            raise OptionError(f"part {missing[0]} of {n_parts} is in no patch: it would not be smoothed")
 
     @property
     def arrays(self) -> tuple[Int, Any, Int, Any]:
         return self.offsets, self.parts, self.starts, self.values
+
+
+class _Factors:
+    """Patches of a matrix in blocks, and the factors of the matrix on each."""
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any) -> None:
+        self.offsets, parts = _checked(A, patches)
+        width = int(A.blocksize[0])
+        ordered, starts, below = patch_orders(self.offsets, parts, *_pattern(A))
+        self.parts, self.starts, self.below = frozen_index(ordered), frozen_int(starts), frozen_index(below)
+        pivots, blocks = (np.empty((len(each), width, width), dtype) for each in (ordered, below))
+        pattern = self.offsets, self.parts, self.starts, self.below
+        factorise = patch_factors(width if width == _CUBICS else 0)
+        failed = factorise(*pattern, *_pattern(A), frozen(A.data, A.dtype), pivots, blocks)
+        _require_definite(failed, self.offsets, self.parts)
+        self.pivots, self.blocks = (_without_tiny(each.reshape(-1)) for each in (pivots, blocks))
+
+    @property
+    def arrays(self) -> tuple[Int, Any, Int, Any, Any, Any]:
+        return self.offsets, self.parts, self.starts, self.below, self.pivots, self.blocks
+
+
+def _without_tiny(values: Real) -> Real:
+    """Values of which the tiny ones become 0, lest single precision computes with denormal numbers."""
+    if values.dtype == np.float32 and len(values):
+        clear_tiny(values, values.dtype.type(_TINY * max(values.max(), -values.min())))
+    return frozen(values, values.dtype)
+
+
+def _checked(A: Any, patches: Patches) -> tuple[Int, Any]:
+    """Offsets and parts of patches that hold every part of a matrix, and no others."""
+    offsets, parts, n_parts = (
+        frozen_int(patches.offsets),
+        frozen_index(patches.parts),
+        A.shape[0] // A.blocksize[0],
+    )
+    if len(parts) and (parts.min() < 0 or parts.max() >= n_parts):
+        raise OptionError(f"patches hold part {parts.max()}; the matrix has blocks for {n_parts}")
+    missing = np.flatnonzero(np.bincount(parts, minlength=n_parts) == 0)
+    if len(missing):
+        raise OptionError(f"part {missing[0]} of {n_parts} is in no patch: it would not be smoothed")
+    return offsets, parts
+
+
+def _require_definite(failed: int, offsets: Int, parts: Any) -> None:
+    if failed >= 0:
+        members = sorted(parts[offsets[failed] : offsets[failed + 1]].tolist())
+        raise np.linalg.LinAlgError(f"the matrix is not positive definite on the parts {members}")
 
 
 class VertexPatches:
@@ -71,7 +113,7 @@ class VertexPatches:
     patches : Patches
         Every part must be in one.
     dtype : numpy dtype
-        Precision of sweeps; inverses are computed in double precision.
+        Precision of sweeps; inverses and factors are computed in double precision.
 
     Attributes
     ----------
@@ -96,26 +138,23 @@ class VertexPatches:
     """
 
     def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
-        self._apart = len(patches.parts) == A.shape[0] // A.blocksize[0]  # patches do not overlap
-        own = self._inverses = _Inverses(A, patches, dtype, half=not self._apart)
         self.A = in_precision(A, dtype)
+        width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
+        self._apart = len(patches.parts) == A.shape[0] // width  # patches do not overlap
         if self._apart:
-            self._kernels = group_sweeps(own.width if own.width <= UNROLLED else 0)
-            self._rows = (frozen_int(A.indptr), frozen_index(A.indices), frozen(self.A.data, dtype))
-            return
-        starts, known, blocks, columns = patch_borders(own.offsets, own.parts, *_pattern(A))
-        self._starts, self._known = frozen_int(starts), frozen_int(known)
-        self._columns, self._border = frozen_index(columns), frozen(self.A.data[blocks].swapaxes(1, 2), dtype)
-        self._sweep = patch_sweep(own.width if own.width == _CUBICS else 0)
+            solver: _Inverses | _Factors = _Inverses(A, patches, dtype, half=False)
+            self._first, self._again = group_sweeps(width if width <= UNROLLED else 0)
+        else:
+            solver, blocks = _Factors(A, patches, dtype), blocks.reshape(-1)
+            self._again = patch_sweep(width)
+            self._first = partial(self._again, order=0)
+        self._arrays = (*solver.arrays, *_pattern(A), blocks)
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
-        if self._apart:
-            x, r = np.zeros(len(b), self.A.dtype), np.array(b, self.A.dtype)
-            self._kernels[0](*self._inverses.arrays, *self._rows, r, x)
-            return x, r
-        x = self._overlapping(b, np.zeros_like(b), self._known, back=False)
-        return x, b - self.A @ x
+        x, r = np.zeros(len(b), self.A.dtype), np.array(b, self.A.dtype)
+        self._first(*self._arrays, r, x)
+        return x, r
 
     def after(self, b: Real, x: Real) -> Real:
         """Return x after a sweep backwards."""
@@ -123,18 +162,10 @@ class VertexPatches:
 
     def sweep(self, b: Real, x: Real, *, back: bool = False) -> Real:
         """Return x ``(n,)`` after a sweep through the patches, the last first if ``back``."""
-        if not self._apart:
-            return self._overlapping(b, x, frozen_int(self._starts[1:]), back)
-        x = np.array(x, self.A.dtype)
-        order = -1 if back else 1
-        self._kernels[1](*self._inverses.arrays, *self._rows, frozen(b, self.A.dtype), x, order)
+        x, dtype = np.array(x, self.A.dtype), self.A.dtype
+        given = frozen(b, dtype) if self._apart else np.require(b, dtype, ["C", "W"])
+        self._again(*self._arrays, given, x, -1 if back else 1)
         return x
-
-    def _overlapping(self, b: Real, x: Real, stops: Int, back: bool) -> Real:
-        given = (frozen(each, self.A.dtype) for each in (b, x))
-        border = self._starts, stops, self._columns, self._border
-        swept: Real = self._sweep(*self._inverses.arrays, *border, *given, back)
-        return swept
 
 
 class AdditivePatches:

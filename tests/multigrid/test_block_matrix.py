@@ -142,12 +142,12 @@ def test_products_both_ways_and_tiny_entries(width: int) -> None:
     assert values.tolist() == [1.0, 0.0, 1e-21, 0.0, -2.0]
 
 
-@pytest.mark.parametrize("width", [1, 2, 3, 6, 7])
+@pytest.mark.parametrize("width", [1, 2, 6, 10, 17])
 def test_swift_products_are_those_of_scipy(width: int) -> None:
     rng = np.random.default_rng(width)
     A = sparse.random_array((8 * width, 8 * width), density=0.3, rng=rng).tobsr((width, width))
     x = rng.standard_normal((8 * width, 2))
-    assert isinstance(swift(A), BlockProduct) == (1 < width < 7)
+    assert isinstance(swift(A), BlockProduct) == (1 < width < 17)
     assert np.allclose(swift(A) @ x[:, 0], A @ x[:, 0], atol=1e-12)
     assert np.allclose(swift(A) @ x, A @ x, atol=1e-12)
     assert swift(A.tocsr()).format == "csr"

@@ -7,7 +7,9 @@ import pytest
 from scipy import sparse
 
 from agglo_core import samples
+from agglo_core.arrays import frozen_float, frozen_index, frozen_int
 from agglo_core.errors import OptionError
+from agglo_core.kernels.patch_factors import patch_factors, patch_orders
 from agglo_core.multigrid import AdditivePatches, VertexPatches, joined_patches, vertex_patches
 from agglo_core.multigrid.block_matrix import in_precision
 from agglo_core.multigrid.patch_smoother import PatchSmoother
@@ -90,6 +92,33 @@ def test_the_additive_step_is_a_damped_weighted_sum() -> None:
     ratio = step / (M @ np.ones(len(dense)))
     assert np.allclose(ratio, ratio[0], rtol=1e-8)
     assert 1.3 < ratio[0] * largest < 1.5  # 4/3 of an eigenvalue that is found a little low
+
+
+def test_factors_are_sparse_and_those_of_the_matrix() -> None:
+    n, size = 2, 6  # a ring: each part is coupled to two others
+    rng = np.random.default_rng(FRESH)
+    dense = 4.0 * np.eye(n * size)
+    for a, b in ((a, (a + 1) % size) for a in range(size)):
+        block = rng.uniform(-0.5, 0.5, (n, n))
+        dense[n * a : n * a + n, n * b : n * b + n] = block
+        dense[n * b : n * b + n, n * a : n * a + n] = block.T
+    A = sparse.csr_array(dense).tobsr((n, n))
+    pattern = frozen_int(A.indptr), frozen_index(A.indices)
+    offsets, parts = frozen_int([0, size]), frozen_index(np.arange(size))
+    order, starts, below = patch_orders(offsets, parts, *pattern)
+    assert sorted(order) == list(range(size))
+    assert len(below) == 2 * size - 3
+    pivots, factors = np.empty((size, n, n)), np.empty((len(below), n, n))
+    given = offsets, frozen_index(order), frozen_int(starts), frozen_index(below)
+    assert patch_factors(0)(*given, *pattern, frozen_float(A.data), pivots, factors) == -1
+    L, D = np.eye(n * size), np.zeros((n * size, n * size))
+    for a in range(size):
+        own = slice(n * a, n * a + n)
+        D[own, own] = np.linalg.inv(pivots[a])
+        for h in range(starts[a], starts[a + 1]):
+            L[n * below[h] : n * below[h] + n, own] = -factors[h].T
+    unknowns = (n * order[:, None] + np.arange(n)).ravel()
+    assert np.allclose(L @ D @ L.T, dense[np.ix_(unknowns, unknowns)])
 
 
 def test_a_patch_of_everything_solves() -> None:

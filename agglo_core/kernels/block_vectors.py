@@ -1,0 +1,138 @@
+"""Products of small blocks with vectors, in registers: rows of a block are vectors of the processor.
+
+The compiler unrolls loops over the 10 rows and columns of a block, and then finds nothing to vectorise. So
+the instructions are written here. All arrays are flat and of one dtype.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core.errors import RequireLiteralValue
+from numba.extending import intrinsic
+
+__all__ = ["add_dots", "add_product"]
+
+_FLAGS = ("contract", "reassoc", "nsz")
+
+
+def _add_product(typing, n, factors, start, stride, block, at, into, to):
+    """``into[to:to + n]`` += Σ_c factors[start + c · stride] · block[at + c · n:at + (c + 1) · n], c < n.
+
+    n must be a literal, or a variable of the function around a kernel.
+    """
+    width = _literal(n)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lanes = _Lanes(context, builder, signature, args, width)
+        totals = [lanes.vector(6, args[7]), None]
+        for c in range(width):
+            place = builder.add(args[2], builder.mul(args[3], ir.Constant(args[3].type, c)))
+            factor = lanes.spread(builder.load(lanes.address(1, place)))
+            product = builder.fmul(factor, lanes.row(4, args[5], c), flags=_FLAGS)
+            before = totals[c % 2]  # two sums: each addition waits for the one before
+            totals[c % 2] = product if before is None else builder.fadd(before, product, flags=_FLAGS)
+        first, second = totals
+        lanes.store(6, args[7], first if second is None else builder.fadd(first, second, flags=_FLAGS))
+        return context.get_dummy_value()
+
+    place = types.intp
+    return types.void(n, factors, place, place, block, place, into, place), generate
+
+
+def _add_dots(typing, n, block, at, vector, start, into, to):
+    """``into[to + c]`` += Σ_q block[at + c · n + q] · vector[start + q], c and q < n; n as above."""
+    width = _literal(n)
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        lanes = _Lanes(context, builder, signature, args, width)
+        other = lanes.vector(3, args[4])
+        rows = [builder.fmul(lanes.row(1, args[2], c), other, flags=_FLAGS) for c in range(width)]
+        found = builder.fadd(lanes.vector(5, args[6]), lanes.sums(rows), flags=_FLAGS)
+        lanes.store(5, args[6], found)
+        return context.get_dummy_value()
+
+    place = types.intp
+    return types.void(n, block, place, vector, place, into, place), generate
+
+
+def _literal(n: Any) -> int:
+    if not isinstance(n, types.IntegerLiteral):
+        raise RequireLiteralValue("the size of blocks must be known to the compiler")
+    return int(n.literal_value)
+
+
+class _Lanes:
+    """Writes the instructions for vectors of ``width`` entries, which zeros make up to a power of two."""
+
+    def __init__(self, context: Any, builder: Any, signature: Any, args: Any, width: int) -> None:
+        self.context, self.builder, self.signature, self.args = context, builder, signature, args
+        dtype = signature.args[1].dtype
+        self.bits, self.one = dtype.bitwidth, context.get_value_type(dtype)
+        self.width, self.count = width, 1 << (width - 1).bit_length()
+        self.short, self.full = ir.VectorType(self.one, width), ir.VectorType(self.one, self.count)
+
+    def address(self, argument: int, place: Any) -> Any:
+        array = self.context.make_array(self.signature.args[argument])(
+            self.context, self.builder, self.args[argument]
+        )
+        return self.builder.gep(array.data, [place])
+
+    def vector(self, argument: int, place: Any) -> Any:
+        """Entries of an array from a place on."""
+        at = self.builder.bitcast(self.address(argument, place), self.short.as_pointer())
+        short = self.builder.load(at, align=self.bits // 8)
+        return self._shuffled(short, ir.Constant(self.short, None), range(self.count))
+
+    def row(self, argument: int, at: Any, c: int) -> Any:
+        """Row c of a block, in one instruction where the processor has masks."""
+        builder = self.builder
+        place = builder.add(at, ir.Constant(at.type, c * self.width))
+        bit, pointer = ir.IntType(1), self.full.as_pointer()
+        mask = ir.Constant(ir.VectorType(bit, self.count), [int(k < self.width) for k in range(self.count)])
+        name = f"llvm.masked.load.v{self.count}f{self.bits}.p0"
+        kinds = [pointer, ir.IntType(32), mask.type, self.full]
+        load = builder.module.declare_intrinsic(name, (), ir.FunctionType(self.full, kinds))
+        target = builder.bitcast(self.address(argument, place), pointer)
+        align = ir.Constant(ir.IntType(32), self.bits // 8)
+        return builder.call(load, [target, align, mask, ir.Constant(self.full, None)])
+
+    def spread(self, value: Any) -> Any:
+        """A vector of equal entries."""
+        nothing, first = ir.Constant(self.full, ir.Undefined), ir.Constant(ir.IntType(32), 0)
+        one = self.builder.insert_element(nothing, value, first)
+        return self._shuffled(one, nothing, [0] * self.count)
+
+    def store(self, argument: int, place: Any, vector: Any) -> None:
+        at = self.builder.bitcast(self.address(argument, place), self.short.as_pointer())
+        short = self._shuffled(vector, vector, range(self.width))
+        self.builder.store(short, at, align=self.bits // 8)
+
+    def sums(self, vectors: list[Any]) -> Any:
+        """The vector of the sums of the entries of vectors, by halves, two vectors becoming one."""
+        count, part = self.count, self.count
+        vectors = [*vectors, *[None] * (count - len(vectors))]
+        while part > 1:
+            half, pairs = part // 2, zip(vectors[::2], vectors[1::2], strict=True)
+            low = [k for k in range(2 * count) if k % part < half]
+            high = [k + half for k in low]
+            vectors = [self._halved(one, other, low, high) for one, other in pairs]
+            part = half
+        return vectors[0]
+
+    def _halved(self, one: Any, other: Any, low: list[int], high: list[int]) -> Any:
+        if one is None:
+            return None
+        other = ir.Constant(self.full, None) if other is None else other
+        parts = (self._shuffled(one, other, each) for each in (low, high))
+        return self.builder.fadd(*parts, flags=_FLAGS)
+
+    def _shuffled(self, one: Any, other: Any, places: Any) -> Any:
+        lanes = ir.Constant(ir.VectorType(ir.IntType(32), len(places)), list(places))
+        return self.builder.shuffle_vector(one, other, lanes)
+
+
+add_product: Any = intrinsic(_add_product)
+add_dots: Any = intrinsic(_add_dots)
