@@ -155,7 +155,8 @@ def _discretised(
 def _finite(values: Float) -> bool:
     """Whether all values are; their squares need not be, but if these are that is faster to tell."""
     flat = values.ravel()
-    return bool(np.isfinite(flat @ flat) or np.isfinite(flat).all())
+    with np.errstate(over="ignore"):  # the square may, though no entry does
+        return bool(np.isfinite(flat @ flat) or np.isfinite(flat).all())
 
 
 def _given(problem: Linear, n: int) -> FineSystem:
