@@ -6,9 +6,10 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import LinearOperator, aslinearoperator
+from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.errors import OptionError
+from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.stack import LevelStack, Real
 
 __all__ = ["cycle"]
@@ -60,12 +61,20 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
         np.divide(residual, size, out=b, casting="same_kind")
         return np.multiply(_solved(stack, 0, b, kind), size, dtype=np.float64)
 
-    n = stack.levels[0].A.shape[0]
-    operator = LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)
-    if stack.scaling is None:
-        return operator
-    forth, back = (aslinearoperator(sparse.csr_array(T)) for T in (stack.scaling, stack.scaling.T))
-    return back @ operator @ forth
+    n, between = stack.levels[0].A.shape[0], applied
+    if stack.scaling is not None:
+        forth, back = (_product(T) for T in (stack.scaling, stack.scaling.T))
+
+        def between(r: Any) -> Any:
+            return back @ applied(forth @ np.asarray(r, dtype=np.float64).ravel())
+
+    return LinearOperator((n, n), matvec=between, rmatvec=between, dtype=np.float64)
+
+
+def _product(T: Any) -> Any:
+    """A matrix ready for many products, in small blocks if it has any."""
+    ready = swift(T)
+    return sparse.csr_array(T) if ready is T else ready
 
 
 def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
