@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
-from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import Index, Int, frozen_index, frozen_int
 from agglo_core.kernels.patch_search import parts_at_vertices, without_contained
 from agglo_core.mesh import Mesh
+from agglo_core.multigrid.joined_patches import joined_patches
 from agglo_core.problems import Patches
 
 __all__ = ["vertex_patches"]
 
-_SHORT = 0.5
+_SHORT = 0.4
+"""An edge is short below this part of the diameter of a cell beside it."""
+_JOINED = 3
 _MOST = 64
 
 
@@ -28,9 +29,9 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     mesh : Mesh
         In 2-D or 3-D.
     labels : (n_cells,) int, optional
-        Part of each cell, 0..k−1. By default the cells are the parts; then vertices joined by an edge
-        shorter than half the width |K| / diam K of the cells beside it (in 3-D 2|K| / |∂K|) count as one:
-        the patches around both would hardly differ.
+        Part of each cell, 0..k−1. By default the cells are the parts; then up to three vertices joined by
+        edges shorter than 0.4 of the diameter of a cell beside count as one: the patches around each would
+        hardly differ, and needles are smoothed together with all cells around them.
     most : int
         A vertex where more parts meet has no patch, so that the dense matrices of patches stay small.
 
@@ -48,7 +49,7 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     """
     if labels is None:
         parts, n_parts = frozen_int(np.arange(mesh.n_cells)), mesh.n_cells
-        groups, n_groups = _joined_vertices(mesh)
+        groups, n_groups = _joined_vertices(mesh, most)
     else:
         parts = mesh.check_labels(labels)
         n_parts = int(parts.max(initial=-1)) + 1
@@ -58,19 +59,24 @@ def vertex_patches(mesh: Mesh, labels: Int | None = None, *, most: int = _MOST) 
     return Patches(frozen_int(offsets), frozen_int(members))
 
 
-def _joined_vertices(mesh: Mesh) -> tuple[Index, int]:
-    """Group of each point ``(n_points,)`` when the ends of short edges are one; and how many groups."""
+def _joined_vertices(mesh: Mesh, most: int) -> tuple[Index, int]:
+    """Group of each point ``(n_points,)`` when the ends of short edges are one; and how many groups.
+
+    Up to three are one, along the shortest edges; none where so many cells meet that all of three such
+    vertices might be more than ``most``.
+    """
     ends, faces = _edges(mesh)
     lengths = np.linalg.norm(mesh.local_points[ends[:, 1]] - mesh.local_points[ends[:, 0]], axis=1)
     owner, other = mesh.face_cells[faces].T
-    width = _widths(mesh)
-    short = lengths < _SHORT * np.minimum(width[owner], width[np.where(other < 0, owner, other)])
-    n = mesh.n_points
-    if not short.any():
-        return frozen_index(np.arange(n)), n
-    links = sparse.coo_array((np.ones(int(short.sum())), tuple(ends[short].T)), shape=(n, n))
-    count, groups = connected_components(links, directed=False)
-    return frozen_index(groups), int(count)
+    diameters = mesh.cell_diameters
+    ratio = lengths / np.maximum(diameters[owner], diameters[np.where(other < 0, owner, other)])
+    many = np.bincount(mesh.cell_vertices[1], minlength=mesh.n_points) > most // _JOINED
+    short = np.flatnonzero((ratio < _SHORT) & ~many[ends].any(axis=1))
+    short = short[np.argsort(ratio[short], kind="stable")]
+    joined = joined_patches(ends[short], mesh.n_points, most=_JOINED)
+    groups = np.empty(mesh.n_points, np.int32)
+    groups[joined.parts] = np.repeat(np.arange(len(joined)), np.diff(joined.offsets))
+    return frozen_index(groups), len(joined)
 
 
 def _edges(mesh: Mesh) -> tuple[Int, Int]:
@@ -81,12 +87,3 @@ def _edges(mesh: Mesh) -> tuple[Int, Int]:
     following[mesh.face_offsets[1:] - 1] = mesh.face_offsets[:-1]
     ends = np.stack((mesh.face_vertices, mesh.face_vertices[following]), axis=1)
     return frozen_int(ends), frozen_int(np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets)))
-
-
-def _widths(mesh: Mesh) -> Float:
-    """Width of each cell ``(n_cells,)``: small where it is thin."""
-    if mesh.dim == 2:
-        return mesh.cell_measures / mesh.cell_diameters
-    offsets, faces = mesh.cell_faces
-    surface = np.add.reduceat(mesh.face_measures[faces], offsets[:-1])
-    return frozen_float(2.0 * mesh.cell_measures / surface)

@@ -65,9 +65,9 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     A face is strong if its penalty is more than 3 times the smallest of one of its cells; a mesh with more
     than 6 % strong inner faces is bad (slivers, boundary layers).
 
-    * Bad meshes: groups of cells; from degree 3 on vertex patches.
+    * Bad meshes: groups of cells; from degree 2 on vertex patches.
     * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 3 on
-      groups of cells.
+      vertex patches.
     * Layers of flat triangles or quadrilaterals: classical levels, guided by the couplings in the cells.
     * Degree 1 on another mesh that is not bad, with κ of about one size: aggregates of vertices, in the
       W-cycle. They are cheap, and alone slow. Classical levels elsewhere, in the V-cycle: they hold where
@@ -102,7 +102,7 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     easy = degree == 1 and not (bad or layers) and contrast <= _SMOOTH
     smoother: Literal["cells", "groups", "patches"] = "cells"
     if bad or (polygons and degree > 2):
-        smoother = "patches" if bad and degree > 2 else "groups"
+        smoother = "patches" if degree > 1 else "groups"
     dtype = np.float64 if contrast > _CONTRAST else np.float32
     reason = f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell"
     return Difficulty(

@@ -79,7 +79,7 @@ def test_vertices_of_a_short_edge_are_one_on_the_finest_level_only() -> None:
     c = j * (n + 1) + i
     cells = np.stack((c, c + 1, c + n + 2, c + n + 1), axis=1)
     layer = Mesh.from_polygons(np.stack((X.ravel(), Y.ravel()), axis=1), cells)
-    assert len(vertex_patches(layer)) == (n - 1) ** 2  # thin cells do not collapse
+    assert np.diff(vertex_patches(layer).offsets).max() == 8  # three vertices of a column at a time, not all
 
     hexagons = Mesh.from_polygons(*_offset_rows(0.02))
     merged, apart = vertex_patches(hexagons), vertex_patches(hexagons, np.arange(hexagons.n_cells))
@@ -100,7 +100,7 @@ def test_short_edges_in_three_dimensions() -> None:
     boxes = samples.boxes(3)
     assert len(vertex_patches(boxes)) == 8
     flat = Mesh(boxes.points * [1.0, 1.0, 1e-4], boxes.face_offsets, boxes.face_vertices, boxes.face_cells)
-    assert len(vertex_patches(flat)) == 8
+    assert np.diff(vertex_patches(flat).offsets).tolist() == [12] * 4  # columns
 
 
 def test_labels_with_gaps_are_refused() -> None:

@@ -233,8 +233,7 @@ def test_the_choice_by_the_penalty() -> None:
     assert chosen(samples.triangles(6), 2) == ("cells", True, *classical, *single)
     assert chosen(samples.hexagons(6), 1) == ("cells", False, *aggregated, *single)
     assert chosen(samples.hexagons(6), 2) == ("cells", False, *classical, *single)
-    assert chosen(samples.hexagons(6), 3) == ("groups", False, *classical, *single)
+    assert chosen(samples.hexagons(6), 3) == ("patches", False, *classical, *single)
     assert chosen(graded(12, 1e-3), 1) == ("groups", True, *classical, *single)
-    assert chosen(graded(12, 1e-3), 2) == ("groups", True, *classical, *single)
-    assert chosen(graded(12, 1e-3), 3) == ("patches", True, *classical, *single)
+    assert chosen(graded(12, 1e-3), 2) == ("patches", True, *classical, *single)
     assert difficulty(samples.squares(6), face_penalty(samples.squares(6), 1), np.ones(36), 1).strong == 0.0
