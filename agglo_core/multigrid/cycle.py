@@ -15,8 +15,8 @@ from agglo_core.multigrid.stack import LevelStack, Real
 __all__ = ["cycle"]
 
 Kind = Literal["V", "W", "F", "K"]
-_NEXT = {"V": ("V",), "W": ("W", "W"), "F": ("F", "V"), "K": ("K", "K")}
-"""The cycles by which the next level is solved, one after the other, each for what the ones before left."""
+_NEXT = {"V": ("V",), "W": ("W", "W"), "F": ("F", "V"), "K": ("K",)}
+"""The cycles of a visit to the next level, one after the other, each for what the ones before left."""
 
 
 def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
@@ -88,23 +88,22 @@ def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
 
 
 def _corrected(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
-    """The same on the level below, by one or two cycles."""
+    """The same on the level below, by the cycles of its visits."""
     level = stack.levels[at]
     if level.smoother is None:
         return stack.coarse(b)
-    if kind == "K":
-        return _two_steps(stack, at, b)
-    first, *rest = _NEXT[kind]
-    x = _solved(stack, at, b, first)
+    solved = _two_steps if kind == "K" else _solved
+    first, *rest = _NEXT[kind] * level.visits
+    x = solved(stack, at, b, first)
     for again in rest:
-        x = x + _solved(stack, at, b - level.A @ x, again)
+        x = x + solved(stack, at, b - level.A @ x, again)
     return x
 
 
-def _two_steps(stack: LevelStack, at: int, b: Real) -> Real:
+def _two_steps(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     """At most two steps of flexible conjugate gradients, preconditioned by the K-cycle."""
     A = stack.levels[at].A
-    p = _solved(stack, at, b, "K")
+    p = _solved(stack, at, b, kind)
     Ap = A @ p
     curvature, along = p @ Ap, p @ b
     if not curvature > 0.0:
@@ -113,7 +112,7 @@ def _two_steps(stack: LevelStack, at: int, b: Real) -> Real:
     r = b - (along / curvature) * Ap
     if r @ r <= 0.0625 * (b @ b):  # a quarter of the residual is left: one step will do
         return x
-    z = _solved(stack, at, r, "K")
+    z = _solved(stack, at, r, kind)
     z = z - ((z @ Ap) / curvature) * p
     Az = A @ z
     bent = z @ Az

@@ -55,6 +55,8 @@ class Level:
         Part of this level that holds each cell of the mesh, where parts are agglomerates.
     patches : Patches, optional
         Groups of parts that are smoothed together.
+    visits : int
+        How often the level is visited for each visit of the one above, whatever the cycle.
     """
 
     A: Any
@@ -63,6 +65,7 @@ class Level:
     smoother: LevelSmoother | None = None
     labels: Int | None = None
     patches: Patches | None = None
+    visits: int = 1
 
     @cached_property
     def PT(self) -> Any:

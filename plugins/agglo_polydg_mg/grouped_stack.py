@@ -20,6 +20,10 @@ from agglo_polydg_mg.conforming_stack import conforming_stack
 
 __all__ = ["grouped_stack"]
 
+_SMALL = 0.25
+"""Levels whose matrix has at most this part of the entries of the one above are visited twice under patches,
+which leave so little that a single visit is what iterations wait for."""
+
 
 def grouped_stack(
     system: System,
@@ -67,4 +71,10 @@ def grouped_stack(
     first, *below = stack.levels
     P = sparse.csr_array(scaled.LT @ first.P).astype(dtype)
     top = replace(first, A=smoother.A, P=P, patches=groups)
+    if overlap:
+        above = [system.A, *(level.A for level in below)]
+        below = [
+            replace(level, visits=2 if level.A.nnz <= _SMALL * A.nnz else 1)
+            for level, A in zip(below, above, strict=False)
+        ]
     return replace(stack, levels=[top, *below], scaling=scaled.T)

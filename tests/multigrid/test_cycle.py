@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -54,6 +56,16 @@ def test_more_work_converges_faster() -> None:
         for kind in ("V", "F", "W")
     }
     assert rho["W"] < rho["F"] < rho["V"] < 1.0
+
+
+def test_two_visits_to_every_level_are_the_w_cycle() -> None:
+    stack = line_stack(64)
+    twice = replace(stack, levels=[replace(level, visits=2) for level in stack.levels])
+    first = replace(stack, levels=[stack.levels[0], replace(stack.levels[1], visits=2), *stack.levels[2:]])
+    M, W, V = (cycle(each, kind) @ np.eye(64) for each, kind in ((twice, "V"), (stack, "W"), (first, "V")))
+    assert np.array_equal(M, W)
+    assert np.allclose(V, V.T, atol=1e-12)
+    assert not np.allclose(V, W)
 
 
 def test_the_k_cycle_needs_fewer_iterations_than_v() -> None:

@@ -21,13 +21,13 @@ from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
 
 FRESH = 20261122
 SOURCE = Diffusion(source=8.0)
-MESHES: dict[str, tuple[Callable[[int], Mesh], int]] = {
-    "triangles": (lambda n: samples.triangles(round((n / 2) ** 0.5)), 14),
-    "squares": (lambda n: samples.squares(round(n**0.5)), 18),
-    "voronoi": (lambda n: samples.voronoi(n, seed=FRESH), 20),
-    "random_triangles": (lambda n: samples.random_triangles(n // 2, seed=FRESH), 18),
+MESHES: dict[str, tuple[Callable[[int], Mesh], tuple[int, int, int]]] = {
+    "triangles": (lambda n: samples.triangles(round((n / 2) ** 0.5)), (10, 10, 10)),
+    "squares": (lambda n: samples.squares(round(n**0.5)), (8, 8, 9)),
+    "voronoi": (lambda n: samples.voronoi(n, seed=FRESH), (12, 17, 10)),
+    "random_triangles": (lambda n: samples.random_triangles(n // 2, seed=FRESH), (16, 8, 8)),
 }
-"""Meshes of about n cells, and the most iterations to 1e-6."""
+"""Meshes of about n cells, and the most iterations to 1e-6 at degrees 1, 2, 3."""
 
 
 def bare(mesh: Mesh) -> Hierarchy:
@@ -51,7 +51,7 @@ def solved(
 @pytest.mark.parametrize("name", MESHES)
 def test_few_iterations(name: str, degree: int) -> None:
     make, most = MESHES[name]
-    assert solved(make(400), degree=degree).iterations <= most, f"seed {FRESH}"
+    assert solved(make(400), degree=degree).iterations <= most[degree - 1], f"seed {FRESH}"
 
 
 @pytest.mark.slow
@@ -62,7 +62,7 @@ def test_few_iterations_on_larger_meshes(name: str, degree: int, cells: int) -> 
     make, most = MESHES[name]
     found = PolyDGMultigrid(degree=degree).solve(SOURCE, bare(make(cells)))
     assert found.converged
-    assert found.iterations <= most, f"seed {FRESH}"
+    assert found.iterations <= most[degree - 1], f"seed {FRESH}"
 
 
 @pytest.mark.parametrize("degree", [4, 5, 6])
