@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import ONE, kernel
 
 __all__ = [
     "CELLS",
@@ -14,7 +14,6 @@ __all__ = [
     "FLOOR",
     "MASS",
     "ROOM",
-    "SHARE",
     "Cells",
     "Slices",
     "State",
@@ -28,8 +27,8 @@ _LITTLE = 5e-4
 """A sweep that lowers the objective of a block by less than this share is the last one there."""
 
 _COLUMNS = 8  # of the sums of a part: they fill a line of the cache
-MASS, ROOM, FLOOR, CELLS, SHARE, CENTRE = 0, 1, 2, 3, 4, 5
-"""Columns of these sums: weight, measure, least measure, cells, interface with the cell looked at, centre."""
+MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
+"""Columns of these sums: weight, centre, cells, measure, least measure; what is read most comes first."""
 
 
 class Cells(NamedTuple):
@@ -83,7 +82,7 @@ def part_tally(labels, count, centroids, weights, measures, floor):
     n, solid = len(labels), centroids.shape[1] > 2
     parts, tally = np.empty(n, np.int32), np.zeros((count, _COLUMNS))
     for i in range(n):
-        p, w = labels[i], weights[i]
+        p, w = np.uint32(labels[i]), weights[i]
         parts[i] = p
         tally[p, MASS] += w
         tally[p, ROOM] += measures[i]
@@ -110,11 +109,11 @@ def interface_cells(given, parts, tally, starts):
     for b in range(len(blocks)):
         for p in range(starts[b], starts[b + 1]):
             owner[p] = b
-    for i in range(n):
-        p, length, others = parts[i], 0.0, np.int64(0)
-        b = owner[p]
-        for h in range(given.indptr[i], given.indptr[i + 1]):
-            q = parts[given.indices[h]]
+    for i in range(np.uint64(n)):
+        p, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
+        b = np.uint32(owner[p])
+        for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
+            q = np.uint32(parts[np.uint32(given.indices[h])])
             other = np.int64(q != p)
             if several:
                 other &= owner[q] == b
@@ -146,21 +145,21 @@ def listed_cells(state, work, sweep, before, alpha):
         for a in range(2):
             state.blocks[b, a] += state.gains[b, a]
             state.gains[b, a] = 0.0
-    count = np.int64(0)
+    count = np.uint64(0)
     for i in range(len(state.parts)):
         work.queue[count] = i  # no branch: it would be mispredicted half the time
-        count += state.due[i] == sweep
+        count += np.uint64(state.due[i] == sweep)
     for r in range(len(state.first)):
         state.first[r] = 0
     for c in range(count):
-        state.first[state.parts[work.queue[c]]] += 1
+        state.first[np.uint32(state.parts[np.uint32(work.queue[c])])] += 1
     filled = 0
     for r in range(len(state.first)):
         filled += state.first[r]
         state.first[r] = filled
-    for c in range(count - 1, -1, -1):
-        i = work.queue[c]
-        r = state.parts[i]
+    for c in range(count):
+        i = np.uint32(work.queue[count - ONE - c])
+        r = np.uint32(state.parts[i])
         state.first[r] -= 1
-        state.listed[state.first[r]] = i
-    return count
+        state.listed[np.uint32(state.first[r])] = i
+    return np.int64(count)
