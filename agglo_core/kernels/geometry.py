@@ -4,12 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 
-__all__ = ["block_diameters", "box", "compare_diameters", "distinct_vertices", "largest_distance", "octagon"]
+__all__ = [
+    "block_diameters",
+    "box",
+    "compare_diameters",
+    "distinct_vertices",
+    "is_wider",
+    "largest_distance",
+    "octagon",
+    "wide_blocks",
+]
 
 _FEW = 12  # vertices up to which every pair of them is compared
 _MANY = 64  # vertices from which on pairs are searched for
+_ROUNDING = 1e-12  # of a squared distance, with room
 
 
 @helper
@@ -118,6 +128,77 @@ def largest_distance(m, unique, centre, points):
     return np.sqrt(widest)
 
 
+@helper
+def _square(v, x, y, z, points):
+    """Square of the distance of vertex v from a point; in the plane z is not looked at."""
+    last = points.shape[1] - 1
+    a, b, c = points[v, 0] - x, points[v, 1] - y, (last - 1.0) * (points[v, last] - z)
+    return a * a + b * b + c * c  # a loop over two or three takes twice the time
+
+
+@helper
+def _outside(cells, vertex_offsets, vertices, points, centre, inner, found):
+    """Write the vertices of which the squared distance to the centre is at least ``inner``; how many."""
+    x, y, z, m = centre[0], centre[1], centre[len(centre) - 1], np.uint64(0)
+    for k in range(len(cells)):
+        i = np.uint64(cells[k])
+        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
+            found[m] = vertices[h]  # no branch: it would be mispredicted
+            m += np.uint64(_square(np.uint32(vertices[h]), x, y, z, points) >= inner)
+    return np.int64(m)
+
+
+@helper
+def _reach(cells, vertex_offsets, vertices, points, centre):
+    """Square of the largest distance of a vertex of the cells from the centre; how many there are at most."""
+    x, y, z, most, count = centre[0], centre[1], centre[len(centre) - 1], 0.0, 0
+    for k in range(len(cells)):
+        i = np.uint64(cells[k])
+        count += vertex_offsets[i + ONE] - vertex_offsets[i]
+        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
+            most = max(most, _square(np.uint32(vertices[h]), x, y, z, points))
+    return most, count
+
+
+@helper(allocates=True)
+def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
+    """Whether two vertices of the cells are further apart than ``limit``.
+
+    Both must lie outside the ball where distance to the ``centre``, any point, is below ``limit`` − (largest
+    distance to it): in the middle of the cells it leaves few. Those are sorted along x, so that the copies of
+    a vertex, one for each of its cells, come one after the other.
+    """
+    reach, count = _reach(cells, vertex_offsets, vertices, points, centre)
+    least, inner = limit * limit * (1.0 - _ROUNDING), limit - np.sqrt(reach)
+    if 4.0 * reach < least:
+        return False
+    inner = inner * inner * (1.0 - _ROUNDING) if inner > 0.0 else 0.0
+    far = np.empty(count + 1, np.int32)
+    m = _outside(cells, vertex_offsets, vertices, points, centre, inner, far)
+    _sort_along_x(m, far, points)
+    distinct, widest, last = min(m, 1), 0.0, points.shape[1] - 1
+    for k in range(1, m):
+        far[distinct] = far[k]
+        distinct += far[distinct] != far[distinct - 1]
+    if distinct > _MANY:
+        return np.sqrt(_widest_of_many(distinct, far, centre, points, reach, least)) > limit
+    for i in range(1, distinct):
+        x, y, z = points[far[i], 0], points[far[i], 1], points[far[i], last]
+        for j in range(i):
+            widest = max(widest, _square(np.uint32(far[j]), x, y, z, points))
+    return np.sqrt(widest) > limit
+
+
+@kernel
+def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres, limit):
+    """Which blocks have two vertices further apart than ``limit``; the ``centres`` are in their middle."""
+    wide = np.empty(len(block_offsets) - 1, np.bool_)
+    for b in range(len(wide)):
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        wide[b] = is_wider(own, vertex_offsets, vertices, points, centres[b], limit)
+    return wide
+
+
 @kernel
 def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
@@ -132,22 +213,24 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
 
 
 @helper
-def octagon(cells, vertex_offsets, vertices, points, enough):
+def octagon(cells, vertex_offsets, vertices, points, enough, centre):
     """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
     Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
-    as soon as the lower one is known to exceed ``enough``.
+    as soon as the lower one is known to exceed ``enough``. Otherwise the ``centre`` of the box is written.
     """
     x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
     x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
-    for i in range(len(cells)):
-        for h in range(np.uint64(vertex_offsets[cells[i]]), np.uint64(vertex_offsets[cells[i] + 1])):
+    for k in range(len(cells)):
+        i = np.uint64(cells[k])
+        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
             v = np.uint32(vertices[h])
             x, y = points[v, 0], points[v, 1]
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
             u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
         if max(x1 - x0, y1 - y0) > enough:
             return np.inf, np.inf
+    centre[0], centre[1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     lower = max(max(x1 - x0, y1 - y0), np.sqrt(0.5) * max(u1 - u0, v1 - v0))
     return lower, lower / np.cos(np.pi / 8.0)
 
@@ -181,7 +264,7 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
         if points.shape[1] == 2:
-            lower, upper = octagon(own, vertex_offsets, vertices, points, enough)
+            lower, upper = octagon(own, vertex_offsets, vertices, points, enough, centre)
         else:
             lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower

@@ -13,6 +13,7 @@ __all__ = [
     "dual_graph",
     "flood",
     "join_before",
+    "listed_blocks",
     "numbered_as_met",
     "permute_graph",
     "take_rows",
@@ -91,6 +92,28 @@ def take_rows(offsets, values, order):
             taken[m] = values[h]
             m += ONE
     return new_offsets, taken
+
+
+@kernel
+def listed_blocks(labels, chosen, count):
+    """Cells of the ``chosen`` ones of ``count`` labels, in turn; and where those of each begin."""
+    place, offsets = np.full(count, len(chosen), np.int32), np.zeros(len(chosen) + 1, np.int64)
+    following, total = np.zeros(len(chosen) + 1, np.int64), 0
+    for b in range(len(chosen)):
+        place[chosen[b]] = b
+    for i in range(len(labels)):
+        following[np.uint32(place[np.uint64(labels[i])])] += 1
+    for b in range(len(chosen)):
+        own = following[b]
+        offsets[b], following[b] = total, total
+        total += own
+    offsets[len(chosen)], following[len(chosen)] = total, total
+    cells = np.empty(total + 1, np.int32)  # cells of other labels go to the last place
+    for i in range(len(labels)):
+        block = np.uint32(place[np.uint64(labels[i])])
+        cells[np.uint64(following[block])] = i
+        following[block] += block < len(chosen)
+    return cells[:total], offsets
 
 
 @kernel

@@ -52,8 +52,7 @@ def edges_of_piece(graph, cells, lo, hi, tag, marks, room):
     own, _ = side_tags(lo, hi)
     start, n, count = np.uint64(lo), np.uint64(hi - lo), np.uint64(0)
     for k in range(n):
-        i = np.uint32(cells[start + k])
-        tag[i], marks[i, 1] = own, k
+        tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = own, k
     for k in range(n):
         i = np.uint64(np.uint32(cells[start + k]))
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):

@@ -82,14 +82,14 @@ def part_tally(labels, count, centroids, weights, measures, floor):
     n, solid = len(labels), centroids.shape[1] > 2
     parts, tally = np.empty(n, np.int32), np.zeros((count, _COLUMNS))
     for i in range(n):
-        p, w = np.uint32(labels[i]), weights[i]
-        parts[i] = p
-        tally[p, MASS] += w
-        tally[p, ROOM] += measures[i]
-        tally[p, CELLS] += 1.0
-        tally[p, CENTRE] += w * centroids[i, 0]
-        tally[p, CENTRE + 1] += w * centroids[i, 1]
-        tally[p, CENTRE + 2] += w * centroids[i, 2] if solid else 0.0
+        home, w = np.uint32(labels[i]), weights[i]
+        parts[i] = home
+        tally[home, MASS] += w
+        tally[home, ROOM] += measures[i]
+        tally[home, CELLS] += 1.0
+        tally[home, CENTRE] += w * centroids[i, 0]
+        tally[home, CENTRE + 1] += w * centroids[i, 1]
+        tally[home, CENTRE + 2] += w * centroids[i, 2] if solid else 0.0
     for p in range(count):
         mass = tally[p, MASS]
         tally[p, FLOOR] = floor * tally[p, ROOM]
@@ -110,20 +110,20 @@ def interface_cells(given, parts, tally, starts):
         for p in range(starts[b], starts[b + 1]):
             owner[p] = b
     for i in range(np.uint64(n)):
-        p, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
-        b = np.uint32(owner[p])
+        home, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
+        block = np.uint32(owner[home])
         for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
             q = np.uint32(parts[np.uint32(given.indices[h])])
-            other = np.int64(q != p)
+            other = np.int64(q != home)
             if several:
-                other &= owner[q] == b
+                other &= owner[q] == block
             others += other
             length += given.interface[h] * other  # no branch: it would be mispredicted
-        square = (given.centroids[i, 0] - tally[p, CENTRE]) ** 2
-        square += (given.centroids[i, 1] - tally[p, CENTRE + 1]) ** 2
-        square += (given.centroids[i, 2] - tally[p, CENTRE + 2]) ** 2 if solid else 0.0
-        blocks[b, 0] += given.weights[i] * square
-        blocks[b, 1] += 0.5 * length
+        square = (given.centroids[i, 0] - tally[home, CENTRE]) ** 2
+        square += (given.centroids[i, 1] - tally[home, CENTRE + 1]) ** 2
+        square += (given.centroids[i, 2] - tally[home, CENTRE + 2]) ** 2 if solid else 0.0
+        blocks[block, 0] += given.weights[i] * square
+        blocks[block, 1] += 0.5 * length
         due[i] = 0 if others else -1
     return blocks, due
 
@@ -158,8 +158,8 @@ def listed_cells(state, work, sweep, before, alpha):
         filled += state.first[r]
         state.first[r] = filled
     for c in range(count):
-        i = np.uint32(work.queue[count - ONE - c])
-        r = np.uint32(state.parts[i])
-        state.first[r] -= 1
-        state.listed[np.uint32(state.first[r])] = i
+        last = np.uint32(work.queue[count - ONE - c])
+        p = np.uint32(state.parts[last])
+        state.first[p] -= 1
+        state.listed[np.uint32(state.first[p])] = last
     return np.int64(count)
