@@ -7,19 +7,20 @@ import numpy as np
 from agglo_core.kernels.compiling import ONE, helper, kernel
 
 __all__ = [
+    "MANY",
     "block_diameters",
     "box",
     "compare_diameters",
     "distinct_vertices",
-    "is_wider",
     "largest_distance",
     "octagon",
-    "wide_blocks",
+    "sort_along_x",
+    "widest_of_many",
 ]
 
 _FEW = 12  # vertices up to which every pair of them is compared
-_MANY = 64  # vertices from which on pairs are searched for
-_ROUNDING = 1e-12  # of a squared distance, with room
+MANY = 64
+"""Vertices from which on pairs are searched for."""
 
 
 @helper
@@ -58,7 +59,7 @@ def _farthest(m, unique, x, points):
 
 
 @helper
-def _sort_along_x(m, unique, points):
+def sort_along_x(m, unique, points):
     """Sort the vertices ``unique[:m]`` by their first coordinate (Shell's sort)."""
     gap = m // 2
     while gap > 0:
@@ -72,14 +73,14 @@ def _sort_along_x(m, unique, points):
 
 
 @helper
-def _widest_of_many(m, unique, centre, points, reach, widest):
+def widest_of_many(m, unique, centre, points, reach, widest):
     """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
 
     Let r be the largest distance from the centre c, ``reach`` its square. Of a pair p, q at distance w or
     more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law): on round shapes hardly
     any vertex does. The vertices are sorted along x, and q is sought among those near the image in x.
     """
-    _sort_along_x(m, unique, points)
+    sort_along_x(m, unique, points)
     last = m - 1
     for i in range(m):
         image = 2.0 * centre[0] - points[unique[i], 0]
@@ -121,82 +122,11 @@ def largest_distance(m, unique, centre, points):
             if s >= inner:
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
-        if far > _MANY:
-            return np.sqrt(_widest_of_many(far, unique, centre, points, reach, widest))
+        if far > MANY:
+            return np.sqrt(widest_of_many(far, unique, centre, points, reach, widest))
     for i in range(1, far):
         widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
     return np.sqrt(widest)
-
-
-@helper
-def _square(v, x, y, z, points):
-    """Square of the distance of vertex v from a point; in the plane z is not looked at."""
-    last = points.shape[1] - 1
-    a, b, c = points[v, 0] - x, points[v, 1] - y, (last - 1.0) * (points[v, last] - z)
-    return a * a + b * b + c * c  # a loop over two or three takes twice the time
-
-
-@helper
-def _outside(cells, vertex_offsets, vertices, points, centre, inner, found):
-    """Write the vertices of which the squared distance to the centre is at least ``inner``; how many."""
-    x, y, z, m = centre[0], centre[1], centre[len(centre) - 1], np.uint64(0)
-    for k in range(len(cells)):
-        i = np.uint64(cells[k])
-        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
-            found[m] = vertices[h]  # no branch: it would be mispredicted
-            m += np.uint64(_square(np.uint32(vertices[h]), x, y, z, points) >= inner)
-    return np.int64(m)
-
-
-@helper
-def _reach(cells, vertex_offsets, vertices, points, centre):
-    """Square of the largest distance of a vertex of the cells from the centre; how many there are at most."""
-    x, y, z, most, count = centre[0], centre[1], centre[len(centre) - 1], 0.0, 0
-    for k in range(len(cells)):
-        i = np.uint64(cells[k])
-        count += vertex_offsets[i + ONE] - vertex_offsets[i]
-        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
-            most = max(most, _square(np.uint32(vertices[h]), x, y, z, points))
-    return most, count
-
-
-@helper(allocates=True)
-def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
-    """Whether two vertices of the cells are further apart than ``limit``.
-
-    Both must lie outside the ball where distance to the ``centre``, any point, is below ``limit`` − (largest
-    distance to it): in the middle of the cells it leaves few. Those are sorted along x, so that the copies of
-    a vertex, one for each of its cells, come one after the other.
-    """
-    reach, count = _reach(cells, vertex_offsets, vertices, points, centre)
-    least, inner = limit * limit * (1.0 - _ROUNDING), limit - np.sqrt(reach)
-    if 4.0 * reach < least:
-        return False
-    inner = inner * inner * (1.0 - _ROUNDING) if inner > 0.0 else 0.0
-    far = np.empty(count + 1, np.int32)
-    m = _outside(cells, vertex_offsets, vertices, points, centre, inner, far)
-    _sort_along_x(m, far, points)
-    distinct, widest, last = min(m, 1), 0.0, points.shape[1] - 1
-    for k in range(1, m):
-        far[distinct] = far[k]
-        distinct += far[distinct] != far[distinct - 1]
-    if distinct > _MANY:
-        return np.sqrt(_widest_of_many(distinct, far, centre, points, reach, least)) > limit
-    for i in range(1, distinct):
-        x, y, z = points[far[i], 0], points[far[i], 1], points[far[i], last]
-        for j in range(i):
-            widest = max(widest, _square(np.uint32(far[j]), x, y, z, points))
-    return np.sqrt(widest) > limit
-
-
-@kernel
-def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres, limit):
-    """Which blocks have two vertices further apart than ``limit``; the ``centres`` are in their middle."""
-    wide = np.empty(len(block_offsets) - 1, np.bool_)
-    for b in range(len(wide)):
-        own = cells[block_offsets[b] : block_offsets[b + 1]]
-        wide[b] = is_wider(own, vertex_offsets, vertices, points, centres[b], limit)
-    return wide
 
 
 @kernel

@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import ONE, helper, kernel
-from agglo_core.kernels.geometry import box, is_wider, octagon
+from agglo_core.kernels.geometry import box, octagon
 from agglo_core.kernels.graphs import join_before
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.ring_search import connected
+from agglo_core.kernels.widths import is_wider
 
 __all__ = [
     "SAMPLED",

@@ -20,9 +20,11 @@ __all__ = ["sweep_all", "sweep_slices"]
 
 _TIE = 1e-9
 
-_AHEAD = np.int64(64)
 _CACHED = 40_000
 """So few cells stay in the cache with all that is read for them."""
+
+_AHEAD = np.int64(64)
+"""Cells that are read ahead at a time: so many waits for memory go on at once."""
 
 
 @helper

@@ -57,9 +57,9 @@ def wide_parts(
 
     Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
     """
-    from agglo_core.kernels.geometry import wide_blocks
     from agglo_core.kernels.graphs import listed_blocks
     from agglo_core.kernels.part_faults import extend_parts
+    from agglo_core.kernels.widths import wide_blocks
 
     def bounds(start: int, stop: int) -> Float:
         own = np.tile(np.repeat([np.inf, -np.inf], 4), (len(asked), 1))
