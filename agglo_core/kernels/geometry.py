@@ -4,12 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 
-__all__ = ["block_diameters", "box", "compare_diameters", "distinct_vertices", "largest_distance", "octagon"]
+__all__ = [
+    "MANY",
+    "block_diameters",
+    "box",
+    "compare_diameters",
+    "distinct_vertices",
+    "largest_distance",
+    "octagon",
+    "sort_along_x",
+    "widest_of_many",
+]
 
 _FEW = 12  # vertices up to which every pair of them is compared
-_MANY = 64  # vertices from which on pairs are searched for
+MANY = 64
+"""Vertices from which on pairs are searched for."""
 
 
 @helper
@@ -48,7 +59,7 @@ def _farthest(m, unique, x, points):
 
 
 @helper
-def _sort_along_x(m, unique, points):
+def sort_along_x(m, unique, points):
     """Sort the vertices ``unique[:m]`` by their first coordinate (Shell's sort)."""
     gap = m // 2
     while gap > 0:
@@ -62,14 +73,14 @@ def _sort_along_x(m, unique, points):
 
 
 @helper
-def _widest_of_many(m, unique, centre, points, reach, widest):
+def widest_of_many(m, unique, centre, points, reach, widest):
     """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
 
     Let r be the largest distance from the centre c, ``reach`` its square. Of a pair p, q at distance w or
     more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law): on round shapes hardly
     any vertex does. The vertices are sorted along x, and q is sought among those near the image in x.
     """
-    _sort_along_x(m, unique, points)
+    sort_along_x(m, unique, points)
     last = m - 1
     for i in range(m):
         image = 2.0 * centre[0] - points[unique[i], 0]
@@ -111,8 +122,8 @@ def largest_distance(m, unique, centre, points):
             if s >= inner:
                 unique[far], unique[i] = unique[i], unique[far]
                 far += 1
-        if far > _MANY:
-            return np.sqrt(_widest_of_many(far, unique, centre, points, reach, widest))
+        if far > MANY:
+            return np.sqrt(widest_of_many(far, unique, centre, points, reach, widest))
     for i in range(1, far):
         widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
     return np.sqrt(widest)
@@ -132,22 +143,24 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
 
 
 @helper
-def octagon(cells, vertex_offsets, vertices, points, enough):
+def octagon(cells, vertex_offsets, vertices, points, enough, centre):
     """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
 
     Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
-    as soon as the lower one is known to exceed ``enough``.
+    as soon as the lower one is known to exceed ``enough``. Otherwise the ``centre`` of the box is written.
     """
     x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
     x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
-    for i in range(len(cells)):
-        for h in range(np.uint64(vertex_offsets[cells[i]]), np.uint64(vertex_offsets[cells[i] + 1])):
+    for k in range(len(cells)):
+        i = np.uint64(cells[k])
+        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
             v = np.uint32(vertices[h])
             x, y = points[v, 0], points[v, 1]
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
             u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
         if max(x1 - x0, y1 - y0) > enough:
             return np.inf, np.inf
+    centre[0], centre[1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     lower = max(max(x1 - x0, y1 - y0), np.sqrt(0.5) * max(u1 - u0, v1 - v0))
     return lower, lower / np.cos(np.pi / 8.0)
 
@@ -181,7 +194,7 @@ def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, li
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
         if points.shape[1] == 2:
-            lower, upper = octagon(own, vertex_offsets, vertices, points, enough)
+            lower, upper = octagon(own, vertex_offsets, vertices, points, enough, centre)
         else:
             lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         result[b] = lower

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 
 __all__ = [
     "broken_blocks",
@@ -13,6 +13,7 @@ __all__ = [
     "dual_graph",
     "flood",
     "join_before",
+    "listed_blocks",
     "numbered_as_met",
     "permute_graph",
     "take_rows",
@@ -56,8 +57,9 @@ def permute_graph(indptr, indices, interface, order, offsets):
     position = np.full(len(indptr) - 1, -1, np.int32)
     room = 0
     for i in range(len(order)):
-        position[order[i]] = i
-        room += indptr[order[i] + 1] - indptr[order[i]]
+        node = np.uint64(order[i])
+        position[node] = i
+        room += indptr[node + ONE] - indptr[node]
     new_indptr = np.zeros(len(order) + 1, np.int64)
     new_indices = np.empty(room, np.int32)
     new_interface = np.empty(room)
@@ -65,8 +67,8 @@ def permute_graph(indptr, indices, interface, order, offsets):
     for b in range(len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
         for i in range(start, stop):
-            node = order[i]
-            for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + 1])):
+            node = np.uint64(order[i])
+            for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
                 j = position[np.uint32(indices[h])]
                 new_indices[m] = j
                 new_interface[m] = interface[h]
@@ -80,13 +82,38 @@ def take_rows(offsets, values, order):
     """Rows ``order`` of a CSR without weights: new offsets and values."""
     new_offsets = np.zeros(len(order) + 1, np.int64)
     for i in range(len(order)):
-        new_offsets[i + 1] = new_offsets[i] + offsets[order[i] + 1] - offsets[order[i]]
+        row = np.uint64(order[i])
+        new_offsets[i + 1] = new_offsets[i] + offsets[row + ONE] - offsets[row]
     taken = np.empty(new_offsets[len(order)], np.int32)
+    m = np.uint64(0)
     for i in range(len(order)):
-        shift = offsets[order[i]] - new_offsets[i]
-        for h in range(new_offsets[i], new_offsets[i + 1]):
-            taken[h] = values[h + shift]
+        row = np.uint64(order[i])
+        for h in range(np.uint64(offsets[row]), np.uint64(offsets[row + ONE])):
+            taken[m] = values[h]
+            m += ONE
     return new_offsets, taken
+
+
+@kernel
+def listed_blocks(labels, chosen, count):
+    """Cells of the ``chosen`` ones of ``count`` labels, in turn; and where those of each begin."""
+    place, offsets = np.full(count, len(chosen), np.int32), np.zeros(len(chosen) + 1, np.int64)
+    following, total = np.zeros(len(chosen) + 1, np.int64), 0
+    for b in range(len(chosen)):
+        place[chosen[b]] = b
+    for i in range(len(labels)):
+        following[np.uint32(place[np.uint64(labels[i])])] += 1
+    for b in range(len(chosen)):
+        own = following[b]
+        offsets[b], following[b] = total, total
+        total += own
+    offsets[len(chosen)], following[len(chosen)] = total, total
+    cells = np.empty(total + 1, np.int32)  # cells of other labels go to the last place
+    for i in range(len(labels)):
+        block = np.uint32(place[np.uint64(labels[i])])
+        cells[np.uint64(following[block])] = i
+        following[block] += block < len(chosen)
+    return cells[:total], offsets
 
 
 @kernel
@@ -95,7 +122,7 @@ def numbered_as_met(values, count):
     number, order = np.full(count, -1, np.int32), np.empty(count, np.int64)
     renumbered, met = np.empty(len(values), np.int32), 0
     for h in range(len(values)):
-        v = values[h]
+        v = np.uint32(values[h])
         if number[v] < 0:
             number[v], order[met] = met, v
             met += 1
@@ -129,19 +156,19 @@ def flood(seed, indptr, indices, waiting, nodes, filled):
 
     ``waiting`` holds labels, −1 once a node is listed. The first ``filled`` of ``nodes (n + 1,)`` are in use.
     """
-    own, done = waiting[seed], filled
-    waiting[seed], nodes[filled] = -1, seed
-    filled += 1
-    while done < filled:
-        i = nodes[done]
-        done += 1
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
+    own, done, last = waiting[seed], np.uint64(filled), np.uint64(filled)
+    waiting[seed], nodes[last] = -1, seed
+    last += ONE
+    while done < last:
+        i = np.uint64(np.uint32(nodes[done]))
+        done += ONE
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+            j = np.uint32(indices[h])
             found = waiting[j] == own
-            nodes[filled] = j  # kept only if found; a branch would be mispredicted half the time
+            nodes[last] = j  # kept only if found; a branch would be mispredicted half the time
             waiting[j] = -1 if found else waiting[j]
-            filled += found
-    return filled
+            last += np.uint64(found)
+    return np.int64(last)
 
 
 @kernel

@@ -56,18 +56,20 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
     measures, reach = graph[4], graph[6]
     size, count, _ = sums
     left, right = side_tags(lo, hi)
-    ones, below, above, m = np.int64(0), 0.0, 0.0, np.int64(0)
-    for k in range(hi - lo):
-        i = cells[lo + k]
+    ones, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
+    for k in range(np.uint64(hi - lo)):
+        i = np.uint32(cells[start + k])
         side = np.int64(heights[k] > bar)
         tag[i] = right if side else left
         above += side * measures[i]
         below += (1 - side) * measures[i]
         ones += side
         near[m] = i
-        m += abs(heights[k] - bar) * unit <= reach[i] + _ROUNDING * extent
+        m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + _ROUNDING * extent)
     size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
-    return m if 0 < ones < hi - lo else tag_halves(cells, lo, hi, tag, measures, near, size, count)
+    if 0 < ones < hi - lo:
+        return np.int64(m)
+    return tag_halves(cells, lo, hi, tag, measures, near, size, count)
 
 
 @helper

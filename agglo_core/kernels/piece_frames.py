@@ -30,18 +30,19 @@ def load_piece(graph, cells, lo, hi, own):
     """Fill the point room, ``own[0]``; returns the largest extent of the centroids along an axis."""
     _, _, _, centroids, measures, weights, _, _ = graph
     local, shares, scales = own[0]
-    n, first, total, measure = hi - lo, cells[lo], 0.0, 0.0
-    for k in range(n):
-        i = cells[lo + k]
+    n, first, start, total, measure = hi - lo, cells[lo], np.uint64(lo), 0.0, 0.0
+    for k in range(np.uint64(n)):
+        i = np.uint32(cells[start + k])
         shares[k] = weights[i]
         total += weights[i]
         measure += measures[i]
     extent = 0.0
     for c in range(centroids.shape[1]):
         low, high, origin = 0.0, 0.0, centroids[first, c]
-        for k in range(n):
-            local[c, k] = centroids[cells[lo + k], c] - origin
-            low, high = min(low, local[c, k]), max(high, local[c, k])
+        for k in range(np.uint64(n)):
+            place = centroids[np.uint32(cells[start + k]), c] - origin
+            local[c, k] = place
+            low, high = min(low, place), max(high, place)
         extent = max(extent, high - low)
     scales[0], scales[1], scales[2] = centre_points(n, centroids.shape[1], local, shares, total, measure)
     return extent

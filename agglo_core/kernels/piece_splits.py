@@ -10,10 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import ONE, helper, kernel
-from agglo_core.kernels.geometry import box, largest_distance, octagon
+from agglo_core.kernels.geometry import box, octagon
 from agglo_core.kernels.graphs import join_before
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.ring_search import connected
+from agglo_core.kernels.widths import is_wider
 
 __all__ = [
     "SAMPLED",
@@ -233,24 +234,16 @@ def quota_of_left(quota, size, cells_left, cells_right):
 def is_narrow(cells, shape, limit):
     """Whether no two vertices of the cells are further apart than ``limit``."""
     vertex_offsets, vertices, points = shape
-    d, m = points.shape[1], np.int64(0)
-    if d == 2:
-        lower, upper = octagon(cells, vertex_offsets, vertices, points, limit)
+    centre = np.empty(points.shape[1])
+    if len(centre) == 2:
+        lower, upper = octagon(cells, vertex_offsets, vertices, points, limit, centre)
     else:
-        low, high = np.empty(d), np.empty(d)
+        low, high = np.empty(3), np.empty(3)
         lower, upper = box(cells, vertex_offsets, vertices, points, low, high)
+        for k in range(3):
+            centre[k] = 0.5 * (low[k] + high[k])
     if lower > limit * (1.0 + 1e-12):
         return False
     if upper < limit * (1.0 - 1e-12):
         return True
-    for i in range(len(cells)):
-        m += vertex_offsets[cells[i] + 1] - vertex_offsets[cells[i]]
-    own, centre = np.empty(m, np.int64), np.zeros(d)
-    m = np.int64(0)
-    for i in range(len(cells)):
-        for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
-            own[m] = vertices[h]
-            m += 1
-            for k in range(d):
-                centre[k] += points[vertices[h], k] / len(own)
-    return largest_distance(m, own, centre, points) <= limit
+    return not is_wider(cells, vertex_offsets, vertices, points, centre, limit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.axes import half_circle, halvings
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 from agglo_core.kernels.piece_driver import largest_piece, split_pieces, tag_sides
 from agglo_core.kernels.piece_frames import load_piece, point_room, principal_frame
 from agglo_core.kernels.piece_splits import side_tags
@@ -50,16 +50,16 @@ def edges_of_piece(graph, cells, lo, hi, tag, marks, room):
     indptr, indices, interface, _, _, _, _, _ = graph
     tails, heads, lengths = room
     own, _ = side_tags(lo, hi)
-    for k in range(hi - lo):
-        tag[cells[lo + k]], marks[cells[lo + k], 1] = own, k
-    count = 0
-    for k in range(hi - lo):
-        i = cells[lo + k]
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
+    start, n, count = np.uint64(lo), np.uint64(hi - lo), np.uint64(0)
+    for k in range(n):
+        tag[np.uint32(cells[start + k])], marks[np.uint32(cells[start + k]), 1] = own, k
+    for k in range(n):
+        i = np.uint64(np.uint32(cells[start + k]))
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+            j = np.uint32(indices[h])
             tails[count], heads[count], lengths[count] = k, marks[j, 1], interface[h]
-            count += (tag[j] == own) & (j > i)  # no branch: it would be mispredicted
-    return count
+            count += np.uint64((tag[j] == own) & (j > i))  # no branch: it would be mispredicted
+    return np.int64(count)
 
 
 @helper(reorder_sums=True)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 
 __all__ = ["Corners", "Reach", "fits", "part_lists", "take_in"]
 
@@ -57,9 +57,10 @@ def part_lists(parts, k):
 def _within(i, j, limit, corners):
     """Whether no vertex of cell i is farther than ``limit`` from one of cell j."""
     solid, most = corners.points.shape[1] > 2, 0.0
-    for g in range(corners.offsets[i], corners.offsets[i + 1]):
-        for h in range(corners.offsets[j], corners.offsets[j + 1]):
-            one, other = corners.vertices[g], corners.vertices[h]
+    i, j = np.uint64(i), np.uint64(j)
+    for g in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
+        for h in range(np.uint64(corners.offsets[j]), np.uint64(corners.offsets[j + ONE])):
+            one, other = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])
             x = corners.points[one, 0] - corners.points[other, 0]
             y = corners.points[one, 1] - corners.points[other, 1]
             z = corners.points[one, 2] - corners.points[other, 2] if solid else 0.0
@@ -71,11 +72,11 @@ def _within(i, j, limit, corners):
 @helper
 def _extent(i, a, corners):
     """The least and the largest place of the vertices of cell i along direction a."""
-    least, most = np.inf, -np.inf
-    for h in range(corners.offsets[i], corners.offsets[i + 1]):
-        place = 0.0
+    least, most, i = np.inf, -np.inf, np.uint64(i)
+    for h in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
+        place, v = 0.0, np.uint32(corners.vertices[h])
         for k in range(corners.points.shape[1]):
-            place += corners.directions[a, k] * corners.points[corners.vertices[h], k]
+            place += corners.directions[a, k] * corners.points[v, k]
         least, most = min(least, place), max(most, place)
     return least, most
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.kernels.compiling import kernel
+from agglo_core.kernels.compiling import ONE, kernel
 
 __all__ = [
     "CELLS",
@@ -14,7 +14,6 @@ __all__ = [
     "FLOOR",
     "MASS",
     "ROOM",
-    "SHARE",
     "Cells",
     "Slices",
     "State",
@@ -28,8 +27,8 @@ _LITTLE = 5e-4
 """A sweep that lowers the objective of a block by less than this share is the last one there."""
 
 _COLUMNS = 8  # of the sums of a part: they fill a line of the cache
-MASS, ROOM, FLOOR, CELLS, SHARE, CENTRE = 0, 1, 2, 3, 4, 5
-"""Columns of these sums: weight, measure, least measure, cells, interface with the cell looked at, centre."""
+MASS, CENTRE, CELLS, ROOM, FLOOR = 0, 1, 4, 5, 6
+"""Columns of these sums: weight, centre, cells, measure, least measure; what is read most comes first."""
 
 
 class Cells(NamedTuple):
@@ -83,14 +82,14 @@ def part_tally(labels, count, centroids, weights, measures, floor):
     n, solid = len(labels), centroids.shape[1] > 2
     parts, tally = np.empty(n, np.int32), np.zeros((count, _COLUMNS))
     for i in range(n):
-        p, w = labels[i], weights[i]
-        parts[i] = p
-        tally[p, MASS] += w
-        tally[p, ROOM] += measures[i]
-        tally[p, CELLS] += 1.0
-        tally[p, CENTRE] += w * centroids[i, 0]
-        tally[p, CENTRE + 1] += w * centroids[i, 1]
-        tally[p, CENTRE + 2] += w * centroids[i, 2] if solid else 0.0
+        home, w = np.uint32(labels[i]), weights[i]
+        parts[i] = home
+        tally[home, MASS] += w
+        tally[home, ROOM] += measures[i]
+        tally[home, CELLS] += 1.0
+        tally[home, CENTRE] += w * centroids[i, 0]
+        tally[home, CENTRE + 1] += w * centroids[i, 1]
+        tally[home, CENTRE + 2] += w * centroids[i, 2] if solid else 0.0
     for p in range(count):
         mass = tally[p, MASS]
         tally[p, FLOOR] = floor * tally[p, ROOM]
@@ -110,21 +109,21 @@ def interface_cells(given, parts, tally, starts):
     for b in range(len(blocks)):
         for p in range(starts[b], starts[b + 1]):
             owner[p] = b
-    for i in range(n):
-        p, length, others = parts[i], 0.0, np.int64(0)
-        b = owner[p]
-        for h in range(given.indptr[i], given.indptr[i + 1]):
-            q = parts[given.indices[h]]
-            other = np.int64(q != p)
+    for i in range(np.uint64(n)):
+        home, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
+        block = np.uint32(owner[home])
+        for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
+            q = np.uint32(parts[np.uint32(given.indices[h])])
+            other = np.int64(q != home)
             if several:
-                other &= owner[q] == b
+                other &= owner[q] == block
             others += other
             length += given.interface[h] * other  # no branch: it would be mispredicted
-        square = (given.centroids[i, 0] - tally[p, CENTRE]) ** 2
-        square += (given.centroids[i, 1] - tally[p, CENTRE + 1]) ** 2
-        square += (given.centroids[i, 2] - tally[p, CENTRE + 2]) ** 2 if solid else 0.0
-        blocks[b, 0] += given.weights[i] * square
-        blocks[b, 1] += 0.5 * length
+        square = (given.centroids[i, 0] - tally[home, CENTRE]) ** 2
+        square += (given.centroids[i, 1] - tally[home, CENTRE + 1]) ** 2
+        square += (given.centroids[i, 2] - tally[home, CENTRE + 2]) ** 2 if solid else 0.0
+        blocks[block, 0] += given.weights[i] * square
+        blocks[block, 1] += 0.5 * length
         due[i] = 0 if others else -1
     return blocks, due
 
@@ -146,21 +145,21 @@ def listed_cells(state, work, sweep, before, alpha):
         for a in range(2):
             state.blocks[b, a] += state.gains[b, a]
             state.gains[b, a] = 0.0
-    count = np.int64(0)
+    count = np.uint64(0)
     for i in range(len(state.parts)):
         work.queue[count] = i  # no branch: it would be mispredicted half the time
-        count += state.due[i] == sweep
+        count += np.uint64(state.due[i] == sweep)
     for r in range(len(state.first)):
         state.first[r] = 0
     for c in range(count):
-        state.first[state.parts[work.queue[c]]] += 1
+        state.first[np.uint32(state.parts[np.uint32(work.queue[c])])] += 1
     filled = 0
     for r in range(len(state.first)):
         filled += state.first[r]
         state.first[r] = filled
-    for c in range(count - 1, -1, -1):
-        i = work.queue[c]
-        r = state.parts[i]
-        state.first[r] -= 1
-        state.listed[state.first[r]] = i
-    return count
+    for c in range(count):
+        last = np.uint32(work.queue[count - ONE - c])
+        p = np.uint32(state.parts[last])
+        state.first[p] -= 1
+        state.listed[np.uint32(state.first[p])] = last
+    return np.int64(count)

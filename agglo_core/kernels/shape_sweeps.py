@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 from agglo_core.kernels.reach import fits, take_in
 from agglo_core.kernels.ring_search import CROWD, REACH, connected
 from agglo_core.kernels.shape_state import CELLS, CENTRE, FLOOR, MASS, ROOM, listed_cells
@@ -22,6 +22,9 @@ _TIE = 1e-9
 
 _CACHED = 40_000
 """So few cells stay in the cache with all that is read for them."""
+
+_AHEAD = np.int64(64)
+"""Cells that are read ahead at a time: so many waits for memory go on at once."""
 
 
 @helper
@@ -39,12 +42,12 @@ def _beside(given, state, i, work):
 
     No branch: it would be mispredicted half the time. A part may be listed again if it shares nothing.
     """
-    home, own, found = state.parts[i], 0.0, 0
-    for h in range(given.indptr[i], given.indptr[i + 1]):
-        p, length = state.parts[given.indices[h]], given.interface[h]
+    home, own, found = np.uint32(state.parts[i]), 0.0, np.uint64(0)
+    for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
+        p, length = np.uint32(state.parts[np.uint32(given.indices[h])]), given.interface[h]
         shared = work.share[p]
         work.queue[found] = p
-        found += (p != home) & (shared == 0.0)
+        found += np.uint64((p != home) & (shared == 0.0))
         work.share[p] = shared + length
     own, work.share[home] = work.share[home], 0.0
     return found, own
@@ -60,14 +63,14 @@ def _best_move(given, state, bounds, scale, i, work):
     target, best, inertia, cut, beyond = np.int64(-1), 0.0, 0.0, 0.0, False
     if found == 0:
         return target, inertia, cut, beyond
-    home, w = state.parts[i], given.weights[i]
+    home, w = np.uint32(state.parts[i]), given.weights[i]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
         lost = _square(given, state, i, home) * w * mass / (mass - w)
     length, energy = scale
     lo, hi, start, stop = bounds
     for m in range(found):
-        p = np.int64(work.queue[m])
+        p = np.uint32(work.queue[m])
         shared, work.share[p] = work.share[p], 0.0
         if not lo <= p < hi:
             beyond |= start <= p < stop
@@ -79,7 +82,7 @@ def _best_move(given, state, bounds, scale, i, work):
         tie = _TIE * (length * (won + lost) + energy * (own + shared))
         first = target < 0
         if change < (0.0 if first else best) - tie or (not first and change <= best + tie and p < target):
-            target, best, inertia, cut = p, change, won - lost, own - shared
+            target, best, inertia, cut = np.int64(p), change, won - lost, own - shared
     return target, inertia, cut, beyond
 
 
@@ -89,13 +92,14 @@ def _leaves_whole(given, state, i, target, work, stamp):
 
     What other threads read of the cell meanwhile is one part of the slice or another.
     """
-    home, filled = state.parts[i], 0
-    for h in range(given.indptr[i], given.indptr[i + 1]):
-        work.queue[filled] = given.indices[h]  # no branch: it would be mispredicted half the time
-        filled += state.parts[given.indices[h]] == home
+    home, filled = state.parts[i], np.uint64(0)
+    for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
+        j = np.uint32(given.indices[h])
+        work.queue[filled] = j  # no branch: it would be mispredicted half the time
+        filled += np.uint64(state.parts[j] == home)
     state.parts[i] = target
     search = (work.queue, work.root, state.marks)
-    if filled > 1 and not connected(
+    if filled > ONE and not connected(
         given.indptr, given.indices, state.parts, home, search, filled, stamp, REACH, CROWD
     ):
         state.parts[i] = home
@@ -125,7 +129,7 @@ def _put(given, state, i, home, target):
 def _sort_listed(given, state, work, b, start, stop):
     """Put the cells listed from ``start`` to ``stop`` in the order of their places (Shell's sort)."""
     for c in range(start, stop):
-        i = state.listed[c]
+        i = np.uint32(state.listed[c])
         key = given.axes[b, 0] * given.centroids[i, 0] + given.axes[b, 1] * given.centroids[i, 1]
         if given.centroids.shape[1] > 2:
             key += given.axes[b, 2] * given.centroids[i, 2]
@@ -145,7 +149,7 @@ def _sort_listed(given, state, work, b, start, stop):
 @helper
 def _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
     """Whether cell i may go to part ``target``; then it is there."""
-    home = state.parts[i]
+    home = np.uint32(state.parts[i])
     if state.tally[home, CELLS] < 2.0:
         return False
     if state.tally[home, ROOM] - given.measures[i] < state.tally[home, FLOOR]:
@@ -163,9 +167,10 @@ def _read_ahead(given, state, work, first, last):
     """
     read = np.int64(0)
     for c in range(first, last):
-        i = state.listed[c]
-        begin, end = given.indptr[i], given.indptr[i + 1] - 1
-        p, q = state.parts[given.indices[begin]], state.parts[given.indices[end]]
+        i = np.uint64(np.uint32(state.listed[c]))
+        begin, end = np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE]) - ONE
+        p = np.uint32(state.parts[np.uint32(given.indices[begin])])
+        q = np.uint32(state.parts[np.uint32(given.indices[end])])
         read += np.int64(given.interface[begin] > given.interface[end])
         read += np.int64(state.tally[p, MASS] > state.tally[q, MASS])
         read += np.int64(given.centroids[i, 0] > given.weights[i]) + state.due[i]
@@ -181,7 +186,8 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
     are taken by their places, so that their numbering does not matter.
     """
     n = np.int64(len(state.parts))
-    stamp, moved = sweep * (n + 1), np.int64(0)
+    stamp, moved, ahead = sweep * (n + 1), np.int64(0), np.int64(0)
+    listed = state.first[slices.rows[stop - 1, 1]]
     for s in range(start, stop):
         lo, hi, b = slices.rows[s, 0], slices.rows[s, 1], slices.rows[s, 4]
         begin, end = slices.rows[s, 2], slices.rows[s, 3]
@@ -190,28 +196,31 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
         scale = (state.blocks[b, 1], alpha * state.blocks[b, 0])
         for r in range(lo, hi):
             first, last = state.first[r], state.first[r + 1]
-            if n > _CACHED and r + 1 < hi:
-                _read_ahead(given, state, work, last, state.first[r + 2])
+            if n > _CACHED and last + _AHEAD > ahead:
+                ahead = max(ahead, last)
+                _read_ahead(given, state, work, ahead, min(ahead + _AHEAD, listed))
+                ahead += _AHEAD
             if first == last:
                 continue
             _sort_listed(given, state, work, b, first, last)
             for c in range(first, last):
-                i = state.listed[c]
-                home = state.parts[i]
+                i = np.uint64(np.uint32(state.listed[c]))
+                home = np.uint32(state.parts[i])
                 target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), scale, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
                 if target < 0:
                     continue
                 stamp += 1
-                if not _may_leave(given, state, i, target, work, stamp, reach, limit, corners):
+                to = np.uint32(target)
+                if not _may_leave(given, state, i, to, work, stamp, reach, limit, corners):
                     continue
-                _put(given, state, i, home, target)
-                take_in(i, home, target, reach, limit, corners)
+                _put(given, state, i, home, to)
+                take_in(i, home, to, reach, limit, corners)
                 slices.gains[s, 0] += inertia
                 slices.gains[s, 1] += cut
                 moved += 1
-                for h in range(given.indptr[i], given.indptr[i + 1]):
-                    j = given.indices[h]
+                for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
+                    j = np.uint32(given.indices[h])
                     p = state.parts[j]
                     if begin <= p < end and not (lo <= p < hi and state.due[j] == sweep):
                         state.due[j] = sweep + 1

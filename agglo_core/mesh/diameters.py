@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_int, label_order
+from agglo_core.arrays import Float, Index, Int, Mask, frozen_float, frozen_index, frozen_int
 from agglo_core.threads import over_ranges
 
 __all__ = ["compared_diameters", "diameters_of", "wide_parts"]
@@ -57,7 +57,9 @@ def wide_parts(
 
     Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
     """
+    from agglo_core.kernels.graphs import listed_blocks
     from agglo_core.kernels.part_faults import extend_parts
+    from agglo_core.kernels.widths import wide_blocks
 
     def bounds(start: int, stop: int) -> Float:
         own = np.tile(np.repeat([np.inf, -np.inf], 4), (len(asked), 1))
@@ -75,11 +77,15 @@ def wide_parts(
     wide = asked & (lower > limit * (1 + _NEAR))
     near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
     if len(near):
-        place = np.full(len(asked), -1, np.int64)
-        place[near] = np.arange(len(near))
-        cells = np.flatnonzero(place[labels] >= 0)
-        own = place[labels[cells]]
-        offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(own, minlength=len(near))))))
-        ordered = frozen_int(cells[label_order(own)])
-        wide[near] = diameters_of(offsets, ordered, vertex_offsets, vertices, points) > limit
+        d = points.shape[1]
+        centres = frozen_float(least[near, :d] + 0.5 * extents[near, :d])
+        listed, starts = listed_blocks(labels, frozen_int(near), len(asked))
+        cells, offsets = frozen_index(listed), frozen_int(starts)
+
+        def measured(start: int, stop: int) -> Mask:
+            own = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]
+            found: Mask = wide_blocks(*own, limit)
+            return found
+
+        wide[near] = np.concatenate(over_ranges(measured, len(near), few=_FEW, shares=1))
     return np.asarray(wide)

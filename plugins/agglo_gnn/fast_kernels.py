@@ -21,6 +21,7 @@ from agglo_gnn.raster_kernels import fill_raster, raster_room, to_frame
 
 __all__ = ["bisect_fast", "direction", "split_fast"]
 
+_ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
 _BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
 _BINS = 32
@@ -106,8 +107,10 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
 def _number_cells(cells, lo, hi, tag, marks):
     """Tag the cells of a piece as on the left, and write their numbers to the second column of the marks."""
     own, _ = piece_splits.side_tags(lo, hi)
-    for k in range(hi - lo):
-        tag[cells[lo + k]], marks[cells[lo + k], 1] = own, k
+    start = np.uint64(lo)
+    for k in range(np.uint64(hi - lo)):
+        i = np.uint32(cells[start + k])
+        tag[i], marks[i, 1] = own, k
 
 
 @helper
@@ -122,20 +125,21 @@ def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, s
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
     cut = 0.0
-    for i in range(n):
+    start = np.uint64(lo)
+    for i in range(np.uint64(n)):
         own = bins[i]
         if own < 0 or own >= _BINS:
             continue
-        rise, cell = 0.0, cells[lo + i]
-        for h in range(indptr[cell], indptr[cell + 1]):
-            j = indices[h]
-            other = bins[marks[j, 1]] if tag[j] == piece else own
-            rise += interface[h] * ((other > own) - (other < own))
-            cut += interface[h] * (other < 0)
-        tally[own, 0] += shares[i] * local[0, i]
-        tally[own, 1] += shares[i] * local[1, i]
-        tally[own, 3] += shares[i]
-        tally[own, 4] += rise
+        rise, cell, b = 0.0, np.uint64(np.uint32(cells[start + i])), np.uint32(own)
+        for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
+            j = np.uint32(indices[h])
+            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else own
+            rise += interface[h] * (np.int64(other > own) - np.int64(other < own))
+            cut += interface[h] * np.int64(other < 0)
+        tally[b, 0] += shares[i] * local[0, i]
+        tally[b, 1] += shares[i] * local[1, i]
+        tally[b, 3] += shares[i]
+        tally[b, 4] += rise
     scale, inertia, weight = scales
     best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
     return best, last, low, rate

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import broken_parts
 from agglo_core.kernels import part_faults
-from agglo_core.kernels.graphs import numbered_as_met
+from agglo_core.kernels.graphs import listed_blocks, numbered_as_met
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -50,6 +52,25 @@ def test_wide_parts(seed: int, solid: bool, threads: int) -> None:
             assert graph.wide_parts(labels, limit).tolist() == (widths > limit).tolist()
             found = graph.wide_parts(labels, limit, asked)
         assert found.tolist() == (asked & (widths > limit)).tolist()
+
+
+@pytest.mark.parametrize("count", [5, 40, 300])
+def test_wide_parts_with_all_vertices_on_a_circle(count: int) -> None:
+    angle = 2 * np.pi * np.arange(count) / count
+    beside = np.stack((np.arange(count) - 1, np.arange(count) + 1), axis=1) % count
+    centroids = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    graph = agglo.Graph.from_arrays(2 * np.arange(count + 1), beside.ravel(), centroids)
+    width = graph.part_diameters(np.zeros(count, np.int64))[0]
+    for limit, wide in ((width, False), (width * (1 - 1e-15), True), (0.97 * width, True), (2.1, False)):
+        assert graph.wide_parts(np.zeros(count, np.int64), limit).tolist() == [wide]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 9), max_size=30), st.lists(st.integers(0, 9), unique=True))
+def test_listed_blocks(labels: list[int], chosen: list[int]) -> None:
+    cells, offsets = listed_blocks(frozen_int(labels), frozen_int(chosen), 10)
+    found = [cells[a:b].tolist() for a, b in pairwise(offsets)]
+    assert found == [[i for i, label in enumerate(labels) if label == b] for b in chosen]
 
 
 def test_wide_parts_refuses_labels_beyond_those_asked_for() -> None:
