@@ -187,6 +187,33 @@ def test_circles_agree_with_shapely(mesh: Mesh, k: int, swaps: float) -> None:
         assert centred[part] * diameters[part] / 2 == pytest.approx(about, rel=1e-6, abs=1e-9)
 
 
+def _upright_lines(shape: shapely.Geometry) -> list[shapely.LineString]:
+    """What vertical lines just beside each vertex, and a little further from it, share with a shape."""
+    corners, (left, low, right, high) = shapely.get_coordinates(shape), shape.bounds
+    lines: list[shapely.LineString] = []
+    beside = np.array([1e-9 * (right - left), 0.25 * (high - low), 0.5 * (high - low)])
+    for x in np.add.outer(corners[:, 0], np.concatenate((-beside, beside))).ravel():
+        found = shape.intersection(shapely.LineString([(x, low - 1), (x, high + 1)]))
+        lines += [part for part in shapely.get_parts(found) if part.length > 0]
+    return lines
+
+
+@pytest.mark.parametrize("aspect", [50, 1000])
+def test_thin_agglomerates_have_circles_about_their_longest_lines(aspect: float) -> None:
+    plain = samples.voronoi(600, seed=8)
+    labels, loops = _ragged(plain, 40, seed=8), plain.boundary_loops
+    mesh = Mesh.from_polygons(plain.points * [aspect, 1], (loops.loop_offsets, loops.vertices))
+    cells, diameters = _cells_of(mesh), mesh.coarsen(labels).cell_diameters
+    radii = CircleRatio().measure(mesh, labels) * diameters / 2
+    for part in range(labels.max() + 1):
+        shape = shapely.union_all(cells[labels == part])
+        lines = _upright_lines(shape)
+        reached = shapely.distance(shape.boundary, shapely.centroid(lines)).max()
+        assert reached - max(1e-5 * reached, 1e-7 * diameters[part]) <= radii[part]
+        assert radii[part] <= shapely.length(lines).max() / 2 * (1 + 1e-6)
+        assert radii[part] == pytest.approx(reached, rel=0.03)
+
+
 # -- the rest -----------------------------------------------------------------------------------
 
 
