@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.kernels.circle_chains import simplified
 from agglo_core.kernels.circle_edges import (
     HEIGHT,
     ROWS,
@@ -27,6 +28,8 @@ from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["circles"]
 
+_MANY = 256  # edges from which on nearly straight chains of them become one
+_SAG = 2e-5  # of half the shorter side of the box around the outline: how far these may be off
 _CONVEX = 32  # edges up to which an outline is tested for being convex, edge by edge
 _LISTED = 64  # edges up to which the best average of their distances is sought in a box
 _SHORT = 32  # edges in a list that is not worth shortening
@@ -52,15 +55,15 @@ def _polished(edges, m, x, y, radius, trio, weight, inverse):
 
 
 @helper
-def _convex_radius(edges, m, diameter, trio, weight, inverse):
-    """Radius of the largest circle in a convex outline of few edges; -1 if it is none."""
+def _in_convex(edges, m, diameter, trio, weight, inverse):
+    """Centre and radius of the largest circle in a convex outline of few edges; radius -1 if it is none."""
     if m > _CONVEX or not convex(edges, m, 1e-13 * diameter):
-        return -1.0
+        return 0.0, 0.0, -1.0
     x, y, radius = largest_in_box(
         edges, np.int64(0), m, np.int64(0), diameter, diameter, 0.0, 1e-15 * diameter, trio, weight, inverse
     )
     found = signed_distance(edges, m, x, y)
-    return found if radius - found <= 1e-12 * diameter else -1.0
+    return x, y, found if radius - found <= 1e-12 * diameter else -1.0
 
 
 @helper
@@ -99,14 +102,14 @@ def _steeper(edges, some, weight, x, y, sx, sy):
 
 @helper(allocates=True)
 def _largest(edges, m, diameter, best, heap):
-    """Radius of the largest circle, at least ``best`` (that about the origin); edges and heap to reuse."""
+    """Centre and radius of the largest circle, at least ``best`` about (0, 0); edges and heap to reuse."""
     best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0
     trio, weight = np.zeros(3, np.int64), np.zeros(3)
     pair, halves = np.zeros(3, np.int64), np.array((0.5, 0.5, 0.0))
     some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
-    exact = _convex_radius(edges, m, diameter, some, share, inverse)
+    x, y, exact = _in_convex(edges, m, diameter, some, share, inverse)
     if exact >= 0.0:
-        return max(exact, best), edges, heap
+        return (x, y, exact, edges, heap) if exact > best else (best_x, best_y, best, edges, heap)
     box = np.empty((1, WIDTH))
     x0, y0, sx, sy = bounding_box(edges, m)
     start, stop, top = np.int64(0), m, m  # edges of the open box; end of those in use
@@ -186,7 +189,17 @@ def _largest(edges, m, diameter, best, heap):
             size -= 1
             opened += 1
             parts = 2
-    return best, edges, heap
+    return best_x, best_y, best, edges, heap
+
+
+@helper(allocates=True)
+def _largest_of_many(edges, m, diameter, best, heap, links):
+    """Radius as from ``_largest`` for an outline of many edges, and the heap."""
+    rough, k = simplified(edges, m, links, _SAG * bounding_box(edges, m)[3])
+    x, y, _, _, heap = _largest(rough, k, diameter, best, heap)
+    some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
+    found = signed_distance(edges, m, x, y)
+    return max(best, _polished(edges, m, x, y, found, some, share, inverse)[2]), heap
 
 
 @kernel
@@ -207,17 +220,25 @@ def circles(points, offsets, faces, face_vertices, centroids, diameters, anywher
     Long outlines are cut into trapezoids first. If at most 16 of these are promising, boxes around them are
     halved instead of one around all, until none exceeds the best radius by 1e-5 of it (or 1e-7 diameters).
 
+    Chains of nearly straight edges in outlines of more than 256 edges become one edge; in the end the circle
+    is that of the outline itself.
+
     Only edges within d + 2R of c can be nearest to a point of the box: they alone are handed down to its
     halves, so that many edges cost little more than few. Whether a centre is inside follows from that of
     the box it was halved from and the edges between the two.
     """
-    radius = np.zeros(len(offsets) - 1)
+    radius, most = np.zeros(len(offsets) - 1), np.int64(0)
+    for c in range(len(radius)):
+        most = max(most, offsets[c + 1] - offsets[c])
+    links = np.zeros((len(points) if anywhere and most > _MANY else 0, 2), np.int32)
     edges = np.empty((HEIGHT, 64))
     heap = np.empty((256, WIDTH))
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]
         edges, m = gathered(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
         radius[c] = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
-        if anywhere:
-            radius[c], edges, heap = _largest(edges, m, diameters[c], radius[c], heap)
+        if anywhere and m > _MANY:
+            radius[c], heap = _largest_of_many(edges, m, diameters[c], radius[c], heap, links)
+        elif anywhere:
+            _, _, radius[c], edges, heap = _largest(edges, m, diameters[c], radius[c], heap)
     return radius
