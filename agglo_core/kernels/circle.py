@@ -29,7 +29,7 @@ from agglo_core.kernels.compiling import helper, kernel
 __all__ = ["circles"]
 
 _MANY = 256  # edges from which on nearly straight chains of them become one
-_SAG = 2e-5  # of half the shorter side of the box around the outline: how far these may be off
+_SAG = 4e-5  # of half the shorter side of the box around the outline: how far these may be off
 _CONVEX = 32  # edges up to which an outline is tested for being convex, edge by edge
 _LISTED = 64  # edges up to which the best average of their distances is sought in a box
 _SHORT = 32  # edges in a list that is not worth shortening
