@@ -193,13 +193,20 @@ def _largest(edges, m, diameter, best, heap):
 
 
 @helper(allocates=True)
-def _largest_of_many(edges, m, diameter, best, heap, links):
-    """Radius as from ``_largest`` for an outline of many edges, and the heap."""
-    rough, k = simplified(edges, m, links, _SAG * bounding_box(edges, m)[3])
-    x, y, _, _, heap = _largest(rough, k, diameter, best, heap)
+def _radius(edges, m, diameter, anywhere, heap, links):
+    """Radius of the largest circle anywhere, or of that about the origin; edges and heap to reuse."""
+    best = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
+    if not anywhere:
+        return best, edges, heap
+    table, k, many = edges, m, m > _MANY
+    if many:
+        table, k = simplified(edges, m, links, _SAG * bounding_box(edges, m)[3])
+    x, y, found, table, heap = _largest(table, k, diameter, best, heap)
+    if not many:
+        return found, table, heap
     some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
     found = signed_distance(edges, m, x, y)
-    return max(best, _polished(edges, m, x, y, found, some, share, inverse)[2]), heap
+    return max(best, _polished(edges, m, x, y, found, some, share, inverse)[2]), edges, heap
 
 
 @kernel
@@ -236,9 +243,5 @@ def circles(points, offsets, faces, face_vertices, centroids, diameters, anywher
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]
         edges, m = gathered(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
-        radius[c] = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
-        if anywhere and m > _MANY:
-            radius[c], heap = _largest_of_many(edges, m, diameters[c], radius[c], heap, links)
-        elif anywhere:
-            _, _, radius[c], edges, heap = _largest(edges, m, diameters[c], radius[c], heap)
+        radius[c], edges, heap = _radius(edges, m, diameters[c], anywhere, heap, links)
     return radius

@@ -30,7 +30,7 @@ def _append(edges, m, ax, ay, bx, by):
 
 
 @helper
-def _walk(edges, seed, links, waiting, tiny, rough, k):
+def _walk(edges, seed, links, done, tiny, rough, k):
     """Add straight edges for the chain that begins with ``seed`` to ``rough``, until it branches or closes.
 
     A straight edge goes on as long as there is one from its start ``a`` to the next vertex that passes all
@@ -41,13 +41,13 @@ def _walk(edges, seed, links, waiting, tiny, rough, k):
     cx, cy, along = ax, ay, -1.0  # nothing yet
     ex, ey, low, high = 0.0, 0.0, 0.0, 0.0
     while True:
-        waiting[i] = False
+        done[i] = True
         if along < 0.0:  # the edge ab is the first of a straight one
             along = np.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
             ex, ey = (bx - ax) / along, (by - ay) / along
             low, high = -tiny / along, tiny / along
         i ^= links[v, 0]
-        if links[v, 1] != 2 or not waiting[i]:
+        if links[v, 1] != 2 or done[i]:
             return _append(rough, k, ax, ay, bx, by)
         forward = np.int64(edges[FIRST, i]) == v
         end = 4 if forward else 0
@@ -69,10 +69,10 @@ def simplified(edges, m, links, tiny):
     ``links (points, 2)`` is a work array: zeros, before and after.
     """
     _link(edges, m, links)
-    waiting, rough, k = np.ones(m, np.bool_), np.empty((HEIGHT, 2 * m)), np.int64(0)
+    done, rough, k = np.zeros(m, np.bool_), np.empty((HEIGHT, 2 * m)), np.int64(0)
     for seed in range(m):
-        if waiting[seed]:
-            k = _walk(edges, seed, links, waiting, tiny, rough, k)
+        if not done[seed]:
+            k = _walk(edges, seed, links, done, tiny, rough, k)
     for row in (FIRST, LAST):
         for i in range(m):
             v = np.int64(edges[row, i])
