@@ -21,7 +21,7 @@ from agglo_core.kernels.circle_edges import (
     shortened,
     signed_distance,
 )
-from agglo_core.kernels.circle_heap import WIDTH, bounds_above, pop, push
+from agglo_core.kernels.circle_heap import WIDTH, pop, push
 from agglo_core.kernels.circle_program import convex, largest_in_box, linearised, majorised, tightest
 from agglo_core.kernels.circle_slabs import slabs
 from agglo_core.kernels.compiling import helper, kernel
@@ -119,7 +119,10 @@ def _largest(edges, m, diameter, best, heap):
         best_x, best_y, best, heap, size, whole = slabs(edges, m, best, 0.01 * accuracy, heap, box)
         best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight, inverse)
         polished = best
-        if whole and bounds_above(heap, size, best * (1.0 + 0.01 * accuracy)) <= _FEW:
+        promising = 0
+        for i in range(size):
+            promising += heap[i, 0] > best * (1.0 + 0.01 * accuracy)
+        if whole and promising <= _FEW:
             accuracy, parts = 0.01 * accuracy, 0  # as few boxes are left, more exactly
         else:
             size = np.int64(0)

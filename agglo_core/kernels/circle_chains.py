@@ -11,16 +11,6 @@ __all__ = ["simplified"]
 
 
 @helper
-def _link(edges, m, links):
-    """Let each vertex know how many edges meet there, and the exclusive or of their columns."""
-    for row in (FIRST, LAST):
-        for i in range(m):
-            v = np.int64(edges[row, i])
-            links[v, 0] ^= i
-            links[v, 1] += 1
-
-
-@helper
 def _append(edges, m, ax, ay, bx, by):
     """Add the edge ab to the table; returns how many edges it has now."""
     edges[0, m], edges[1, m], edges[4, m], edges[5, m] = ax, ay, bx, by
@@ -68,7 +58,11 @@ def simplified(edges, m, links, tiny):
 
     ``links (points, 2)`` is a work array: zeros, before and after.
     """
-    _link(edges, m, links)
+    for row in (FIRST, LAST):  # how many edges meet at each vertex, and the exclusive or of their columns
+        for i in range(m):
+            v = np.int64(edges[row, i])
+            links[v, 0] ^= i
+            links[v, 1] += 1
     done, rough, k = np.zeros(m, np.bool_), np.empty((HEIGHT, 2 * m)), np.int64(0)
     for seed in range(m):
         if not done[seed]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper
 
-__all__ = ["WIDTH", "bounds_above", "pop", "push"]
+__all__ = ["WIDTH", "pop", "push"]
 
 WIDTH = 9  # numbers in a row
 
@@ -52,12 +52,3 @@ def push(heap, size, box):
         i = (i - 1) // 2
     _move(box, np.int64(0), heap, i)
     return heap
-
-
-@helper
-def bounds_above(heap, size, value):
-    """How many bounds on the heap exceed ``value``."""
-    count = 0
-    for i in range(size):
-        count += heap[i, 0] > value
-    return count
