@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.kernels.circle_chains import simplified
 from agglo_core.kernels.circle_edges import (
     HEIGHT,
     ROWS,
@@ -20,14 +21,20 @@ from agglo_core.kernels.circle_edges import (
     shortened,
     signed_distance,
 )
+from agglo_core.kernels.circle_heap import WIDTH, pop, push
 from agglo_core.kernels.circle_program import convex, largest_in_box, linearised, majorised, tightest
+from agglo_core.kernels.circle_slabs import slabs
 from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["circles"]
 
+_MANY = 256  # edges from which on nearly straight chains of them become one
+_SAG = 4e-5  # of half the shorter side of the box around the outline: how far these may be off
 _CONVEX = 32  # edges up to which an outline is tested for being convex, edge by edge
 _LISTED = 64  # edges up to which the best average of their distances is sought in a box
 _SHORT = 32  # edges in a list that is not worth shortening
+_LONG = 4.0  # ratio of the sides of the box around an outline from which on trapezoids are tried first
+_FEW = 16  # trapezoids to look into
 _THIN = 3.0  # ratio of the sides of a box from which on the axis along which it is halved matters
 
 
@@ -48,15 +55,15 @@ def _polished(edges, m, x, y, radius, trio, weight, inverse):
 
 
 @helper
-def _convex_radius(edges, m, diameter, trio, weight, inverse):
-    """Radius of the largest circle in a convex outline of few edges; -1 if it is none."""
+def _in_convex(edges, m, diameter, trio, weight, inverse):
+    """Centre and radius of the largest circle in a convex outline of few edges; radius -1 if it is none."""
     if m > _CONVEX or not convex(edges, m, 1e-13 * diameter):
-        return -1.0
+        return 0.0, 0.0, -1.0
     x, y, radius = largest_in_box(
         edges, np.int64(0), m, np.int64(0), diameter, diameter, 0.0, 1e-15 * diameter, trio, weight, inverse
     )
     found = signed_distance(edges, m, x, y)
-    return found if radius - found <= 1e-12 * diameter else -1.0
+    return x, y, found if radius - found <= 1e-12 * diameter else -1.0
 
 
 @helper
@@ -93,61 +100,34 @@ def _steeper(edges, some, weight, x, y, sx, sy):
     return 0 if one > two else 1
 
 
-@helper
-def _move(source, i, target, j):
-    """Copy a row number by number: slices take numba a second longer to compile."""
-    for k in range(9):
-        target[j, k] = source[i, k]
-
-
-@helper
-def _pop(heap, size, box):
-    """Move the box with the largest bound, on top, off the heap of ``size``."""
-    i, j = np.int64(0), np.int64(1)  # as constants they would have a version of every kernel compiled
-    _move(heap, i, box, i)
-    while j < size - 1:  # the last entry takes the first place and sinks
-        if j + 1 < size - 1 and heap[j + 1, 0] > heap[j, 0]:
-            j += 1
-        if heap[j, 0] <= heap[size - 1, 0]:
-            break
-        _move(heap, j, heap, i)
-        i, j = j, 2 * j + 1
-    _move(heap, size - 1, heap, i)
-
-
-@helper(allocates=True)
-def _push(heap, size, box):
-    """Put a box on the heap of ``size``, in a longer copy if it is full."""
-    if size == len(heap):
-        grown = np.empty((2 * size, 9))
-        for i in range(size):
-            _move(heap, i, grown, i)
-        heap = grown
-    i = size
-    while i > 0 and heap[(i - 1) // 2, 0] < box[0, 0]:
-        _move(heap, (i - 1) // 2, heap, i)
-        i = (i - 1) // 2
-    _move(box, np.int64(0), heap, i)
-    return heap
-
-
 @helper(allocates=True)
 def _largest(edges, m, diameter, best, heap):
-    """Radius of the largest circle, at least ``best`` (that about the origin); edges and heap to reuse."""
+    """Centre and radius of the largest circle, at least ``best`` about (0, 0); edges and heap to reuse."""
     best_x, best_y, polished, above = 0.0, 0.0, 0.0, 0.0
     trio, weight = np.zeros(3, np.int64), np.zeros(3)
     pair, halves = np.zeros(3, np.int64), np.array((0.5, 0.5, 0.0))
     some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
-    exact = _convex_radius(edges, m, diameter, some, share, inverse)
+    x, y, exact = _in_convex(edges, m, diameter, some, share, inverse)
     if exact >= 0.0:
-        return max(exact, best), edges, heap
-    box = np.empty((1, 9))
+        return (x, y, exact, edges, heap) if exact > best else (best_x, best_y, best, edges, heap)
+    box = np.empty((1, WIDTH))
     x0, y0, sx, sy = bounding_box(edges, m)
     start, stop, top = np.int64(0), m, m  # edges of the open box; end of those in use
     axis, parts, size, opened, polish = np.int64(0), 1, np.int64(0), 0, 4
-    done = False
+    accuracy, done = 1e-3, False
+    if sx > _LONG * sy:
+        best_x, best_y, best, heap, size, whole = slabs(edges, m, best, 0.01 * accuracy, heap, box)
+        best_x, best_y, best = _polished(edges, m, best_x, best_y, best, trio, weight, inverse)
+        polished = best
+        promising = 0
+        for i in range(size):
+            promising += heap[i, 0] > best * (1.0 + 0.01 * accuracy)
+        if whole and promising <= _FEW:
+            accuracy, parts = 0.01 * accuracy, 0  # as few boxes are left, more exactly
+        else:
+            size = np.int64(0)
     while not done:
-        slack = min(1e-4 * diameter, max(1e-3 * best, 1e-5 * diameter))
+        slack = min(1e-4 * diameter, max(accuracy * best, 0.01 * accuracy * diameter))
         reach, thin = np.sqrt(sx * sx + sy * sy), max(sx, sy) > _THIN * min(sx, sy)
         for part in range(parts):
             x, y = x0, y0
@@ -195,7 +175,7 @@ def _largest(edges, m, diameter, best, heap):
                 along = _steeper(edges, pair, halves, x, y, sx, sy)
             box[0, 0], box[0, 1], box[0, 2], box[0, 3], box[0, 4] = bound, x, y, sx, sy
             box[0, 5], box[0, 6], box[0, 7], box[0, 8] = signed, first, last, along
-            heap = _push(heap, size, box)
+            heap = push(heap, size, box)
             size += 1
             top = max(top, last)
         done = size == 0 or heap[0, 0] <= best + slack
@@ -205,14 +185,31 @@ def _largest(edges, m, diameter, best, heap):
         if opened == polish:
             polish *= 2
         if not done:
-            _pop(heap, size, box)
+            pop(heap, size, box)
             x0, y0, sx, sy, above = box[0, 1], box[0, 2], box[0, 3], box[0, 4], box[0, 5]
             start, stop, axis = np.int64(box[0, 6]), np.int64(box[0, 7]), np.int64(box[0, 8])
             sx, sy = (0.5 * sx, sy) if axis == 0 else (sx, 0.5 * sy)
             size -= 1
             opened += 1
             parts = 2
-    return best, edges, heap
+    return best_x, best_y, best, edges, heap
+
+
+@helper(allocates=True)
+def _radius(edges, m, diameter, anywhere, heap, links):
+    """Radius of the largest circle anywhere, or of that about the origin; edges and heap to reuse."""
+    best = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
+    if not anywhere:
+        return best, edges, heap
+    table, k, many = edges, m, m > _MANY
+    if many:
+        table, k = simplified(edges, m, links, _SAG * bounding_box(edges, m)[3])
+    x, y, found, table, heap = _largest(table, k, diameter, best, heap)
+    if not many:
+        return found, table, heap
+    some, share, inverse = np.zeros(3, np.int64), np.zeros(3), np.zeros((3, 3))
+    found = signed_distance(edges, m, x, y)
+    return max(best, _polished(edges, m, x, y, found, some, share, inverse)[2]), edges, heap
 
 
 @kernel
@@ -230,17 +227,24 @@ def circles(points, offsets, faces, face_vertices, centroids, diameters, anywher
     left the best λ are sought if edges are few. Thin boxes are halved along the axis along which the second
     choice rises more, and discarded if they are outside and meet no edge.
 
+    Long outlines are cut into trapezoids first. If at most 16 of these are promising, boxes around them are
+    halved instead of one around all, until none exceeds the best radius by 1e-5 of it (or 1e-7 diameters).
+
+    Chains of nearly straight edges in outlines of more than 256 edges become one edge; in the end the circle
+    is that of the outline itself.
+
     Only edges within d + 2R of c can be nearest to a point of the box: they alone are handed down to its
     halves, so that many edges cost little more than few. Whether a centre is inside follows from that of
     the box it was halved from and the edges between the two.
     """
-    radius = np.zeros(len(offsets) - 1)
+    radius, most = np.zeros(len(offsets) - 1), np.int64(0)
+    for c in range(len(radius)):
+        most = max(most, offsets[c + 1] - offsets[c])
+    links = np.zeros((len(points) if anywhere and most > _MANY else 0, 2), np.int32)
     edges = np.empty((HEIGHT, 64))
-    heap = np.empty((256, 9))  # bound, x, y, half sides, signed distance, first and last column of its edges
+    heap = np.empty((256, WIDTH))
     for c in range(len(radius)):
         x0, y0 = centroids[c, 0], centroids[c, 1]
         edges, m = gathered(points, offsets[c], offsets[c + 1], faces, face_vertices, x0, y0, edges)
-        radius[c] = max(signed_distance(edges, m, 0.0, 0.0), 0.0)
-        if anywhere:
-            radius[c], edges, heap = _largest(edges, m, diameters[c], radius[c], heap)
+        radius[c], edges, heap = _radius(edges, m, diameters[c], anywhere, heap, links)
     return radius

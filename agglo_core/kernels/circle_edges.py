@@ -2,8 +2,8 @@
 
 Edges ab are columns of a table, so that loops over them run in vector registers: ``ROWS`` rows ax, ay, ux,
 uy, bx, by, 1/|u|² where u = b − a, one for the squares of distances, or other values, and three for a plane
-in place of the distance. The end b stands beside u because the even-odd rule needs it without rounding. A
-list of edges is a range of columns.
+in place of the distance. Until there are planes, the numbers of the vertices a and b stand there. The end b
+stands beside u because the even-odd rule needs it without rounding. A list of edges is a range of columns.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from agglo_core.kernels.compiling import helper
 
 __all__ = [
     "DISTANCE",
+    "FIRST",
     "HEIGHT",
+    "LAST",
     "ROWS",
     "SLOPE",
     "apart",
@@ -30,6 +32,7 @@ __all__ = [
 
 ROWS = 7  # numbers that describe an edge; the next row takes squares of distances
 DISTANCE, SLOPE, HEIGHT = 8, 9, 11  # rows of planes, value and gradient; all rows
+FIRST, LAST = 8, 9  # rows of the vertices a and b, until planes are written there
 
 
 @helper(allocates=True)
@@ -49,6 +52,7 @@ def gathered(points, start, stop, faces, face_vertices, x0, y0, edges):
         square = (bx - ax) ** 2 + (by - ay) ** 2
         if square > 0.0:
             edges[0, m], edges[1, m], edges[4, m], edges[5, m] = ax, ay, bx, by
+            edges[FIRST, m], edges[LAST, m] = p, q
             m += 1
             length = np.sqrt(square)  # moments of the edge about the origin, times 3
             sxx += length * (ax * ax + ax * bx + bx * bx)

@@ -6,11 +6,14 @@ Source: Karypis and Kumar, "A fast and high quality multilevel scheme for partit
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64, block_shares
+from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64
+
+if TYPE_CHECKING:
+    import pymetis
 
 __all__ = ["Metis"]
 
@@ -69,17 +72,17 @@ class Metis:
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Bisect each block; return sides ``(n,)``, both in every block of at least two nodes."""
-        first = level.offsets[level.block_ids]
-        owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
-        adjacent = level.indices - first[owners]
-        nodes, edges = self._weights(level, owners)
-        sides = np.zeros(level.n, dtype=np.int64)
-        for i, j, seed in zip(level.offsets[:-1], level.offsets[1:], seeds, strict=True):
+        ends = level.indptr[level.offsets]
+        adjacent = level.indices - np.repeat(level.offsets[:-1], np.diff(ends))
+        nodes, edges = self._weights(level)
+        sides, options = np.zeros(level.n, dtype=np.int64), self._options(recursive=True)
+        for b, (i, j) in enumerate(zip(level.offsets[:-1], level.offsets[1:], strict=True)):
             if j - i > 1:
-                span = slice(level.indptr[i], level.indptr[j])
-                starts = level.indptr[i : j + 1] - level.indptr[i]
+                span = slice(ends[b], ends[b + 1])
+                starts = level.indptr[i : j + 1] - ends[b]
                 weights = _sliced(nodes, slice(i, j)), _sliced(edges, span)
-                sides[i:j] = self._part(2, starts, adjacent[span], *weights, seed, recursive=True)
+                options.seed = int(seeds[b] & _SEED_MASK)
+                sides[i:j] = _part(2, starts, adjacent[span], *weights, options, recursive=True)
         return _with_two_sides(level, sides)
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
@@ -97,42 +100,48 @@ class Metis:
         parts = min(target.parts, graph.n)
         if parts in (1, graph.n):  # METIS itself leaves gaps among n parts
             return np.arange(graph.n) % parts
-        owners = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-        adjacent = graph.indices.astype(np.int64)
-        nodes, edges = self._weights(graph, owners)
+        nodes, edges = self._weights(graph)
         recursive = self.algorithm == "recursive"
         nodes = None if nodes is None else _that_fit(nodes, parts)
-        return self._part(parts, graph.indptr, adjacent, nodes, edges, np.uint64(seed), recursive)
+        options = self._options(recursive)
+        options.seed = int(np.uint64(seed) & _SEED_MASK)
+        return _part(parts, graph.indptr, graph.indices.astype(np.int64), nodes, edges, options, recursive)
 
-    def _part(
-        self,
-        parts: int,
-        starts: Int,
-        adjacent: Int,
-        nodes: Int | None,
-        edges: Int | None,
-        seed: np.uint64,
-        recursive: bool,
-    ) -> Int:
-        """One call of METIS: labels ``(n,)``."""
+    def _options(self, recursive: bool) -> pymetis.Options:
+        """Options of METIS but for the seed; they are as dear to make as a few dozen nodes to bisect."""
         import pymetis
 
-        options = pymetis.Options(niter=self.niter, ncuts=self.ncuts, seed=int(seed & _SEED_MASK))
+        options = pymetis.Options(niter=self.niter, ncuts=self.ncuts)
         if not recursive:
             options.contig = int(self.contig)
         if self.ufactor is not None or not recursive:
             options.ufactor = self.ufactor or 300
-        graph = pymetis.CSRAdjacency(starts, adjacent)
-        result = pymetis.part_graph(
-            parts, graph, vweights=nodes, eweights=edges, recursive=recursive, options=options
-        )
-        return np.asarray(result.vertex_part, dtype=np.int64)
+        return options
 
-    def _weights(self, level: Graph, owners: Int) -> tuple[Int | None, Int | None]:
+    def _weights(self, level: Graph) -> tuple[Int | None, Int | None]:
         """Integer weights of nodes ``(n,)`` and edges ``(m,)``, or None where they do not count."""
-        nodes = _integers(level.weights, level.block_ids) if self.vertex_weights else None
-        edges = _integers(level.interface, level.block_ids[owners]) if self.edge_weights else None
+        nodes = _integers(level.weights, level.offsets) if self.vertex_weights else None
+        edges = _integers(level.interface, level.indptr[level.offsets]) if self.edge_weights else None
         return nodes, edges
+
+
+def _part(
+    parts: int,
+    starts: Int,
+    adjacent: Int,
+    nodes: Int | None,
+    edges: Int | None,
+    options: pymetis.Options,
+    recursive: bool,
+) -> Int:
+    """One call of METIS: labels ``(n,)``."""
+    import pymetis
+
+    graph = pymetis.CSRAdjacency(starts, adjacent)
+    result = pymetis.part_graph(
+        parts, graph, vweights=nodes, eweights=edges, recursive=recursive, options=options
+    )
+    return np.asarray(result.vertex_part, dtype=np.int64)
 
 
 def _check_count(name: str, value: object, largest: int) -> None:
@@ -144,10 +153,16 @@ def _sliced(values: Int | None, span: slice) -> Int | None:
     return None if values is None else values[span]
 
 
-def _integers(values: Float, blocks: Int) -> Int:
-    """Values in thousandths of the mean of their block, at least 1."""
-    relative = np.bincount(blocks)[blocks] * block_shares(values, blocks)
-    integers: Int = np.maximum(np.rint(_UNITS * relative), 1).astype(np.int64)
+def _integers(values: Float, offsets: Int) -> Int:
+    """Values in thousandths of the mean of their block, at least 1; all the same where they are zero."""
+    sizes = np.diff(offsets)
+    totals = np.bincount(np.repeat(np.arange(len(sizes)), sizes), values, len(sizes))
+    some = totals > 0
+    shares = values / np.repeat(np.where(some, totals, 1.0), sizes)
+    if not some.all():
+        shares = np.where(np.repeat(some, sizes), shares, 1.0 / np.repeat(sizes, sizes))
+    shares *= np.repeat(sizes, sizes)
+    integers: Int = np.maximum(np.rint(_UNITS * shares), 1).astype(np.int64)
     return integers
 
 

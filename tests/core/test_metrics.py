@@ -24,6 +24,8 @@ from agglo_core.components.metrics import (
     UniformityFactor99,
 )
 from agglo_core.errors import MeshError, OptionError
+from agglo_core.kernels.circle_chains import simplified
+from agglo_core.kernels.circle_edges import FIRST, HEIGHT, LAST
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
 
@@ -143,6 +145,39 @@ def test_many_edges() -> None:
         assert _measure(CircleRatio(), cell)[0] * cell.h / 2 == pytest.approx(radius, rel=1e-4)
 
 
+def _table(outlines: list[np.ndarray], vertices: list[np.ndarray]) -> np.ndarray:
+    """The table of the edges of closed outlines, in any order and direction, with one vertex number each."""
+    rows = [
+        np.column_stack((p, np.roll(p, -1, axis=0), v, np.roll(v, -1)))
+        for p, v in zip(outlines, vertices, strict=True)
+    ]
+    edges = np.random.default_rng(0).permutation(np.concatenate(rows))
+    edges[::3] = edges[::3][:, [2, 3, 0, 1, 5, 4]]
+    table = np.zeros((HEIGHT, len(edges)))
+    table[[0, 1, 4, 5, FIRST, LAST]] = edges.T
+    table[2:4] = table[4:6] - table[0:2]
+    return table
+
+
+@pytest.mark.parametrize(("tiny", "arcs"), [(1e-12, 300), (3e-4, 151), (3e-3, 43)])
+def test_simplified_outlines_pass_all_vertices(tiny: float, arcs: int) -> None:
+    turn = 2 * np.pi * np.arange(300) / 300
+    square = np.array([(x, y) for x, y in np.ndindex(9, 9) if x in (0, 8) or y in (0, 8)]) / 30 + 0.5
+    square = square[np.argsort(np.arctan2(*(square - square.mean(axis=0)).T))]
+    ragged = _outline(np.random.default_rng(1).uniform(0.1, 0.2, 50), 2 * np.pi * np.arange(50) / 50) - 0.3
+    outlines = [_outline(np.ones(300), turn), square, ragged, ragged[0] - ragged + ragged[0]]
+    numbers = [np.arange(300), 300 + np.arange(32), 400 + np.arange(50), 500 + np.arange(50)]
+    numbers[3][0] = 400  # both ragged ones meet there
+    edges, links = _table(outlines, numbers), np.zeros((600, 2), np.int32)
+    rough, k = simplified(edges, edges.shape[1], links, tiny)
+    assert not links.any()
+    assert 4 + 80 < k <= arcs + 5 + 100  # the circle, the square, and both ragged ones
+    lines = shapely.linestrings(np.stack((rough[:2, :k], rough[4:6, :k]), axis=1).T.reshape(-1, 2, 2))
+    whole = shapely.union_all(lines)
+    assert shapely.distance(shapely.points(edges[:2].T), whole).max() <= tiny
+    assert set(map(tuple, rough[:2, :k].T)) <= set(map(tuple, np.hstack((edges[:2], edges[4:6])).T))
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_ragged_outlines_agree_with_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -185,6 +220,33 @@ def test_circles_agree_with_shapely(mesh: Mesh, k: int, swaps: float) -> None:
         inside = shape.contains(shape.centroid)
         about = shape.boundary.distance(shape.centroid) if inside else 0.0
         assert centred[part] * diameters[part] / 2 == pytest.approx(about, rel=1e-6, abs=1e-9)
+
+
+def _upright_lines(shape: shapely.Geometry) -> list[shapely.LineString]:
+    """What vertical lines just beside each vertex, and a little further from it, share with a shape."""
+    corners, (left, low, right, high) = shapely.get_coordinates(shape), shape.bounds
+    lines: list[shapely.LineString] = []
+    beside = np.array([1e-9 * (right - left), 0.25 * (high - low), 0.5 * (high - low)])
+    for x in np.add.outer(corners[:, 0], np.concatenate((-beside, beside))).ravel():
+        found = shape.intersection(shapely.LineString([(x, low - 1), (x, high + 1)]))
+        lines += [part for part in shapely.get_parts(found) if part.length > 0]
+    return lines
+
+
+@pytest.mark.parametrize("aspect", [50, 1000])
+def test_thin_agglomerates_have_circles_about_their_longest_lines(aspect: float) -> None:
+    plain = samples.voronoi(600, seed=8)
+    labels, loops = _ragged(plain, 40, seed=8), plain.boundary_loops
+    mesh = Mesh.from_polygons(plain.points * [aspect, 1], (loops.loop_offsets, loops.vertices))
+    cells, diameters = _cells_of(mesh), mesh.coarsen(labels).cell_diameters
+    radii = CircleRatio().measure(mesh, labels) * diameters / 2
+    for part in range(labels.max() + 1):
+        shape = shapely.union_all(cells[labels == part])
+        lines = _upright_lines(shape)
+        reached = shapely.distance(shape.boundary, shapely.centroid(lines)).max()
+        assert reached - max(1e-5 * reached, 1e-7 * diameters[part]) <= radii[part]
+        assert radii[part] <= shapely.length(lines).max() / 2 * (1 + 1e-6)
+        assert radii[part] == pytest.approx(reached, rel=0.03)
 
 
 # -- the rest -----------------------------------------------------------------------------------
