@@ -60,13 +60,18 @@ def _farthest(m, unique, x, points):
 
 @helper
 def sort_along_x(m, unique, points):
-    """Sort the vertices ``unique[:m]`` by their first coordinate (Shell's sort)."""
+    """Sort the vertices ``unique[:m]`` by their first coordinate, equal ones by number (Shell's sort)."""
     gap = m // 2
     while gap > 0:
         for i in range(gap, m):
             v, j = unique[i], i
-            while j >= gap and points[unique[j - gap], 0] > points[v, 0]:
-                unique[j] = unique[j - gap]
+            x = points[v, 0]
+            while j >= gap:
+                other = unique[j - gap]
+                place = points[other, 0]
+                if place < x or (place == x and other <= v):
+                    break
+                unique[j] = other
                 j -= gap
             unique[j] = v
         gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import ONE, helper, kernel
-from agglo_core.kernels.geometry import MANY, sort_along_x, widest_of_many
+from agglo_core.kernels.geometry import MANY, largest_distance, sort_along_x, widest_of_many
 
 __all__ = ["is_wider", "wide_blocks"]
 
@@ -52,6 +52,7 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
     distance to it): in the middle of the cells it leaves few. Those are sorted along x, so that the copies of
     a vertex, one for each of its cells, come one after the other.
     """
+    last = points.shape[1] - 1
     reach, count = _reach(cells, vertex_offsets, vertices, points, centre)
     least, inner = limit * limit * (1.0 - _ROUNDING), limit - np.sqrt(reach)
     if 4.0 * reach < least:
@@ -59,8 +60,10 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
     inner = inner * inner * (1.0 - _ROUNDING) if inner > 0.0 else 0.0
     far = np.empty(count + 1, np.int32)
     m = _outside(cells, vertex_offsets, vertices, points, centre, inner, far)
+    if last > 1:  # in space copies are many, and x the same for whole planes of a grid
+        return largest_distance(m, far, centre, points) > limit
     sort_along_x(m, far, points)
-    distinct, widest, last = min(m, 1), 0.0, points.shape[1] - 1
+    distinct, widest = min(m, 1), 0.0
     for k in range(1, m):
         far[distinct] = far[k]
         distinct += far[distinct] != far[distinct - 1]

@@ -59,7 +59,6 @@ def wide_parts(
     """
     from agglo_core.kernels.graphs import listed_blocks
     from agglo_core.kernels.part_faults import extend_parts
-    from agglo_core.kernels.widths import wide_blocks
 
     def bounds(start: int, stop: int) -> Float:
         own = np.tile(np.repeat([np.inf, -np.inf], 4), (len(asked), 1))
@@ -77,15 +76,31 @@ def wide_parts(
     wide = asked & (lower > limit * (1 + _NEAR))
     near = np.flatnonzero(asked & ~wide & (upper >= limit * (1 - _NEAR)))
     if len(near):
-        d = points.shape[1]
-        centres = frozen_float(least[near, :d] + 0.5 * extents[near, :d])
         listed, starts = listed_blocks(labels, frozen_int(near), len(asked))
-        cells, offsets = frozen_index(listed), frozen_int(starts)
-
-        def measured(start: int, stop: int) -> Mask:
-            own = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]
-            found: Mask = wide_blocks(*own, limit)
-            return found
-
-        wide[near] = np.concatenate(over_ranges(measured, len(near), few=_FEW, shares=1))
+        offsets, shape = frozen_int(starts), (vertex_offsets, vertices, points)
+        if points.shape[1] == 2:
+            centres = frozen_float(least[near, :2] + 0.5 * extents[near, :2])
+            wide[near] = _wider(offsets, frozen_index(listed), *shape, centres, limit)
+        else:  # a vertex is in many cells, and should be looked at once
+            wide[near] = diameters_of(offsets, frozen_int(listed), *shape) > limit
     return np.asarray(wide)
+
+
+def _wider(
+    offsets: Int,
+    cells: Index,
+    vertex_offsets: Int,
+    vertices: Index,
+    points: Float,
+    centres: Float,
+    limit: float,
+) -> Mask:
+    """Whether blocks with ``centres (blocks, 2)`` in their middle are wider than ``limit``."""
+    from agglo_core.kernels.widths import wide_blocks
+
+    def found(start: int, stop: int) -> Mask:
+        own = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]
+        wide: Mask = wide_blocks(*own, limit)
+        return wide
+
+    return np.concatenate(over_ranges(found, len(offsets) - 1, few=_FEW, shares=1))
