@@ -157,14 +157,17 @@ class VertexPatches:
         return x, r
 
     def after(self, b: Real, x: Real) -> Real:
-        """Return x after a sweep backwards."""
-        return self.sweep(b, x, back=True)
+        """Return x after a sweep backwards; the array given is changed."""
+        return self._swept(b, np.ascontiguousarray(x, dtype=self.A.dtype), -1)
 
     def sweep(self, b: Real, x: Real, *, back: bool = False) -> Real:
         """Return x ``(n,)`` after a sweep through the patches, the last first if ``back``."""
-        x, dtype = np.array(x, self.A.dtype), self.A.dtype
+        return self._swept(b, np.array(x, self.A.dtype), -1 if back else 1)
+
+    def _swept(self, b: Real, x: Real, order: int) -> Real:
+        dtype = self.A.dtype
         given = frozen(b, dtype) if self._apart else np.require(b, dtype, ["C", "W"])
-        self._again(*self._arrays, given, x, -1 if back else 1)
+        self._again(*self._arrays, given, x, order)
         return x
 
 

@@ -68,9 +68,15 @@ class ConformingSpace:
     bubbles_of_a_face: int
     jumps: Float
 
-    def prolongation(self, dtype: Any = np.float64) -> sparse.csr_array:
-        """P ``(n_cells · n_local, n)``, entries that are nothing but rounding being 0."""
-        blocks = self.fitted.astype(dtype)
+    def prolongation(self, dtype: Any = np.float64, scale: Float | None = None) -> sparse.csr_array:
+        """P ``(n_cells · n_local, n)``, entries that are nothing but rounding being 0.
+
+        With ``scale (n_cells, n_local, n_local)`` the rows of each cell are multiplied by its block.
+        """
+        from agglo_polydg_mg.galerkin_kernels import scaled_rows
+
+        rows = self.fitted if scale is None else scaled_rows(scale, self.offsets, self.fitted)
+        blocks = rows.astype(dtype)
         blocks[np.abs(blocks) < 1e-22 * np.abs(blocks).max(initial=0.0)] = 0.0  # their products: denormals
         shape = (self.fitted.shape[1] * (len(self.offsets) - 1), self.n)
         columns = sparse.bsr_array((blocks[:, :, None], self.unknowns, self.offsets), shape=shape)

@@ -49,6 +49,7 @@ def conforming_stack(
     *,
     labels: Sequence[Int] | None = None,
     smoother: Callable[[Any, Int, Any], multigrid.LevelSmoother] | None = None,
+    scale: Float | None = None,
     bubbles: bool = True,
     vertices: Literal["aggregates", "classical"] = "aggregates",
     layers: bool = False,
@@ -77,6 +78,8 @@ def conforming_stack(
     smoother : callable
         Makes the smoother of the first level from matrix, block offsets and precision. Symmetric block
         Gauss–Seidel on cells by default; see :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
+    scale : (n_cells, n_local, n_local) float, optional
+        Blocks that take the coefficients of each cell to the unknowns of the first level, if it has others.
     bubbles : bool
         Whether faces have p − 1 bubbles each.
     vertices : "aggregates" or "classical"
@@ -96,7 +99,7 @@ def conforming_stack(
     held = _SMALLEST_KAPPA * kappa.min() / kappa.max()
     small = max(min(_SMALL, held), _ROUNDING) if inner else _ROUNDING
     C = space.galerkin(system.A, small, small if nodal else _SMALL_BUBBLES, _SMALL_VERTICES if even else 0.0)
-    P, guide = space.prolongation(dtype), None
+    P, guide = space.prolongation(dtype, scale), None
     if nodal:
         T = nodal_basis(space, basis.mesh)
         C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P @ T.astype(dtype))

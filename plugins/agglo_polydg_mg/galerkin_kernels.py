@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 
-__all__ = ["half_product", "thinned"]
+__all__ = ["half_product", "scaled_rows", "thinned"]
 
 _MOST_ADDED = 0.25
 """A row whose small entries add up to more than this part of its diagonal one keeps them."""
@@ -176,3 +176,17 @@ def _group_of(group, i):
         group[i] = group[group[i]]
         i = group[i]
     return i
+
+
+@kernel(reorder_sums=True)
+def scaled_rows(blocks, offsets, rows):
+    """Each of ``rows[offsets[c]:offsets[c + 1]]`` multiplied by block c, all blocks ``(n, n)``."""
+    found = np.empty_like(rows)
+    for c in range(len(blocks)):
+        for k in range(offsets[c], offsets[c + 1]):
+            for q in range(rows.shape[1]):
+                total = 0.0
+                for r in range(rows.shape[1]):
+                    total += blocks[c, q, r] * rows[k, r]
+                found[k, q] = total
+    return found

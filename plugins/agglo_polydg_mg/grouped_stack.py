@@ -11,9 +11,8 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy import sparse
 
-from agglo_core.authoring import Float, Int, System, multigrid
+from agglo_core.authoring import Float, Int, System, frozen_float, multigrid
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_choice import strong_pairs
 from agglo_polydg_mg.conforming_stack import conforming_stack
@@ -63,14 +62,14 @@ def grouped_stack(
         kappa,
         labels=labels,
         smoother=lambda *_: smoother,
+        scale=frozen_float(scaled.LT.data),
         bubbles=bubbles,
         vertices=vertices,
         layers=layers,
         dtype=dtype,
     )
     first, *below = stack.levels
-    P = sparse.csr_array(scaled.LT @ first.P).astype(dtype)
-    top = replace(first, A=smoother.A, P=P, patches=groups)
+    top = replace(first, A=smoother.A, patches=groups)
     if overlap:
         above = [system.A, *(level.A for level in below)]
         below = [

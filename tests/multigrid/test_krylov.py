@@ -305,6 +305,20 @@ def test_where_rounding_ends_it_x_is_as_accurate_as_by_elimination() -> None:
     assert np.sqrt(e @ hard @ e / (wanted @ exact)) <= 4.0 * found.energy_error
 
 
+def test_the_backward_error_is_the_same_for_a_matrix_in_blocks() -> None:
+    rng = np.random.default_rng(3)
+    n = 5000  # rows of blocks: more than are taken at a time
+    A = sparse.random_array((n, n), density=3 / n, rng=rng) - sparse.eye_array(n)
+    A = sparse.kron(A, rng.standard_normal((2, 2)), format="bsr")
+    A.sort_indices()
+    x, b = rng.standard_normal((2, 2 * n))
+    plain = sparse.csr_array(A)
+    expected = np.linalg.norm(b - plain @ x) / np.linalg.norm(abs(plain) @ np.abs(x) + np.abs(b))
+    assert A.has_canonical_format
+    assert A.blocksize == (2, 2)
+    assert backward_error(A, x, b) == pytest.approx(expected, rel=1e-12)
+
+
 def test_the_limit_of_precision_is_claimed_of_known_entries_alone() -> None:
     hard = far_apart()
     unknown = LinearOperator(hard.shape, matvec=lambda x: hard @ x, dtype=float)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from random_diffusion import graded
 from scipy import sparse
+from scipy.linalg import block_diag
 
 from agglo_core import Mesh, samples
 from agglo_core.multigrid import LevelStack, cycle
@@ -102,6 +103,14 @@ def test_constants_are_ones_at_vertices_on_any_mesh(seed: int) -> None:
             corners = space.unknowns < space.n_vertices
             cells = np.repeat(np.arange(mesh.n_cells), np.diff(space.offsets))[corners]
             assert np.bincount(cells).max() <= 36
+
+
+def test_a_scaled_prolongation_is_the_product_with_the_blocks() -> None:
+    mesh = samples.random_triangles(20, seed=2)
+    _, space = space_on(mesh, 2)
+    blocks = np.random.default_rng(0).standard_normal((mesh.n_cells, 6, 6))
+    product = block_diag(*blocks) @ space.prolongation().toarray()
+    assert np.allclose(space.prolongation(scale=blocks).toarray(), product, atol=1e-12)
 
 
 def test_small_entries_between_vertices_go_to_the_diagonal() -> None:
