@@ -58,7 +58,7 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
     if 4.0 * reach < least:
         return False
     inner = inner * inner * (1.0 - _ROUNDING) if inner > 0.0 else 0.0
-    far = np.empty(count + 1, np.int32)
+    far = np.empty(count + 1, np.int64)
     m = _outside(cells, vertex_offsets, vertices, points, centre, inner, far)
     if last > 1:  # in space copies are many, and x the same for whole planes of a grid
         return largest_distance(m, far, centre, points) > limit
@@ -79,8 +79,9 @@ def is_wider(cells, vertex_offsets, vertices, points, centre, limit):
 @kernel
 def wide_blocks(block_offsets, cells, vertex_offsets, vertices, points, centres, limit):
     """Which blocks have two vertices further apart than ``limit``; the ``centres`` are in their middle."""
-    wide = np.empty(len(block_offsets) - 1, np.bool_)
+    wide, centre = np.empty(len(block_offsets) - 1, np.bool_), np.empty(2)
     for b in range(len(wide)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
-        wide[b] = is_wider(own, vertex_offsets, vertices, points, centres[b], limit)
+        centre[0], centre[1] = centres[b, 0], centres[b, 1]  # writable: one version of what is called
+        wide[b] = is_wider(own, vertex_offsets, vertices, points, centre, limit)
     return wide
