@@ -6,13 +6,15 @@ sides can be computed together.
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.multigrid.krylov_probe import probed
-from agglo_core.multigrid.krylov_rules import SAID, Rules, Steps
+from agglo_core.multigrid.krylov_rules import SAID, Request, Rules, Steps
+from agglo_core.problems.backward_error import LIMIT
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import Measure, size_ratio, two_norm
@@ -29,6 +31,8 @@ _DRIFT = 0.1
 """Part of b − A x by which the residual of the recursion may differ from it; else it starts afresh."""
 _IDLE = 2
 """Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
+_LUCK = 4.0
+"""Times the tolerance: what is larger does not pass the tests by another rounding of x."""
 _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
 _MORE = 4
@@ -165,6 +169,7 @@ class Column:
         if not self.ended and self._true and (self._stuck or self._passes()):
             yield from self._confirm()
         if not self.ended and self._stuck:
+            self._estimate()
             self.ended = "stagnation"
 
     def _count(self, gain: float, curvature: float) -> None:
@@ -195,7 +200,7 @@ class Column:
         now, least = (self.size, self._bound()), self._replaced
         idle = all(new > 0.5 * old for new, old in zip(now, least, strict=True))
         self._idle = self._idle + 1 if idle else 0
-        self._stuck = self._idle >= _IDLE
+        self._stuck = self._idle >= _IDLE or (yield from self._is_rounding())
         self._replaced = (min(now[0], least[0]), min(now[1], least[1]))
         if self._best is None or now[0] < least[0]:
             self._best = (self.x, self.r)
@@ -204,6 +209,15 @@ class Column:
             self.residuals[-1] = two_norm(self.r)
             yield from self._precondition()
             self._begin()
+
+    def _is_rounding(self) -> Generator[Request, Float, bool]:
+        """Whether b − A x is what the rounding of x makes of it, and far from passing the tests."""
+        near, stop = _LUCK * self.rules.tolerance, self.rules.stop
+        small = self.size <= near or stop == "energy"
+        if small and (self._bound() <= near * self._scale or stop == "residual"):
+            return False
+        magnitudes = yield "|A|", self.x
+        return two_norm(self.r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(self.b))
 
     def _drifted(self, r: Float, exact: Float) -> bool:
         return not two_norm(exact - r) <= _DRIFT * two_norm(exact)
