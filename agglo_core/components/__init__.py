@@ -122,6 +122,13 @@ def _refiners() -> list[Component]:
         ),
         Component(
             kind="refiner",
+            name="fm",
+            target="agglo_core.components.fm:FMRefiner",
+            promises=alike,
+            summary="Moves chains of boundary cells for short interfaces at given balance (subdomains).",
+        ),
+        Component(
+            kind="refiner",
             name="descent",
             target="agglo_core.components.descent:DescentRefiner",
             promises=alike,

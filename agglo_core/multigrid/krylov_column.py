@@ -1,20 +1,17 @@
 """Preconditioned conjugate gradients for one right-hand side, and whether they may claim to have converged.
 
-The iteration is written as a generator: it yields the products it needs, so that those of several right-hand
-sides can be computed together.
+The iteration is a generator that yields the products it needs: those of several columns are made together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.multigrid.krylov_probe import probed
-from agglo_core.multigrid.krylov_rules import SAID, Request, Rules, Steps
-from agglo_core.problems.backward_error import LIMIT
+from agglo_core.multigrid.krylov_probe import is_rounding, probed
+from agglo_core.multigrid.krylov_rules import SAID, Rules, Steps
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import Measure, size_ratio, two_norm
@@ -169,7 +166,6 @@ class Column:
         if not self.ended and self._true and (self._stuck or self._passes()):
             yield from self._confirm()
         if not self.ended and self._stuck:
-            self._estimate()
             self.ended = "stagnation"
 
     def _count(self, gain: float, curvature: float) -> None:
@@ -200,7 +196,10 @@ class Column:
         now, least = (self.size, self._bound()), self._replaced
         idle = all(new > 0.5 * old for new, old in zip(now, least, strict=True))
         self._idle = self._idle + 1 if idle else 0
-        self._stuck = self._idle >= _IDLE or (yield from self._is_rounding())
+        self._estimate()
+        self._stuck = self._idle >= _IDLE
+        if not (self._stuck or self._small(_LUCK)):
+            self._stuck = yield from is_rounding(self.r, self.x, self.b)
         self._replaced = (min(now[0], least[0]), min(now[1], least[1]))
         if self._best is None or now[0] < least[0]:
             self._best = (self.x, self.r)
@@ -209,15 +208,6 @@ class Column:
             self.residuals[-1] = two_norm(self.r)
             yield from self._precondition()
             self._begin()
-
-    def _is_rounding(self) -> Generator[Request, Float, bool]:
-        """Whether b − A x is what the rounding of x makes of it, and far from passing the tests."""
-        near, stop = _LUCK * self.rules.tolerance, self.rules.stop
-        small = self.size <= near or stop == "energy"
-        if small and (self._bound() <= near * self._scale or stop == "residual"):
-            return False
-        magnitudes = yield "|A|", self.x
-        return two_norm(self.r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(self.b))
 
     def _drifted(self, r: Float, exact: Float) -> bool:
         return not two_norm(exact - r) <= _DRIFT * two_norm(exact)
@@ -262,8 +252,8 @@ class Column:
         self._wait = self._passed + self._passed // 10
         return self.done >= self._wait or not self.r.any()
 
-    def _small(self) -> bool:
-        most, stop = self.rules.tolerance, self.rules.stop
+    def _small(self, factor: float = 1.0) -> bool:
+        most, stop = factor * self.rules.tolerance, self.rules.stop
         return (self.size <= most or stop == "energy") and (self._error <= most or stop == "residual")
 
     def _confirm(self) -> Steps:
