@@ -129,6 +129,13 @@ def _refiners() -> list[Component]:
         ),
         Component(
             kind="refiner",
+            name="balance",
+            target="agglo_core.components.balance:BalanceRefiner",
+            promises=alike,
+            summary="Hands cells on between parts until their sizes are even, within a tolerance or exactly.",
+        ),
+        Component(
+            kind="refiner",
             name="descent",
             target="agglo_core.components.descent:DescentRefiner",
             promises=alike,

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
+from agglo_core.components.part_sizes import block_sizes, cell_sizes, checked_size, checked_tolerance
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import numbered_parts
@@ -16,7 +17,6 @@ __all__ = ["FMRefiner"]
 
 _OBJECTIVES = ("interface", "cut")
 _CELL = 1.000001  # with room for rounding
-_BALANCES = ("cells", "measure", "weights")
 
 
 class FMRefiner:
@@ -35,8 +35,8 @@ class FMRefiner:
     ----------
     objective : "interface" or "cut"
         Length (area) of the interfaces, or number of edges cut.
-    balance : "cells", "measure" or "weights"
-        What sizes of parts are made of.
+    size : "cells", "measure" or "weights"
+        What sizes of parts are made of: numbers of cells, measures, or weights of the graph.
     tolerance : float
         0 or more.
     patience : int
@@ -67,21 +67,18 @@ class FMRefiner:
     def __init__(
         self,
         objective: Literal["interface", "cut"] = "interface",
-        balance: Literal["cells", "measure", "weights"] = "cells",
+        size: Literal["cells", "measure", "weights"] = "cells",
         tolerance: float = 0.03,
         patience: int = 10,
         rounds: int = 4,
     ) -> None:
-        for name, value, known in (("objective", objective, _OBJECTIVES), ("balance", balance, _BALANCES)):
-            if value not in known:
-                raise OptionError(f"fm: {name} is one of {', '.join(known)}; given {value!r}")
-        number = isinstance(tolerance, int | float) and not isinstance(tolerance, bool)
-        if not (number and 0.0 <= tolerance < np.inf):
-            raise OptionError(f"fm: tolerance must be a number, 0 or more, not {tolerance!r}")
+        if objective not in _OBJECTIVES:
+            raise OptionError(f"fm: objective is one of {', '.join(_OBJECTIVES)}; given {objective!r}")
         for name, count in (("patience", patience), ("rounds", rounds)):
             if isinstance(count, bool) or not isinstance(count, int) or count < 1:
                 raise OptionError(f"fm: {name} must be a whole number, 1 or more, not {count!r}")
-        self.objective, self.balance, self.tolerance = objective, balance, float(tolerance)
+        self.objective, self.size = objective, checked_size("fm", size)
+        self.tolerance = checked_tolerance("fm", tolerance)
         self.patience, self.rounds = patience, rounds
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
@@ -99,23 +96,14 @@ class FMRefiner:
         lengths = np.ones(len(graph.indices)) if self.objective == "cut" else graph.interface
         if len(lengths) == 0:
             return labels
-        sizes = self._sizes(graph)
+        sizes = cell_sizes(graph, self.size)
         bounds = self._bounds(sizes, labels, block)
         csr = graph.indptr, graph.indices, frozen_float(lengths)
         return frozen_int(search_all(*csr, sizes, labels, block, *bounds, self.rounds, self.patience))
 
-    def _sizes(self, graph: Graph) -> Float:
-        """What each cell adds to the size of its part."""
-        if self.balance == "cells":
-            return frozen_float(np.ones(graph.n))
-        return frozen_float(graph.measures if self.balance == "measure" else graph.weights)
-
     def _bounds(self, sizes: Float, labels: Int, block: Int) -> tuple[Float, Float]:
         """The least and the largest size of each part ``(k,)``."""
-        count = int(block.max()) + 1
-        total, cells = np.bincount(block[labels], sizes, count), np.bincount(block[labels], minlength=count)
-        parts = np.maximum(np.bincount(block, minlength=count), 1)
-        mean, cell = total / parts, total / np.maximum(cells, 1)
+        mean, cell = block_sizes(sizes, labels, block)
         spread = np.maximum(self.tolerance * mean, _CELL * cell)
         given = np.bincount(labels, sizes, len(block))
         least, most = (mean - spread)[block], (mean + spread)[block]

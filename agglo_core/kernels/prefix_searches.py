@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.kernels.cell_heap import put_in, take_out
 from agglo_core.kernels.compiling import ONE, helper, kernel
 from agglo_core.kernels.ring_search import keeps_whole
 
@@ -16,63 +17,6 @@ __all__ = ["search_all"]
 
 _TIE = 1e-9  # of the lengths of the first cell
 _NONE = np.int64(-1)
-
-
-@helper
-def _sift_up(heap, keys, place, at):
-    """Move the entry ``at`` up to where the one above it has a larger key."""
-    cell, key = heap[at], keys[at]
-    while at > 0:
-        above = (at - 1) // 2
-        if keys[above] >= key:
-            break
-        heap[at], keys[at] = heap[above], keys[above]
-        place[heap[at]] = at
-        at = above
-    heap[at], keys[at], place[cell] = cell, key, at
-
-
-@helper
-def _sift_down(heap, keys, place, at, size):
-    """Move the entry ``at`` down to where those below it have smaller keys."""
-    cell, key = heap[at], keys[at]
-    while 2 * at + 1 < size:
-        below = 2 * at + 1
-        if below + 1 < size and keys[below + 1] > keys[below]:
-            below += 1
-        if keys[below] <= key:
-            break
-        heap[at], keys[at] = heap[below], keys[below]
-        place[heap[at]] = at
-        at = below
-    heap[at], keys[at], place[cell] = cell, key, at
-
-
-@helper
-def _put_in(heap, keys, place, size, cell, key):
-    """Put a cell in the heap, or give it another key; returns the size."""
-    at = np.int64(place[cell])
-    if at < 0:
-        at, size = size, size + 1
-        heap[at], keys[at] = cell, key
-    else:
-        keys[at] = key
-        _sift_down(heap, keys, place, at, size)
-        at = np.int64(place[cell])
-    _sift_up(heap, keys, place, at)
-    return size
-
-
-@helper
-def _take_out(heap, keys, place, size):
-    """Take the cell of the largest key out of the heap; returns it and the size."""
-    cell, size = heap[0], size - 1
-    place[cell] = -1
-    if size > 0:
-        heap[0], keys[0] = heap[size], keys[size]
-        place[heap[0]] = 0
-        _sift_down(heap, keys, place, np.int64(0), size)
-    return np.int64(cell), size
 
 
 @helper
@@ -117,16 +61,16 @@ def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
     tie = 0.0
     for h in range(np.uint64(indptr[seed]), np.uint64(indptr[seed + ONE])):
         tie += _TIE * lengths[h]
-    size = _put_in(heap, keys, place, size, seed, gain)
+    size = put_in(heap, keys, place, size, seed, gain)
     total, best, kept, count, search = 0.0, 0.0, np.int64(0), np.int64(0), stamp
     while size > 0 and count - kept < patience:
-        cell, size = _take_out(heap, keys, place, size)
+        cell, size = take_out(heap, keys, place, size)
         i = np.uint64(cell)
         target, gain = _best_move(graph, parts, sizes, bounds, share, i)
         if target < 0 or cells[parts[i]] < 2:
             continue
         if size > 0 and gain < keys[0]:  # what was known of it has changed
-            size = _put_in(heap, keys, place, size, cell, gain)
+            size = put_in(heap, keys, place, size, cell, gain)
             continue
         stamp += 1
         if not keeps_whole(indptr, indices, parts, i, rings, stamp):
@@ -143,7 +87,7 @@ def _search(graph, parts, sizes, cells, bounds, seed, patience, work, stamp):
                 continue
             to, more = _best_move(graph, parts, sizes, bounds, share, j)
             if to >= 0:
-                size = _put_in(heap, keys, place, size, np.int64(j), more)
+                size = put_in(heap, keys, place, size, np.int64(j), more)
     for k in range(size):
         place[heap[k]] = -1
     for back in range(count - kept):

@@ -1,12 +1,13 @@
-"""Short interfaces at given balance: the refiner ``fm`` after METIS, and what METIS finds by itself.
+"""Short interfaces at given balance: the refiners ``balance`` and ``fm``, and what METIS finds by itself.
 
     python tests/benchmarks/interfaces.py [--cells N ...] [--parts K ...] [--meshes NAME ...] [--seeds N]
 
 Means over N fresh meshes; K parts, by default parts of 16 cells and 20 parts. METIS counts edges, or weighs
 them by their length (``lengths``); its parts are made connected by the built-in fixer before ``fm`` gets
-them, and are given as METIS returns them in its own row. ``interface`` and ``cut`` are over those of METIS
-recursive, ``apart`` is the number of parts in pieces, ``cells`` the smallest and the largest part over the
-mean and the coefficient of variation. CPU seconds, one thread, after a warm-up; those of ``fm`` are its own.
+them, and are given as METIS returns them in its own row. Those of ``kmeans``, with the default polish, are
+evened out first. ``interface`` and ``cut`` are over those of METIS recursive, ``apart`` is the number of
+parts in pieces, ``cells`` the smallest and the largest part over the mean and the coefficient of variation.
+CPU seconds, one thread, after a warm-up; those of refiners are their own.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pymetis
@@ -22,6 +23,7 @@ import pymetis
 import agglo_core as agglo
 from agglo_core import Graph, samples
 from agglo_core.arrays import Int
+from agglo_core.components.balance import BalanceRefiner
 from agglo_core.components.fm import FMRefiner
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
@@ -84,9 +86,21 @@ def rows(graph: Graph, parts: int) -> Iterator[tuple[str, Row]]:
         yield title, measured(graph, labels, seconds)
         labels = fixer.fix(graph, labels)
         for name, refiner in REFINERS.items():
-            start = time.process_time()
-            after = refiner.refine(graph, labels, np.zeros(1, np.uint64), Target(parts=parts))
-            yield f"  + {name}", measured(graph, after, time.process_time() - start)
+            after, seconds = refined(graph, labels, refiner)
+            yield f"  + {name}", measured(graph, after, seconds)
+    start = time.process_time()
+    labels = agglo.agglomerate(graph, n_parts=parts).levels[0]
+    yield "kmeans", measured(graph, labels, time.process_time() - start)
+    for name, refiner in (("balance", BalanceRefiner()), ("balance + fm", FMRefiner())):
+        labels, seconds = refined(graph, labels, refiner)
+        yield f"  + {name}", measured(graph, labels, seconds)
+
+
+def refined(graph: Graph, labels: Int, refiner: Any) -> tuple[Int, float]:
+    """Labels after a refiner, and its CPU seconds."""
+    start = time.process_time()
+    after = refiner.refine(graph, labels, np.zeros(1, np.uint64), Target(parts=int(labels.max()) + 1))
+    return after, time.process_time() - start
 
 
 def main() -> None:

@@ -157,7 +157,7 @@ def test_the_kernel_does_what_a_slow_search_does(kind: str, seed: int) -> None:
 def test_parts_stay_whole_balanced_and_are_cut_off_shorter(kind: str, seed: int, balance: str) -> None:
     graph = KINDS[kind](seed % 50)
     labels = some_parts(graph, seed)
-    after = refined(graph, labels, balance=balance, tolerance=0.1)
+    after = refined(graph, labels, size=balance, tolerance=0.1)
     assert len(np.unique(graph.components(after))) == 6
     assert OBJECTIVES["interface"](graph, after) <= OBJECTIVES["interface"](graph, labels)
     each = np.ones(graph.n) if balance == "cells" else graph.measures
@@ -207,7 +207,7 @@ def test_it_polishes_a_run() -> None:
     ("options", "message"),
     [
         ({"objective": "length"}, "objective is one of interface, cut; given 'length'"),
-        ({"balance": "area"}, "balance is one of cells, measure, weights; given 'area'"),
+        ({"size": "area"}, "size is one of cells, measure, weights; given 'area'"),
         ({"tolerance": -0.1}, "tolerance must be a number, 0 or more, not -0.1"),
         ({"tolerance": float("nan")}, "tolerance must be a number, 0 or more, not nan"),
         ({"patience": 0}, "patience must be a whole number, 1 or more, not 0"),
