@@ -60,7 +60,8 @@ def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
         assert run["seconds"] > 0
         assert [level["parts"] for level in run["levels"]] == [16, 4]
         assert all(level["diameter_ratio"] is None for level in run["levels"])
-    keys = {"target", "parts", "max_diameter", "UF", "CR", "CRc", "connected", "diameter_ratio"}
+    keys = {"target", "parts", "max_diameter", "connected", "diameter_ratio"}
+    keys |= {"UF", "CR", "CRc", "J", "isoperimetric"}
     assert set(data["runs"][1]["levels"][0]) == keys
 
 
