@@ -1,14 +1,16 @@
 """What the shapes of agglomerates do to solutions: errors, conditioning and iterations beside METIS k-way.
 
     python tests/benchmarks/solver_shapes.py [--cells N ...] [--per-part N ...] [--seeds N] [--penalty P]
+    python tests/benchmarks/solver_shapes.py --tried
     python tests/benchmarks/solver_shapes.py --times
 
 On fresh random meshes, at equal numbers of parts. On the mesh of the parts: L2 and DG errors of u = sin πx sin πy
 by PolyDG of degree 1 and 2, and the condition number of its matrix scaled by block Jacobi (up to 800 unknowns). On
 the mesh itself: iterations to 1e-8 of two levels, with fractions, by the default solver, the same with its
-recipe ``patches``, and the paper's. Geometric means over the meshes, divided by those of METIS k-way (contiguous,
-weights of cells and faces, the better of two imbalances for each figure). ``--times`` prints CPU seconds over
-those of METIS k-way.
+recipe ``patches``, and the paper's with inherited operators. E is the k-means energy, L the interface. Geometric means over the meshes, divided by those of METIS k-way (contiguous,
+weights of cells and faces, the better of two imbalances for each figure). ``--tried`` compares other weights of
+the interface in the polish and further polishes instead, without iterations; ``--times`` prints CPU seconds
+over those of METIS k-way.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,6 +36,7 @@ from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
+from agglo_core.components import compactness
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
@@ -56,11 +60,24 @@ METHODS: dict[str, Mapping[str, Any]] = {
     "kmeans": {"bisector": "kmeans"},
     "kmeans k-way": {"bisector": "kmeans", "method": "kway"},
 }
+_AGAIN = ("compactness", "compactness")
+TRIED: dict[str, tuple[Mapping[str, Any], float]] = {
+    "kmeans": ({}, 0.3),
+    "weight .2": ({}, 0.2),
+    "weight .1": ({}, 0.1),
+    "twice": ({"post_refiners": _AGAIN}, 0.3),
+    "weight .2, twice": ({"post_refiners": _AGAIN}, 0.2),
+    "weight .1, thrice": ({"post_refiners": (*_AGAIN, "compactness")}, 0.1),
+    "k-way": ({"method": "kway"}, 0.3),
+    "k-way, .2, twice": ({"method": "kway", "post_refiners": _AGAIN}, 0.2),
+    "kmeans, no polish": ({"polish": False}, 0.3),
+}
+"""Options of a run, and the weight of the interface in its polish."""
 RIVALS = ("METIS k-way, 3 %", "METIS k-way, 30 %")
 SOLVERS: dict[str, tuple[str, Mapping[str, Any]]] = {
     "default": ("polydg_mg", {}),
     "patches": ("polydg_mg", {"recipe": "patches"}),
-    "paper": ("polydg_mg_paper", {}),
+    "paper": ("polydg_mg_paper", {"operators": "inherited"}),
 }
 MOST_UNKNOWNS = 800  # of a matrix whose condition number is found by all its eigenvalues
 
@@ -70,7 +87,9 @@ def perturbed_squares(cells: int, seed: int) -> Mesh:
     n = round(cells**0.5)
     mesh, rng = samples.squares(n), np.random.default_rng(seed)
     inside = ((mesh.points > 1e-9) & (mesh.points < 1 - 1e-9)).all(axis=1)
-    return replace(mesh, points=mesh.points + inside[:, None] * rng.uniform(-0.3 / n, 0.3 / n, mesh.points.shape))
+    return replace(
+        mesh, points=mesh.points + inside[:, None] * rng.uniform(-0.3 / n, 0.3 / n, mesh.points.shape)
+    )
 
 
 FAMILIES: dict[str, Callable[[int, int], Mesh]] = {
@@ -104,7 +123,7 @@ def iterations(mesh: Mesh, labels: Labels, solver: str, tolerance: float = 1e-8)
 
 def figures(mesh: Mesh, labels: Labels, penalty: Any, solvers: bool) -> dict[str, float]:
     """What is measured of a partition."""
-    found = {"J": OBJECTIVES["compactness"].value(mesh.graph, labels)}
+    found = {"E": OBJECTIVES["compactness"].value(mesh.graph, labels)}
     found["L"] = OBJECTIVES["interface"].value(mesh.graph, labels)
     coarse = mesh.coarsen(labels)
     for degree in (1, 2):
@@ -124,13 +143,29 @@ def partition(mesh: Mesh, parts: int, method: Mapping[str, Any]) -> Labels:
     return np.asarray(agglo.agglomerate(mesh, n_parts=parts, **method).levels[0])
 
 
-def compared(meshes: list[Mesh], per_part: int, penalty: Any, solvers: bool) -> dict[str, dict[str, float]]:
+def weighed(mesh: Mesh, parts: int, tried: tuple[Mapping[str, Any], float]) -> Labels:
+    """Labels with another weight of the interface in the polish."""
+    method, weight = tried
+    kept, compactness.SHORTNESS = compactness.SHORTNESS, weight
+    try:
+        return partition(mesh, parts, method)
+    finally:
+        compactness.SHORTNESS = kept
+
+
+def compared(
+    meshes: list[Mesh],
+    methods: Mapping[str, Callable[[Mesh, int], Labels]],
+    per_part: int,
+    penalty: Any,
+    solvers: bool,
+) -> dict[str, dict[str, float]]:
     """Geometric means of all figures, method by method, over those of METIS k-way."""
     logs: dict[str, dict[str, float]] = {}
-    for name, method in METHODS.items():
+    for name, method in methods.items():
         found = []
         for mesh in meshes:
-            labels = partition(mesh, mesh.n_cells // per_part, method)
+            labels = method(mesh, mesh.n_cells // per_part)
             found.append(figures(mesh, labels, penalty, solvers))
         logs[name] = {key: float(np.mean([np.log(each[key]) for each in found])) for key in found[0]}
     best = {key: min(logs[rival][key] for rival in RIVALS) for key in logs[RIVALS[0]]}
@@ -173,6 +208,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--penalty", default="sharp", help="sharp, paper or a number")
     parser.add_argument("--no-solvers", action="store_true", help="leave out the iterations")
+    parser.add_argument("--tried", action="store_true", help="other weights and polishes")
     parser.add_argument("--times", action="store_true", help="print the times alone")
     options = parser.parse_args()
     logging.getLogger("agglo").setLevel(logging.ERROR)
@@ -181,13 +217,18 @@ def main() -> None:
     if options.times:
         show_times(options.seeds)
         return
+    methods = {name: partial(partition, method=METHODS[name]) for name in METHODS}
+    if options.tried:
+        methods = {name: methods[name] for name in RIVALS}
+        methods |= {name: partial(weighed, tried=TRIED[name]) for name in TRIED}
     penalty = options.penalty if options.penalty in ("sharp", "paper") else float(options.penalty)
+    solvers = not (options.no_solvers or options.tried)
     fresh = int(np.random.SeedSequence().generate_state(1)[0]) % 10**6
     for name, make in FAMILIES.items():
         for cells in options.cells:
             meshes = [make(cells, fresh + seed) for seed in range(options.seeds)]
             for per_part in options.per_part:
-                rows = compared(meshes, per_part, penalty, not options.no_solvers)
+                rows = compared(meshes, methods, per_part, penalty, solvers)
                 show(f"{name}, {cells} cells, {per_part} in a part, {len(meshes)} meshes", rows)
 
 
