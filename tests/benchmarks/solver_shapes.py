@@ -9,9 +9,9 @@ u = sin πx sin πy by PolyDG of degree 1 and 2, and the condition number of its
 (up to 800 unknowns). On the mesh itself: iterations to 1e-8 of two levels, with fractions, by the default
 solver, the same with its recipe ``patches``, and the paper's with inherited operators. E is the energy of
 k-means, L the interface. Geometric means over the meshes, divided by those of METIS k-way (contiguous,
-weights of cells and faces, the better of two imbalances for each figure). ``--tried`` compares other weights of
-the interface in the polish and further polishes instead, without iterations; ``--times`` prints CPU seconds
-over those of METIS k-way.
+weights of cells and faces, the better of two imbalances for each figure). ``--tried`` compares other weights
+of the interface in the polish and further polishes instead, without iterations; ``--times`` prints CPU
+seconds over those of METIS k-way.
 """
 
 from __future__ import annotations
