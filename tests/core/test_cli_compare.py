@@ -76,6 +76,28 @@ def test_the_table_names_what_is_missing(agglo: Agglo) -> None:
     assert "h ≤ 2 h0" in out
 
 
+def columns_of(text: str) -> list[str]:
+    """Headings of the table in a text."""
+    (head,) = [line for line in text.splitlines() if line.startswith("┃")]
+    return [each.strip() for each in head.strip("┃").split("┃")]
+
+
+def test_the_mean_diameter_over_the_size_stands_beside_the_number_of_parts_where_there_is_a_size(
+    agglo: Agglo,
+) -> None:
+    ratios = ["UF", "CR", "CRc", "J", "isoperimetric", "connected"]
+    for command in ("run", "compare"):
+        sized = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--h-star", "0.5").out)
+        assert sized[:4] == ["bisector", "target", "K", "mean diam/h*"]
+        assert sized[4:] == [*ratios, "seconds"]
+        counted = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--parts", "4").out)
+        assert counted == ["bisector", "target", "K", *ratios, "seconds"]
+    agglo("run", "squares:n=8", "--bisector", "inertial", "--h-star", "0.5", "-o", "sized.npz")
+    agglo("run", "squares:n=8", "--bisector", "inertial", "--parts", "4", "-o", "counted.npz")
+    assert columns_of(agglo("quality", "sized.npz").out)[:3] == ["level", "parts", "diameter_ratio"]
+    assert "diameter_ratio" not in agglo("quality", "counted.npz").out
+
+
 def test_diameters_are_compared_with_the_size_asked_for(agglo: Agglo) -> None:
     code, out, _ = agglo("compare", "squares:n=8", "--bisectors", "kmeans", "--h-star", "0.5", "--json")
     assert code == 0
