@@ -1,7 +1,6 @@
 """How near agglomerates are to a disc, in space to a ball: by their moment of inertia, and by their surface.
 
-Both are 1 for the disc alone and see the whole shape, not two points of it as the diameter does. Coarse
-functions approximate well where J is large; boundaries are smooth where the isoperimetric quotient is.
+Both are 1 for the disc alone and see the whole shape, not two points of it as the diameter does.
 """
 
 from __future__ import annotations

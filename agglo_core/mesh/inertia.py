@@ -21,7 +21,8 @@ def plane_inertias(
     a, b = points[pairs[:, 0]] - around, points[pairs[:, 1]] - around
     cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     cross[face_cells[faces, 0] != cells] *= -1.0
-    return frozen_float(np.add.reduceat(cross * (a * a + a * b + b * b).sum(axis=1), offsets[:-1]) / 12.0)
+    squares = _dots(a, a) + _dots(a, b) + _dots(b, b)
+    return frozen_float(np.add.reduceat(cross * squares, offsets[:-1]) / 12.0)
 
 
 def polyhedron_inertias(
@@ -45,9 +46,9 @@ def polyhedron_inertias(
     spread /= np.where(areas > 0.0, areas, 1.0)
     cells = np.repeat(np.arange(len(centroids)), np.diff(offsets))
     arm = centres[faces] - centroids[cells]
-    height = (arm * vectors[faces]).sum(axis=1)  # times the area
+    height = _dots(arm, vectors[faces])  # times the area
     height[face_cells[faces, 0] != cells] *= -1.0
-    pyramids = height * ((arm * arm).sum(axis=1) + spread[faces])
+    pyramids = height * (_dots(arm, arm) + spread[faces])
     return frozen_float(np.add.reduceat(pyramids, offsets[:-1]) / 5.0)
 
 
@@ -60,6 +61,13 @@ def _face_inertias(points: Float, offsets: Int, vertices: Int, vectors: Float, c
     b = a[following]
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     normals = np.repeat(vectors / np.where(lengths > 0.0, lengths, 1.0), sizes, axis=0)
-    twice = (np.cross(a, b) * normals).sum(axis=1)
-    found: Float = np.add.reduceat(twice * (a * a + a * b + b * b).sum(axis=1), offsets[:-1]) / 12.0
+    square = _dots(a, a)
+    squares = square + _dots(a, b) + square[following]
+    found: Float = np.add.reduceat(_dots(np.cross(a, b), normals) * squares, offsets[:-1]) / 12.0
+    return found
+
+
+def _dots(a: Float, b: Float) -> Float:
+    """Inner products of rows ``(n,)``; many times faster than sums over an axis of two or three."""
+    found: Float = np.einsum("ij,ij->i", a, b)
     return found
