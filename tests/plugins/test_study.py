@@ -137,6 +137,9 @@ def test_the_command_writes_a_page_and_goes_on_where_it_was(
     assert " ".join(text.split()) in " ".join(out.split())
     assert text.startswith("# What shapes are for")
     assert "`voronoi:n=80,seed=0` in 5 parts each, 4 of every mesh" in " ".join(text.split())
+    assert (
+        f"Made by `agglo study shapes {' '.join(TINY[:6])} --cells-per-part 16 --degrees 1 --seed 0`" in text
+    )
     data = json.loads((tmp_path / "out" / "shapes.json").read_text(encoding="utf-8"))
     assert [table["name"] for table in data["tables"]] == ["all", "usual", "p1", "costs", "recipes"]
     ranks = {each["name"]: each["cells"] for each in data["tables"][0]["rows"]}
@@ -163,6 +166,6 @@ def test_wrong_degrees_are_refused(agglo: Agglo, wrong: str) -> None:
 def test_the_page_of_one_degree_names_all_that_was_measured() -> None:
     result = measured("squares:n=8", 4, "kmeans", 0, [1])
     rows = [Measured("squares:n=8", name, 0, result) for name in ("kmeans", "branches", "shaken")]
-    found = page(rows, 4, [1])
+    found = page(rows, 4, [1], "agglo study shapes")
     assert found.tables[0].rows == []  # nothing differs
     assert len(found.tables[-1].rows) == 3

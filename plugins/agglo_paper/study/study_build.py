@@ -42,6 +42,13 @@ class Size:
     degrees: tuple[int, ...]
     seed: int = 0
 
+    @property
+    def command(self) -> str:
+        """The command line that computes as much."""
+        amounts = f"--meshes {self.meshes} --cells {self.cells} --partitions {self.partitions}"
+        rest = f"--cells-per-part {self.per_part} --degrees {','.join(map(str, self.degrees))} --seed {self.seed}"
+        return f"agglo study shapes {amounts} {rest}"
+
 
 def sources(size: Size) -> list[str]:
     """The meshes: Voronoi, random triangles, squares by turns, each with a seed of its own."""
@@ -82,7 +89,7 @@ def build(folder: Path, size: Size, begin: Begin) -> Page:
             if "error" in result:
                 raise AggloError(f"{asked['recipe']} on {asked['source']}: {result['error']}")
             rows.append(Measured(asked["source"], asked["recipe"], asked["seed"], result))
-        made = page(rows, parts, size.degrees)
+        made = page(rows, parts, size.degrees, size.command)
         if find_spec("matplotlib") is None:
             made = replace(made, figures={})
         else:

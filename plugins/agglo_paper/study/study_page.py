@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from agglo_paper.record import Cell, Page, Row, Table
+from agglo_paper.store import versions
 from agglo_paper.study.ranks import Measured, correlations, costs, relative
 from agglo_paper.study.study_work import ERRORS, SOLVERS, TOLERANCE
 
@@ -20,7 +21,7 @@ What the shapes of agglomerates do to solutions. Partitions of {meshes} in {part
 growth, stretching and shaking. Of each: iterations to {tolerance:g} of two levels, with fractions, \
 by the default solver `polydg_mg`, by its recipe `patches` and by the paper's `polydg_mg_paper` \
 (with inherited operators; 500 at most), for κ = 1 and for κ that jumps by 1,000 between the squares \
-of a 4 × 4 chessboard; and the errors in L2 and in the DG norm of PolyDG on the mesh of the parts \
+of a 5 × 5 chessboard; and the errors in L2 and in the DG norm of PolyDG on the mesh of the parts \
 against sin πx sin πy. Degrees: p = {degrees}.
 
 A correlation is Spearman's, of ranks, mesh by mesh, and stands for the mean over the meshes. 1: \
@@ -28,11 +29,13 @@ whenever one of two partitions is worse by the metric, so is what it leads to; 0
 nothing. Metrics are means over the parts; `compactness` (the energy of k-means), `interface`, \
 `shape` (what the polish pursues), `balance`, `diameter` (the largest), `cut` and `normalised_cut` \
 are numbers of the whole partition. – : all partitions lead to the same, as with the default solver \
-where its recipe does without agglomerates."""
+where its recipe does without agglomerates.
+
+Made by `{command}` with {versions}."""
 
 
-def page(rows: Sequence[Measured], parts: int, degrees: Sequence[int]) -> Page:
-    """The page ``shapes``."""
+def page(rows: Sequence[Measured], parts: int, degrees: Sequence[int], command: str) -> Page:
+    """The page ``shapes``, made by a command line."""
     sources = list(dict.fromkeys(row.source for row in rows))
     per_mesh = len(rows) // len(sources)
     intro = _INTRO.format(
@@ -41,6 +44,8 @@ def page(rows: Sequence[Measured], parts: int, degrees: Sequence[int]) -> Page:
         partitions=per_mesh,
         tolerance=TOLERANCE,
         degrees=", ".join(map(str, degrees)),
+        command=command,
+        versions=", ".join(f"{name} {version}" for name, version in versions().items()),
     )
     usual = [row for row in rows if row.usual]
     tables = [

@@ -35,7 +35,7 @@ ERRORS: Final = {"L2": "l2", "DG": "dg"}
 _DIRECT: Final = ("direct", {"penalty": "sharp", "scaled_basis": True})
 _MOST: Final = 500  # iterations, which stand for a solver that has not converged
 _CONTRAST: Final = 1e3
-_LENGTH: Final = 4  # squares of equal κ along each side of the domain
+_SQUARES: Final = 5  # of equal κ along each side; no multiple of two: halvings would meet their borders
 _NONE: Final = ("cells", "components", "diameter_ratio")  # alike in all, or in need of a size
 
 
@@ -92,7 +92,7 @@ def _unit(mesh: Mesh) -> tuple[Float, float]:
 def _problems(mesh: Mesh) -> dict[str, Diffusion]:
     """−∇·(κ∇u) = 1 with κ = 1, and with one that jumps between the squares of a chessboard."""
     low, side = _unit(mesh)
-    field = np.floor(_LENGTH * (mesh.cell_centroids - low) / side).astype(int).sum(axis=1) % 2
+    field = np.floor(_SQUARES * (mesh.cell_centroids - low) / side).astype(int).sum(axis=1) % 2
     return {"κ = 1": Diffusion(), "κ jumps": Diffusion(kappa=np.where(field == 1, _CONTRAST, 1.0))}
 
 
