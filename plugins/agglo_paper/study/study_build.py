@@ -46,7 +46,8 @@ class Size:
     def command(self) -> str:
         """The command line that computes as much."""
         amounts = f"--meshes {self.meshes} --cells {self.cells} --partitions {self.partitions}"
-        rest = f"--cells-per-part {self.per_part} --degrees {','.join(map(str, self.degrees))} --seed {self.seed}"
+        degrees = ",".join(map(str, self.degrees))
+        rest = f"--cells-per-part {self.per_part} --degrees {degrees} --seed {self.seed}"
         return f"agglo study shapes {amounts} {rest}"
 
 
