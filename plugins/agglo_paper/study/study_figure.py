@@ -14,7 +14,7 @@ from agglo_paper.study.ranks import Measured
 
 __all__ = ["draw"]
 
-_METRICS: Final = ("UF", "CR", "J", "isoperimetric")
+_METRICS: Final = {"UF": "mean UF", "CR": "mean CR", "J": "mean J", "compactness": "energy of k-means"}
 
 
 def draw(rows: Sequence[Measured], degree: int, path: Path) -> None:
@@ -31,7 +31,7 @@ def draw(rows: Sequence[Measured], degree: int, path: Path) -> None:
                 _dots(axis, rows, metric, outcome)
             line[0].set_ylabel(f"{label}, over the best", fontsize=7)
         for axis, metric in zip(panels[-1], _METRICS, strict=True):
-            axis.set_xlabel(f"mean {metric}", fontsize=7)
+            axis.set_xlabel(_METRICS[metric], fontsize=7)
         panels[0, 0].legend(fontsize=5)
 
 

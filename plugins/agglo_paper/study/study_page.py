@@ -55,7 +55,7 @@ def page(rows: Sequence[Measured], parts: int, degrees: Sequence[int], command: 
         _costs(rows, degrees),
         _recipes(rows, degrees),
     ]
-    caption = "Errors and iterations against UF, CR and J"
+    caption = "Errors and iterations against UF, CR, J and the energy of k-means"
     return Page("shapes", "What shapes are for", intro, tables, {"shapes.svg": caption})
 
 
