@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from agglo_core.components.geometric import InertialBisection
     from agglo_core.components.piece_growth import PieceGrowth
     from agglo_core.components.refiners import InterfaceRefiner
+    from agglo_core.components.round_parts import round_parts
     from agglo_core.components.straight_cuts import SweepBisection
     from agglo_core.draw.plot import PALETTE, colouring, save_figure
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
@@ -118,6 +119,7 @@ components.fixers: ConnectivityFixer
 components.geometric: InertialBisection
 components.piece_growth: PieceGrowth
 components.refiners: InterfaceRefiner
+components.round_parts: round_parts
 components.straight_cuts: SweepBisection
 agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
@@ -268,6 +270,7 @@ __all__ = [
     "read_hierarchy",
     "read_system",
     "relative_size",
+    "round_parts",
     "samples",
     "save_figure",
     "scan_thresholds",

@@ -1,0 +1,145 @@
+"""The search for round parts on one graph: anneal, cut what is too wide, dissolve what is poor, polish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agglo_core.arrays import Int, Mask, splitmix
+from agglo_core.components.annealing import Annealing, Ramps, Shapes, Weights, too_wide
+from agglo_core.components.part_changes import cut_in_two, dissolved
+from agglo_core.graph import Graph
+
+__all__ = ["EFFORTS", "Effort", "Search"]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is done.
+
+    Attributes
+    ----------
+    moves, polish : int
+        Draws for each cell at first, and with true circles at last.
+    tries : int
+        How many parts are dissolved in turn, on meshes of up to 1,536 cells.
+    """
+
+    moves: int
+    polish: int
+    tries: int = 0
+
+
+EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 120, 4), "best": Effort(4000, 400, 10)}
+"""By name: below .02, about .1 and below 1 s for 300 cells."""
+
+_FIRST = Ramps(0.5, 1e-3, 40.0, 400.0)
+"""A hot start with a stiff penalty, so that few parts fit; a cold or soft one jams."""
+
+_AGAIN = Ramps(0.1, 1e-3, 160.0, 400.0)
+_LAST = Ramps(0.02, 1e-3, 400.0, 400.0)
+_NEVER = 1e7
+"""Penalty that no move overcomes."""
+
+_USUAL = 14.0
+"""Cells of a part that the temperatures are for: the more there are, the less one of them changes."""
+
+_TAIL = 0.35
+"""Share of the draws after parts were cut or dissolved."""
+
+_MANY = 1536
+_ROUNDS = 6
+_CUTS = 60
+
+
+class Search:
+    """Searches a graph of one connected block; labels are in the order of ``tool``.
+
+    Parameters
+    ----------
+    graph : Graph
+    size : float
+        Largest diameter of a part, or the one that scores refer to.
+    seed : int
+    effort : Effort
+    weights : Weights
+    """
+
+    def __init__(self, graph: Graph, size: float, seed: int, effort: Effort, weights: Weights) -> None:
+        self.tool, self.size, self.effort, self.weights = Annealing(graph), size, effort, weights
+        self._seed = np.array([seed], np.uint64)
+
+    def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
+        """Labels after a share of the draws, and the shapes as the fast kernel sees them."""
+        moves = int(share * self.effort.moves * len(labels))
+        return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
+
+    def cooled(self, labels: Int) -> tuple[Int, Shapes]:
+        """Labels after draws that only mend parts, of many cells each, which were found on a coarser graph."""
+        ramps = self._scaled(_AGAIN, labels)
+        moves = self.effort.polish * len(labels)
+        return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
+
+    def fitted(self, labels: Int) -> tuple[Int, Shapes]:
+        """Labels annealed again and again, with parts that were too wide cut in two in between."""
+        labels, shapes = self.annealed(labels)
+        for _ in range(_ROUNDS):
+            wide = self._wide(labels, shapes)
+            if not wide.any():
+                break
+            labels = cut_in_two(self.tool.graph, labels, wide)
+            labels, shapes = self.annealed(labels, _AGAIN, _TAIL)
+        return labels, shapes
+
+    def thinned(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
+        """Labels with the worst parts dissolved, one after the other, as long as the score rises."""
+        best, failed = self._value(labels, shapes), set[int]()
+        tries = self.effort.tries if len(labels) <= _MANY else 0
+        for _ in range(tries):
+            worth = shapes.widths / self.size + shapes.ratios
+            left = [int(p) for p in np.argsort(worth, kind="stable") if int(p) not in failed]
+            if not left or len(worth) < 2:
+                break
+            after, seen = self._without(labels, left[0])
+            value = self._value(after, seen)
+            if value > best:
+                labels, shapes, best = after, seen, value
+                failed.clear()
+            else:
+                failed.add(left[0])
+        return labels, shapes
+
+    def polished(self, labels: Int, shapes: Shapes, *, cut: bool = True) -> tuple[Int, Shapes]:
+        """Labels after the polish with true circles; with ``cut`` no part is too wide then."""
+        wide = self._wide(labels, shapes)
+        for _ in range(_CUTS if cut else 0):
+            if not wide.any():
+                break
+            labels = cut_in_two(self.tool.graph, labels, wide)
+            wide = self._wide(labels, self.tool.shapes(labels))
+        ramps = self._scaled(_LAST, labels)
+        ramps = ramps._replace(soft=_NEVER, stiff=_NEVER) if cut else ramps
+        moves = self.effort.polish * len(labels)
+        return self.tool.polished(labels, self.size, ramps, moves, self._next_seed(), self.weights)
+
+    def _without(self, labels: Int, part: int) -> tuple[Int, Shapes]:
+        after, shapes = self.annealed(dissolved(self.tool.graph, labels, part), _AGAIN, _TAIL)
+        wide = self._wide(after, shapes)
+        if wide.any():
+            after, shapes = self.annealed(cut_in_two(self.tool.graph, after, wide), _AGAIN, _TAIL)
+        return after, shapes
+
+    def _value(self, labels: Int, shapes: Shapes) -> float:
+        return -np.inf if self._wide(labels, shapes).any() else shapes.score(self.weights)
+
+    def _wide(self, labels: Int, shapes: Shapes) -> Mask:
+        return too_wide(shapes, labels, self.size)
+
+    def _scaled(self, ramps: Ramps, labels: Int) -> Ramps:
+        scale = min(1.0, _USUAL * (int(labels.max()) + 1) / len(labels))
+        return ramps._replace(hot=scale * ramps.hot, cold=scale * ramps.cold)
+
+    def _next_seed(self) -> int:
+        self._seed = splitmix(self._seed)
+        return int(self._seed[0])
