@@ -22,6 +22,9 @@ _BENT = 0.01
 
 _ROUNDING = 1e-9
 
+_USUAL = 14.0
+"""Cells of a part that temperatures are for: the more there are, the less one of them changes."""
+
 
 class Ramps(NamedTuple):
     """First and last temperature, first and last penalty of a part too wide."""
@@ -30,6 +33,11 @@ class Ramps(NamedTuple):
     cold: float
     soft: float
     stiff: float
+
+    def for_cells(self, cells: float) -> Ramps:
+        """The same for parts of so many cells: the temperatures are those for 14."""
+        scale = min(1.0, _USUAL / cells)
+        return self._replace(hot=scale * self.hot, cold=scale * self.cold)
 
 
 class Weights(NamedTuple):
@@ -143,6 +151,12 @@ class Annealing:
 
         parts, _ = part_state(self.cells, labels, int(labels.max()) + 1)
         return self._seen(parts) if self.edges is None else self._circled(parts)
+
+    def seen(self, labels: Int) -> Shapes:
+        """Shapes as the fast kernel sees them."""
+        from agglo_core.kernels.anneal_state import part_state
+
+        return self._seen(part_state(self.cells, labels, int(labels.max()) + 1)[0])
 
     def _circled(self, parts: Any) -> Shapes:
         from agglo_core.kernels.anneal_circles import CENTRED, RADIUS, circle_state

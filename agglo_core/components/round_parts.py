@@ -24,8 +24,10 @@ Rival = Callable[[Graph, Target], Int]
 _FILLED = {2: (0.40, 0.44), 3: (0.12, 0.14)}
 """Measure of a part over its size to the power of the dimension: of few cells, of many."""
 
-_COUNTED = {2: (0.43, 0.47), 3: (0.14, 0.16)}
-"""The same where the number of parts is given, and the size follows."""
+_COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
+"""The same where the number of parts is given, and the size follows; others are tried by this factor."""
+
+_FACTOR = 1.06
 
 _WEIGHTS = Weights(1.0, 1.1, 0.3), Weights(0.7, 1.0, 0.3)
 _MANY = 100
@@ -98,10 +100,25 @@ def _searched(search: Search, graph: Graph, target: Target, parts: int, start: S
     if target.h_star is not None:
         labels, shapes = search.thinned(*search.fitted(search.tool.inward(first)))
         return search.polished(labels, shapes)[0]
-    if int(first.max()) + 1 < parts:
-        first = rival(graph, target)
-    labels, shapes = search.annealed(search.tool.inward(first))
-    return search.polished(labels, shapes, cut=False)[0]
+    return _counted(search, search.tool.inward(first if int(first.max()) + 1 == parts else rival(graph, target)))
+
+
+def _counted(search: Search, first: Int) -> Int:
+    """The best labels of several sizes with as many parts as at first; the search keeps that size.
+
+    No size is below the widest cell, as no part can be.
+    """
+    middle, widest = search.size, float(search.tool.widths.max())
+    best, result, chosen = -np.inf, first, middle
+    for step in range(search.sizes):
+        exponent = (step + 1) // 2 * (1 if step % 2 else -1)  # 0, 1, −1, 2, −2
+        search.size = max(middle * _FACTOR**exponent, widest)
+        labels, shapes = search.polished(*search.annealed(first), cut=False)
+        score = shapes.score(Weights())
+        if score > best:
+            best, result, chosen = score, labels, search.size
+    search.size = chosen
+    return result
 
 
 def _from_pieces(

@@ -24,14 +24,17 @@ class Effort:
         Draws for each cell at first, and with true circles at last.
     tries : int
         How many parts are dissolved in turn, on meshes of up to 1,536 cells.
+    sizes : int
+        How many sizes are tried where the number of parts is given; of larger meshes half as many.
     """
 
     moves: int
     polish: int
     tries: int = 0
+    sizes: int = 1
 
 
-EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 120, 4), "best": Effort(4000, 400, 10)}
+EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 120, 4, 3), "best": Effort(4000, 400, 10, 5)}
 """By name: below .02, about .1 and below 1 s for 300 cells."""
 
 _FIRST = Ramps(0.5, 1e-3, 40.0, 400.0)
@@ -41,9 +44,6 @@ _AGAIN = Ramps(0.1, 1e-3, 160.0, 400.0)
 _LAST = Ramps(0.02, 1e-3, 400.0, 400.0)
 _NEVER = 1e7
 """Penalty that no move overcomes."""
-
-_USUAL = 14.0
-"""Cells of a part that the temperatures are for: the more there are, the less one of them changes."""
 
 _TAIL = 0.35
 """Share of the draws after parts were cut or dissolved."""
@@ -70,6 +70,11 @@ class Search:
         self.tool, self.size, self.effort, self.weights = Annealing(graph), size, effort, weights
         self._seed = np.array([seed], np.uint64)
 
+    @property
+    def sizes(self) -> int:
+        """How many sizes are to be tried."""
+        return self.effort.sizes if self.tool.graph.n <= _MANY else (self.effort.sizes + 1) // 2
+
     def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
         """Labels after a share of the draws, and the shapes as the fast kernel sees them."""
         moves = int(share * self.effort.moves * len(labels))
@@ -77,7 +82,7 @@ class Search:
 
     def cooled(self, labels: Int) -> tuple[Int, Shapes]:
         """Labels after draws that only mend parts, of many cells each, which were found on a coarser graph."""
-        ramps = self._scaled(_AGAIN, labels)
+        ramps = _AGAIN.for_cells(len(labels) / (int(labels.max()) + 1))
         moves = self.effort.polish * len(labels)
         return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
 
@@ -118,7 +123,7 @@ class Search:
                 break
             labels = cut_in_two(self.tool.graph, labels, wide)
             wide = self._wide(labels, self.tool.shapes(labels))
-        ramps = self._scaled(_LAST, labels)
+        ramps = _LAST.for_cells(len(labels) / (int(labels.max()) + 1))
         ramps = ramps._replace(soft=_NEVER, stiff=_NEVER) if cut else ramps
         moves = self.effort.polish * len(labels)
         return self.tool.polished(labels, self.size, ramps, moves, self._next_seed(), self.weights)
@@ -135,10 +140,6 @@ class Search:
 
     def _wide(self, labels: Int, shapes: Shapes) -> Mask:
         return too_wide(shapes, labels, self.size)
-
-    def _scaled(self, ramps: Ramps, labels: Int) -> Ramps:
-        scale = min(1.0, _USUAL * (int(labels.max()) + 1) / len(labels))
-        return ramps._replace(hot=scale * ramps.hot, cold=scale * ramps.cold)
 
     def _next_seed(self) -> int:
         self._seed = splitmix(self._seed)

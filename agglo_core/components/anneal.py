@@ -1,0 +1,104 @@
+"""The refiner that anneals: the parts stay, their cells change hands."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.components.annealing import Annealing, Ramps, Weights
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.graph.objectives import OBJECTIVES
+from agglo_core.protocols import Target
+
+__all__ = ["AnnealRefiner"]
+
+_RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
+_NEVER = 1e7
+_ROUNDING = 1e-9
+_FILLED = {2: 0.39, 3: 0.13}
+"""Measure of a part over its largest width to the power of the dimension, once annealed."""
+
+
+class AnnealRefiner:
+    """Anneals the labels of each block for round parts of even width, at the same number of parts.
+
+    Boundary cells move at random to neighbouring parts, ever more rarely where that makes parts worse (the
+    objective ``roundness``, weighted). No part is emptied or falls into more pieces. If the target is a size,
+    no part becomes wider than it, or than the widest was. A block that does not become better, by its weights
+    and by equal ones, stays as it was. Follows from the seeds; how the mesh is turned or its cells are numbered
+    makes a difference. For parts found from nothing see the option ``effort`` of ``kmeans``.
+
+    Parameters
+    ----------
+    moves : int
+        Cells drawn for each cell of a block.
+    roundness, evenness : float
+        What round parts, and parts of even width, count.
+
+    Raises
+    ------
+    OptionError
+        If ``moves`` is not a whole number from 1 on, or a weight is negative or not finite, or both are 0.
+
+    Examples
+    --------
+    >>> from agglo_core import agglomerate, samples
+    >>> mesh = samples.voronoi(256, seed=1)
+    >>> agglomerate(mesh, n_parts=16, post_refiners=["anneal"]).parts
+    [16]
+    """
+
+    objective = "roundness"
+
+    def __init__(self, moves: int = 500, roundness: float = 1.0, evenness: float = 1.0) -> None:
+        if not isinstance(moves, int | np.integer) or isinstance(moves, bool) or moves < 1:
+            raise OptionError(f"anneal: moves must be a whole number, 1 or more, not {moves!r}")
+        self.moves = int(moves)
+        self.roundness, self.evenness = _weight("roundness", roundness), _weight("evenness", evenness)
+        if self.roundness == self.evenness == 0.0:
+            raise OptionError("anneal: roundness and evenness are both 0: nothing is left to pursue")
+
+    def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
+        """Labels ``(n,)`` after the moves, block by block."""
+        result = labels.copy()
+        for b in range(graph.n_blocks):
+            own = slice(int(graph.offsets[b]), int(graph.offsets[b + 1]))
+            used, local = np.unique(labels[own], return_inverse=True)
+            if 1 < len(used) < len(local):
+                result[own] = used[self._in_block(graph[b], frozen_int(local), int(seeds[b]), target)]
+        return frozen_int(result)
+
+    def _in_block(self, graph: Graph, labels: Int, seed: int, target: Target) -> Int:
+        """Labels 0..k−1 of one block after the moves; those given unless they become better."""
+        widths = graph.part_diameters(labels)
+        most, whole = float(widths.max()), float(graph.measures.sum())
+        if not most > 0.0:
+            return labels
+        ramps, size = _RAMPS.for_cells(len(labels) / len(widths)), most
+        if target.h_star is not None:
+            size = most if most > target.h_star * (1 + _ROUNDING) else float(target.h_star)
+            ramps = ramps._replace(soft=_NEVER, stiff=_NEVER)
+        elif whole > 0.0:
+            size = float((whole / (_FILLED[graph.dim] * len(widths))) ** (1.0 / graph.dim))
+        tool, weights = Annealing(graph), Weights(self.evenness, self.roundness, 0.0)
+        moves = self.moves * len(labels)
+        moved, _ = tool.annealed(tool.inward(labels), size, ramps, moves, seed, weights)
+        after = tool.outward(moved)
+        if target.h_star is not None and graph.part_diameters(after).max() > size * (1 + _ROUNDING):
+            return labels
+        return after if self._is_better(tool, graph, labels, after) else labels
+
+    def _is_better(self, tool: Annealing, graph: Graph, before: Int, after: Int) -> bool:
+        weights, better = Weights(self.evenness, self.roundness, 0.0), OBJECTIVES[self.objective]
+        if not better.value(graph, after) < better.value(graph, before):
+            return False
+        now, then = (tool.seen(tool.inward(labels)).score(weights) for labels in (after, before))
+        return now > then
+
+
+def _weight(name: str, value: float) -> float:
+    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not real or not 0.0 <= value < np.inf:
+        raise OptionError(f"anneal: {name} must be a number, 0 or more, not {value!r}")
+    return float(value)
