@@ -21,7 +21,7 @@ class Effort:
     Attributes
     ----------
     moves, polish : int
-        Draws for each cell at first, and with true circles at last.
+        Draws for each cell at first, and with true circles at last; fewer on larger meshes.
     tries : int
         How many parts are dissolved in turn, on meshes of up to 1,536 cells.
     sizes : int
@@ -49,7 +49,10 @@ _TAIL = 0.35
 """Share of the draws after parts were cut or dissolved."""
 
 _MANY = 1536
-_ROUNDS = 6
+_FEWER = 0.25
+"""On meshes of more cells there are fewer draws for each, by the ratio to this power."""
+
+_ROUNDS, _LATE_ROUNDS = 6, 2
 _CUTS = 60
 
 
@@ -67,29 +70,31 @@ class Search:
     """
 
     def __init__(self, graph: Graph, size: float, seed: int, effort: Effort, weights: Weights) -> None:
-        self.tool, self.size, self.effort, self.weights = Annealing(graph), size, effort, weights
+        self.tool, self.size, self.weights = Annealing(graph), size, weights
+        self._effort, self._small = effort, graph.n <= _MANY
+        share = 1.0 if self._small else (_MANY / graph.n) ** _FEWER
+        self._moves, self._polish = int(share * effort.moves * graph.n), int(share * effort.polish * graph.n)
         self._seed = np.array([seed], np.uint64)
 
     @property
     def sizes(self) -> int:
         """How many sizes are to be tried."""
-        return self.effort.sizes if self.tool.graph.n <= _MANY else (self.effort.sizes + 1) // 2
+        return self._effort.sizes if self._small else (self._effort.sizes + 1) // 2
 
     def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
         """Labels after a share of the draws, and the shapes as the fast kernel sees them."""
-        moves = int(share * self.effort.moves * len(labels))
+        moves = int(share * self._moves)
         return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
 
     def cooled(self, labels: Int) -> tuple[Int, Shapes]:
         """Labels after draws that only mend parts, of many cells each, which were found on a coarser graph."""
         ramps = _AGAIN.for_cells(len(labels) / (int(labels.max()) + 1))
-        moves = self.effort.polish * len(labels)
-        return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
+        return self.tool.annealed(labels, self.size, ramps, self._polish, self._next_seed(), self.weights)
 
     def fitted(self, labels: Int) -> tuple[Int, Shapes]:
         """Labels annealed again and again, with parts that were too wide cut in two in between."""
         labels, shapes = self.annealed(labels)
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS if self._small else _LATE_ROUNDS):
             wide = self._wide(labels, shapes)
             if not wide.any():
                 break
@@ -100,8 +105,7 @@ class Search:
     def thinned(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
         """Labels with the worst parts dissolved, one after the other, as long as the score rises."""
         best, failed = self._value(labels, shapes), set[int]()
-        tries = self.effort.tries if len(labels) <= _MANY else 0
-        for _ in range(tries):
+        for _ in range(self._effort.tries if self._small else 0):
             worth = shapes.widths / self.size + shapes.ratios
             left = [int(p) for p in np.argsort(worth, kind="stable") if int(p) not in failed]
             if not left or len(worth) < 2:
@@ -125,8 +129,7 @@ class Search:
             wide = self._wide(labels, self.tool.shapes(labels))
         ramps = _LAST.for_cells(len(labels) / (int(labels.max()) + 1))
         ramps = ramps._replace(soft=_NEVER, stiff=_NEVER) if cut else ramps
-        moves = self.effort.polish * len(labels)
-        return self.tool.polished(labels, self.size, ramps, moves, self._next_seed(), self.weights)
+        return self.tool.polished(labels, self.size, ramps, self._polish, self._next_seed(), self.weights)
 
     def _without(self, labels: Int, part: int) -> tuple[Int, Shapes]:
         after, shapes = self.annealed(dissolved(self.tool.graph, labels, part), _AGAIN, _TAIL)
