@@ -64,9 +64,7 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
 
 
-def _partition_components(
-    pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell
-) -> Int:
+def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
     """Labels local to each component, gaps closed."""
     local = np.zeros(pieces.n, np.int64)
     own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a small component has one part

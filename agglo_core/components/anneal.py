@@ -24,10 +24,11 @@ class AnnealRefiner:
     """Anneals the labels of each block for round parts of even width, at the same number of parts.
 
     Boundary cells move at random to neighbouring parts, ever more rarely where that makes parts worse (the
-    objective ``roundness``, weighted). No part is emptied or falls into more pieces. If the target is a size,
-    no part becomes wider than it, or than the widest was. A block that does not become better, by its weights
-    and by equal ones, stays as it was. Follows from the seeds; how the mesh is turned or its cells are numbered
-    makes a difference. For parts found from nothing see the option ``effort`` of ``kmeans``.
+    objective ``roundness``, weighted). No part is emptied or falls into more pieces. If the target is a
+    size, no part becomes wider than it, or than the widest was. A block that does not become better, by its
+    weights and by equal ones, stays as it was. The result follows from the seeds; it also depends on how the
+    mesh is turned and its cells are numbered. For parts found from nothing see the option ``effort`` of
+    ``kmeans``.
 
     Parameters
     ----------

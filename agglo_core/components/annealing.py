@@ -84,8 +84,9 @@ class Annealing:
     """
 
     def __init__(self, graph: Graph) -> None:
-        from agglo_core.kernels.anneal_circles import cell_edges
-        from agglo_core.kernels.anneal_state import Cells, cell_surroundings
+        from agglo_core.kernels.anneal_edges import cell_edges
+        from agglo_core.kernels.anneal_setup import cell_surroundings
+        from agglo_core.kernels.anneal_state import Cells
 
         self.order = curve_order(graph.centroids)
         self.graph = own = graph.subgraph(self.order, frozen_int([0, graph.n]))
@@ -116,10 +117,10 @@ class Annealing:
         return frozen_int(result)
 
     def annealed(
-        self, labels: Int, size: float, ramps: Ramps, moves: int, seed: int, weights: Weights = Weights()
+        self, labels: Int, size: float, ramps: Ramps, moves: int, seed: int, weights: Weights
     ) -> tuple[Int, Shapes]:
         """Labels after so many draws of the fast kernel, and the shapes as it sees them."""
-        from agglo_core.kernels.anneal_state import part_state
+        from agglo_core.kernels.anneal_setup import part_state
         from agglo_core.kernels.annealing import anneal
 
         parts, work = part_state(self.cells, labels, int(labels.max()) + 1)
@@ -129,11 +130,11 @@ class Annealing:
         return frozen_int(parts.labels), self._seen(parts)
 
     def polished(
-        self, labels: Int, size: float, ramps: Ramps, moves: int, seed: int, weights: Weights = Weights()
+        self, labels: Int, size: float, ramps: Ramps, moves: int, seed: int, weights: Weights
     ) -> tuple[Int, Shapes]:
         """Labels after so many draws with true circles in the plane, and the shapes."""
         from agglo_core.kernels.anneal_circles import circle_state
-        from agglo_core.kernels.anneal_state import part_state
+        from agglo_core.kernels.anneal_setup import part_state
         from agglo_core.kernels.circle_annealing import anneal_circles
 
         if self.edges is None:
@@ -147,14 +148,14 @@ class Annealing:
 
     def shapes(self, labels: Int) -> Shapes:
         """Shapes of the parts, with true circles in the plane."""
-        from agglo_core.kernels.anneal_state import part_state
+        from agglo_core.kernels.anneal_setup import part_state
 
         parts, _ = part_state(self.cells, labels, int(labels.max()) + 1)
         return self._seen(parts) if self.edges is None else self._circled(parts)
 
     def seen(self, labels: Int) -> Shapes:
         """Shapes as the fast kernel sees them."""
-        from agglo_core.kernels.anneal_state import part_state
+        from agglo_core.kernels.anneal_setup import part_state
 
         return self._seen(part_state(self.cells, labels, int(labels.max()) + 1)[0])
 

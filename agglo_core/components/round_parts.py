@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,17 +23,18 @@ Rival = Callable[[Graph, Target], Int]
 """Labels of a connected graph that meet a target."""
 
 _FILLED = {2: (0.40, 0.44), 3: (0.12, 0.14)}
-"""Measure of a part over its size to the power of the dimension: of few cells, of many."""
+"""Measure of a part over its size to the power of the dimension: parts of few cells, and of many."""
 
 _COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
-"""The same where the number of parts is given, and the size follows; others are tried by this factor."""
+"""The same where the number of parts is given and the size follows; others are tried, by a factor."""
 
 _FACTOR = 1.06
+_WEIGHTS = Weights(1.0, 1.1, 0.3), Weights(0.67, 1.0, 0.3)
+"""Of parts of few cells, and of many, which fill a size with ease."""
 
-_WEIGHTS = Weights(1.0, 1.1, 0.3), Weights(0.7, 1.0, 0.3)
 _MANY = 100
-_PIECES = 48
-"""Parts of more than so many cells are found on a graph of so many pieces of each."""
+_PIECES = 40
+"""Parts of more cells than the one are found on a graph of so many pieces for each as the other."""
 
 _ROUNDING = 1e-9
 
@@ -100,7 +102,9 @@ def _searched(search: Search, graph: Graph, target: Target, parts: int, start: S
     if target.h_star is not None:
         labels, shapes = search.thinned(*search.fitted(search.tool.inward(first)))
         return search.polished(labels, shapes)[0]
-    return _counted(search, search.tool.inward(first if int(first.max()) + 1 == parts else rival(graph, target)))
+    return _counted(
+        search, search.tool.inward(first if int(first.max()) + 1 == parts else rival(graph, target))
+    )
 
 
 def _counted(search: Search, first: Int) -> Int:
@@ -128,7 +132,8 @@ def _from_pieces(
     size, parts = _size_and_parts(graph, target, True)
     pieces = _connected(graph, start(graph, _PIECES * parts))
     coarse = graph.coarsen(pieces)
-    above = Search(coarse, size, seed, EFFORTS[effort], search.weights)
+    less = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
+    above = Search(coarse, size, seed, less, search.weights)
     found = above.tool.outward(_searched(above, coarse, target, parts, start, rival))
     labels, shapes = search.cooled(search.tool.inward(found[pieces]))
     return search.polished(labels, shapes, cut=target.h_star is not None)[0]

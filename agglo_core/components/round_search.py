@@ -87,7 +87,7 @@ class Search:
         return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
 
     def cooled(self, labels: Int) -> tuple[Int, Shapes]:
-        """Labels after draws that only mend parts, of many cells each, which were found on a coarser graph."""
+        """Labels after draws that mend parts of many cells each, which were found on a coarser graph."""
         ramps = _AGAIN.for_cells(len(labels) / (int(labels.max()) + 1))
         return self.tool.annealed(labels, self.size, ramps, self._polish, self._next_seed(), self.weights)
 

@@ -68,6 +68,6 @@ def drawn_move(state, span, cells, parts):
 
 @helper
 def drawn_loss(state, heat):
-    """By how much the score may fall, a negative number: what Metropolis' rule asks, drawn before the move."""
+    """By how much the score may fall, a negative number: Metropolis' rule, drawn before the move."""
     state, bits = _random(state)
     return state, heat * np.log((np.float64(bits >> _ROUGH) + 0.5) * _UNIT)

@@ -1,4 +1,4 @@
-"""What annealing knows of cells and of parts, and how wide a part becomes when a cell joins or leaves it."""
+"""What annealing knows of cells and of parts, and how a cell goes from one to another."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.kernels.compiling import ONE, helper, kernel
+from agglo_core.kernels.compiling import ONE, helper
 from agglo_core.kernels.ring_search import CROWD, REACH, connected
 
 __all__ = [
+    "COLUMNS",
     "COUNT",
     "DIAMETER",
     "MEASURE",
@@ -17,18 +18,13 @@ __all__ = [
     "Cells",
     "Parts",
     "Work",
-    "cell_surroundings",
     "exchange",
-    "joined_width",
-    "left_width",
     "may_leave",
-    "part_state",
 ]
 
+COLUMNS = 4
 MEASURE, SURFACE, DIAMETER, COUNT = 0, 1, 2, 3
 """Columns of the sums of a part: measure, measure of its faces, diameter, number of cells."""
-
-_COLUMNS = 4
 
 
 class Cells(NamedTuple):
@@ -71,150 +67,6 @@ class Work(NamedTuple):
 
 
 @helper
-def _square(u, v, points):
-    """Square of the distance of two vertices."""
-    x, y = points[u, 0] - points[v, 0], points[u, 1] - points[v, 1]
-    z = points[u, 2] - points[v, 2] if points.shape[1] > 2 else 0.0
-    return x * x + y * y + z * z  # a loop over two or three takes twice the time
-
-
-@helper
-def _apart(i, j, centroids):
-    """Square of the distance of two centroids."""
-    x, y = centroids[i, 0] - centroids[j, 0], centroids[i, 1] - centroids[j, 1]
-    z = centroids[i, 2] - centroids[j, 2] if centroids.shape[1] > 2 else 0.0
-    return x * x + y * y + z * z
-
-
-@kernel
-def cell_surroundings(indptr, interface, boundary, centroids, offsets, vertices, points):
-    """Measure of the faces of each cell, radius about its centroid, diameter; cells at each vertex (CSR)."""
-    n, solid = len(boundary), points.shape[1] > 2
-    surfaces, radii, spans = np.empty(n), np.zeros(n), np.zeros(n)
-    starts, cells = np.zeros(len(points) + 1, np.int64), np.empty(len(vertices), np.int32)
-    for i in range(n):
-        surfaces[i] = boundary[i]
-        for h in range(indptr[i], indptr[i + 1]):
-            surfaces[i] += interface[h]
-        for g in range(offsets[i], offsets[i + 1]):
-            v = vertices[g]
-            starts[v + 1] += 1
-            x, y = points[v, 0] - centroids[i, 0], points[v, 1] - centroids[i, 1]
-            z = points[v, 2] - centroids[i, 2] if solid else 0.0
-            radii[i] = max(radii[i], np.sqrt(x * x + y * y + z * z))
-            for h in range(offsets[i], g):
-                spans[i] = max(spans[i], np.sqrt(_square(np.uint32(v), np.uint32(vertices[h]), points)))
-    for v in range(len(points)):
-        starts[v + 1] += starts[v]
-    for i in range(n - 1, -1, -1):
-        for g in range(offsets[i], offsets[i + 1]):
-            starts[vertices[g] + 1] -= 1
-            cells[starts[vertices[g] + 1]] = i
-    for v in range(len(points)):
-        starts[v] = starts[v + 1]
-    starts[len(points)] = len(vertices)
-    return surfaces, radii, spans, starts, cells
-
-
-@helper
-def _listed_vertices(p, cells, parts, work, stamp):
-    """List the vertices of part p, each once; how many, and the middle of the box around them."""
-    m, last = np.int64(0), cells.points.shape[1] - 1
-    x0, x1, y0, y1, z0, z1 = np.inf, -np.inf, np.inf, -np.inf, np.inf, -np.inf
-    i = parts.first[p]
-    while i >= 0:
-        c = np.uint64(i)
-        i = parts.after[c]
-        if parts.labels[c] != p:  # on its way out
-            continue
-        for g in range(np.uint64(cells.offsets[c]), np.uint64(cells.offsets[c + ONE])):
-            v = np.uint32(cells.vertices[g])
-            if work.seen[v] == stamp:
-                continue
-            work.seen[v] = stamp
-            work.found[m] = v
-            m += 1
-            x, y, z = cells.points[v, 0], cells.points[v, 1], cells.points[v, last]
-            x0, x1, y0, y1, z0, z1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y), min(z0, z), max(z1, z)
-    z0, z1 = (z0, z1) if last > 1 else (0.0, 0.0)
-    return m, (0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * (z0 + z1)), max(x1 - x0, max(y1 - y0, z1 - z0))
-
-
-@helper
-def _widest(p, cells, parts, work, stamp):
-    """Diameter of part p and the vertices it is taken between.
-
-    Vertices near the middle of its box, from which none is as far as the widest side, are left out.
-    """
-    m, middle, widest = _listed_vertices(p, cells, parts, work, stamp)
-    last, reach = cells.points.shape[1] - 1, 0.0
-    for turn in range(2):
-        inner = widest - np.sqrt(reach)
-        inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 and turn == 1 else 0.0
-        kept = np.int64(0)
-        for k in range(m):
-            v = np.uint32(work.found[k])
-            x, y = cells.points[v, 0] - middle[0], cells.points[v, 1] - middle[1]
-            z = cells.points[v, 2] - middle[2] if last > 1 else 0.0
-            square = x * x + y * y + z * z
-            reach = max(reach, square)
-            work.found[kept] = v
-            kept += np.int64(square >= inner)
-        m = kept
-    most, one, other = 0.0, np.int32(-1), np.int32(-1)
-    for k in range(m):
-        for j in range(k):
-            square = _square(np.uint32(work.found[k]), np.uint32(work.found[j]), cells.points)
-            if square > most:
-                most, one, other = square, work.found[k], work.found[j]
-    return np.sqrt(most), one, other
-
-
-@helper
-def joined_width(i, q, cells, parts):
-    """Diameter of part q together with cell i, and the vertices it is taken between."""
-    width, one, other = parts.tally[q, DIAMETER], parts.ends[q, 0], parts.ends[q, 1]
-    i, square = np.uint64(i), width * width
-    begin, end = np.uint64(cells.offsets[i]), np.uint64(cells.offsets[i + ONE])
-    j = np.int64(i) if cells.spans[i] > width else np.int64(parts.first[q])
-    own = cells.spans[i] > width
-    while j >= 0:
-        c = np.uint64(j)
-        slack = width - cells.radii[i] - cells.radii[c]
-        if slack <= 0.0 or _apart(i, c, cells.centroids) >= slack * slack:
-            for g in range(np.uint64(cells.offsets[c]), np.uint64(cells.offsets[c + ONE])):
-                u = np.uint32(cells.vertices[g])
-                for h in range(begin, end):
-                    far = _square(u, np.uint32(cells.vertices[h]), cells.points)
-                    if far > square:
-                        square, one, other = far, np.int32(u), cells.vertices[h]
-                        width = np.sqrt(far)
-        j = np.int64(parts.first[q]) if own else np.int64(parts.after[c])
-        own = False
-    return width, one, other
-
-
-@helper
-def _still_there(v, p, cells, parts):
-    """Whether a cell of part p has the vertex."""
-    if v < 0:
-        return False
-    for g in range(cells.meeting_offsets[v], cells.meeting_offsets[v + 1]):
-        if parts.labels[np.uint32(cells.meeting[g])] == p:
-            return True
-    return False
-
-
-@helper
-def left_width(p, cells, parts, work, stamp):
-    """Diameter of part p, which a cell has just left, and the vertices it is taken between."""
-    one, other = parts.ends[p, 0], parts.ends[p, 1]
-    if _still_there(one, p, cells, parts) and _still_there(other, p, cells, parts):
-        return parts.tally[p, DIAMETER], one, other
-    return _widest(p, cells, parts, work, stamp)
-
-
-@helper
 def may_leave(i, p, q, cells, parts, work, stamp):
     """Whether part p stays connected near cell i without it; then the label of the cell is q."""
     filled, i = np.uint64(0), np.uint64(i)
@@ -247,29 +99,3 @@ def exchange(i, p, q, parts):
     if parts.first[q] >= 0:
         parts.before[parts.first[q]] = i
     parts.first[q] = i
-
-
-@kernel
-def part_state(given, labels, count):
-    """Parts ``0..count−1`` of the cells, with their sums and lists, and room for searches."""
-    n, points = len(labels), len(given.points)
-    own, tally, ends = np.empty(n, np.int32), np.zeros((count, _COLUMNS)), np.full((count, 2), -1, np.int32)
-    first, after, before = np.full(count, -1, np.int32), np.empty(n, np.int32), np.full(n, -1, np.int32)
-    for i in range(n - 1, -1, -1):
-        p = labels[i]
-        own[i], after[i] = p, first[p]
-        if first[p] >= 0:
-            before[first[p]] = i
-        first[p] = i
-        tally[p, MEASURE] += given.measures[i]
-        tally[p, SURFACE] += given.surfaces[i]
-        tally[p, COUNT] += 1.0
-        for h in range(given.indptr[i], given.indptr[i + 1]):
-            if labels[given.indices[h]] == p:
-                tally[p, SURFACE] -= given.interface[h]
-    parts = Parts(own, tally, ends, first, after, before)
-    marks, seen = np.full((n, 2), -1, np.int64), np.full(points, -1, np.int64)
-    room = Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, np.empty(points + 1, np.int32))
-    for p in range(count):
-        tally[p, DIAMETER], ends[p, 0], ends[p, 1] = _widest(p, given, parts, room, -2 - p)
-    return parts, room

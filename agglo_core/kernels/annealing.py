@@ -16,10 +16,9 @@ from agglo_core.kernels.anneal_state import (
     MEASURE,
     SURFACE,
     exchange,
-    joined_width,
-    left_width,
     may_leave,
 )
+from agglo_core.kernels.anneal_widths import joined_width, left_width
 from agglo_core.kernels.compiling import ONE, helper, kernel
 
 __all__ = ["anneal"]

@@ -21,10 +21,9 @@ from agglo_core.kernels.anneal_state import (
     DIAMETER,
     MEASURE,
     exchange,
-    joined_width,
-    left_width,
     may_leave,
 )
+from agglo_core.kernels.anneal_widths import joined_width, left_width
 from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = ["anneal_circles"]

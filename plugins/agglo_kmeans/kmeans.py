@@ -50,9 +50,7 @@ class KMeans:
         If an option is anything else.
     """
 
-    def __init__(
-        self, iterations: int = 8, effort: Literal["fast", "good", "best"] | None = None
-    ) -> None:
+    def __init__(self, iterations: int = 8, effort: Literal["fast", "good", "best"] | None = None) -> None:
         if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 0:
             raise OptionError(f"kmeans: iterations must be a whole number, 0 or more, given {iterations!r}")
         if effort not in (None, "fast", "good", "best"):
