@@ -108,8 +108,7 @@ mesh: Mesh
 graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
-problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples
-problems: Solution System
+problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples Solution System
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -294,8 +293,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOME and name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = f"{__package__}.{_HOME[name]}" if name in _HOME else str(__package__)
-    found: object = getattr(import_module(home), name)
-    return found
+    return getattr(import_module(home), name)  # type: ignore[no-any-return]
 
 
 def __dir__() -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Int, UInt64, frozen_int
-from agglo_core.components.annealing import Annealing, Ramps, Weights
+from agglo_core.components.annealed_parts import Annealing, Ramps, Weights
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES

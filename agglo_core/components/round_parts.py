@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_int, splitmix
-from agglo_core.components.annealing import Weights
+from agglo_core.components.annealed_parts import Weights
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.round_search import EFFORTS, Search
 from agglo_core.graph import Graph
@@ -29,12 +29,15 @@ _COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
 """The same where the number of parts is given and the size follows; others are tried, by a factor."""
 
 _FACTOR = 1.06
-_WEIGHTS = Weights(1.0, 1.1, 0.3), Weights(0.67, 1.0, 0.3)
+_WEIGHTS = Weights(1.0, 1.05, 0.35), Weights(0.67, 1.0, 0.3)
 """Of parts of few cells, and of many, which fill a size with ease."""
 
 _MANY = 100
 _PIECES = 40
 """Parts of more cells than the one are found on a graph of so many pieces for each as the other."""
+
+_MENDED = 250
+"""Most draws for each cell once these parts are known."""
 
 _ROUNDING = 1e-9
 
@@ -85,8 +88,9 @@ def _by_component(graph: Graph, target: Target, seed: int, effort: str, start: S
 def _best(graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival) -> Int:
     """Labels of a connected graph: those found by annealing, or the rival's if they score higher."""
     size, parts = _size_and_parts(graph, target, False)
-    many = graph.n > _MANY * parts
-    search = Search(graph, size, seed, EFFORTS[effort], _WEIGHTS[many])
+    many, most = graph.n > _MANY * parts, EFFORTS[effort]
+    most = replace(most, polish=min(most.polish, _MENDED)) if many else most
+    search = Search(graph, size, seed, most, _WEIGHTS[many])
     if many:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:

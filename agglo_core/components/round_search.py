@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.arrays import Int, Mask, splitmix
-from agglo_core.components.annealing import Annealing, Ramps, Shapes, Weights, too_wide
+from agglo_core.components.annealed_parts import Annealing, Ramps, Shapes, Weights, too_wide
 from agglo_core.components.part_changes import cut_in_two, dissolved
 from agglo_core.graph import Graph
 
@@ -34,7 +34,7 @@ class Effort:
     sizes: int = 1
 
 
-EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 120, 4, 3), "best": Effort(4000, 400, 10, 5)}
+EFFORTS = {"fast": Effort(250, 30), "good": Effort(1200, 300, 4, 3), "best": Effort(3000, 1500, 16, 5)}
 """By name: below .02, about .1 and below 1 s for 300 cells."""
 
 _FIRST = Ramps(0.5, 1e-3, 40.0, 400.0)
