@@ -293,7 +293,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOME and name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = f"{__package__}.{_HOME[name]}" if name in _HOME else str(__package__)
-    return getattr(import_module(home), name)  # type: ignore[no-any-return]
+    return getattr(import_module(home), name)
 
 
 def __dir__() -> list[str]:

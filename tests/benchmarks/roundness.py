@@ -3,9 +3,10 @@
     python tests/benchmarks/roundness.py [--seeds N] [--large] [--only NAME ...]
 
 Means over fresh random meshes: number of parts K, UF, CR, CRc, mean and largest diameter over the size h*,
-CPU seconds. Sizes are √2/4 on meshes of about 256 cells, else the diagonal of a square of 16 mean cells, on the
-brain 0.2 of its diameter. Counts are exact: 25, or a part for each 16 cells. METIS takes counts only: where a
-size is asked it gets that of ``good``, so that its parts may be wider. ``--large`` adds 100,000 cells.
+CPU seconds. Sizes are √2/4 on meshes of about 256 cells, else the diagonal of a square of 16 mean cells, on
+the brain 0.2 of its diameter. Counts are exact: 25, or a part for each 16 cells. METIS takes counts only:
+where a size is asked it gets the number of ``good``, and its parts may be wider. ``--large`` adds 100,000
+cells.
 """
 
 from __future__ import annotations
