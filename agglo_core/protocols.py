@@ -107,10 +107,18 @@ class Aiming(Protocol):
 
 @runtime_checkable
 class Partitioner(Protocol):
-    """Optional: direct k-way partition of one connected graph."""
+    """Optional: direct k-way partition of one connected graph.
+
+    Where a size is asked ``target`` has both ``h_star`` and an estimate of the number of parts. One of which
+    the parts are to be left as they are, neither refined nor polished, says ``final_parts = True``; it is
+    then also asked for components that the estimate gives one part.
+    """
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return labels ``(n,)`` in ``0..target.parts-1``; gaps and disconnected parts are repaired."""
+        """Return labels ``(n,)`` in ``0..target.parts-1``; gaps and disconnected parts are repaired.
+
+        With ``target.h_star`` there may be more of them, up to ``n``.
+        """
 
 
 @runtime_checkable

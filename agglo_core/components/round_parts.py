@@ -36,9 +36,6 @@ _MANY = 100
 _PIECES = 40
 """Parts of more cells than the one are found on a graph of so many pieces for each as the other."""
 
-_MENDED = 250
-"""Most draws for each cell once these parts are known."""
-
 _ROUNDING = 1e-9
 
 
@@ -88,9 +85,8 @@ def _by_component(graph: Graph, target: Target, seed: int, effort: str, start: S
 def _best(graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival) -> Int:
     """Labels of a connected graph: those found by annealing, or the rival's if they score higher."""
     size, parts = _size_and_parts(graph, target, False)
-    many, most = graph.n > _MANY * parts, EFFORTS[effort]
-    most = replace(most, polish=min(most.polish, _MENDED)) if many else most
-    search = Search(graph, size, seed, most, _WEIGHTS[many])
+    many = graph.n > _MANY * parts
+    search = Search(graph, size, seed, EFFORTS[effort], _WEIGHTS[many])
     if many:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:
@@ -114,17 +110,20 @@ def _searched(search: Search, graph: Graph, target: Target, parts: int, start: S
 def _counted(search: Search, first: Int) -> Int:
     """The best labels of several sizes with as many parts as at first; the search keeps that size.
 
-    No size is below the widest cell, as no part can be.
+    The next size is larger where parts were wider, else smaller. None is below the widest cell.
     """
-    middle, widest = search.size, float(search.tool.widths.max())
-    best, result, chosen = -np.inf, first, middle
-    for step in range(search.sizes):
-        exponent = (step + 1) // 2 * (1 if step % 2 else -1)  # 0, 1, −1, 2, −2
-        search.size = max(middle * _FACTOR**exponent, widest)
+    factor, widest = _FACTOR, float(search.tool.widths.max())
+    best, result, chosen, before = -np.inf, first, search.size, 0
+    for _ in range(search.sizes):
+        search.size = max(search.size, widest)
         labels, shapes = search.polished(*search.annealed(first), cut=False)
         score = shapes.score(Weights())
         if score > best:
             best, result, chosen = score, labels, search.size
+        towards = 1 if shapes.widths.max() > search.size * (1 + _ROUNDING) else -1
+        factor = factor if towards * before >= 0 else factor**0.5
+        search.size *= factor**towards
+        before = towards
     search.size = chosen
     return result
 

@@ -52,6 +52,9 @@ _MANY = 1536
 _FEWER = 0.25
 """On meshes of more cells there are fewer draws for each, by the ratio to this power."""
 
+_POLISH = 350
+"""And at most so many, before that, in the polish."""
+
 _ROUNDS, _LATE_ROUNDS = 6, 2
 _CUTS = 60
 
@@ -72,8 +75,9 @@ class Search:
     def __init__(self, graph: Graph, size: float, seed: int, effort: Effort, weights: Weights) -> None:
         self.tool, self.size, self.weights = Annealing(graph), size, weights
         self._effort, self._small = effort, graph.n <= _MANY
-        share = 1.0 if self._small else (_MANY / graph.n) ** _FEWER
-        self._moves, self._polish = int(share * effort.moves * graph.n), int(share * effort.polish * graph.n)
+        draws = graph.n if self._small else int(graph.n * (_MANY / graph.n) ** _FEWER)
+        polish = effort.polish if self._small else min(effort.polish, _POLISH)
+        self._moves, self._polish = effort.moves * draws, polish * draws
         self._seed = np.array([seed], np.uint64)
 
     @property
