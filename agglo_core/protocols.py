@@ -107,18 +107,10 @@ class Aiming(Protocol):
 
 @runtime_checkable
 class Partitioner(Protocol):
-    """Optional: direct k-way partition of one connected graph.
-
-    Where a size is asked ``target`` has both ``h_star`` and an estimate of the number of parts. One of which
-    the parts are to be left as they are, neither refined nor polished, says ``final_parts = True``; it is
-    then also asked for components that the estimate gives one part.
-    """
+    """Optional: direct k-way partition of a connected graph; refined unless ``final_parts = True``."""
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return labels ``(n,)`` in ``0..target.parts-1``; gaps and disconnected parts are repaired.
-
-        With ``target.h_star`` there may be more of them, up to ``n``.
-        """
+        """Return labels ``(n,)`` in ``0..target.parts-1``, for a size ``0..n-1``; faults are mended."""
 
 
 @runtime_checkable

@@ -16,7 +16,7 @@ __all__ = ["AnnealRefiner"]
 _RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
 _NEVER = 1e7
 _ROUNDING = 1e-9
-_FILLED = {2: 0.39, 3: 0.13}
+_FILLED = {2: 0.38, 3: 0.13}
 """Measure of a part over its largest width to the power of the dimension, once annealed."""
 
 
@@ -35,7 +35,8 @@ class AnnealRefiner:
     moves : int
         Cells drawn for each cell of a block.
     roundness, evenness : float
-        What round parts, and parts of even width, count.
+        What round parts, and parts of even width, count. At equal weights widths become even at the expense
+        of the largest inscribed circles.
 
     Raises
     ------
@@ -52,7 +53,7 @@ class AnnealRefiner:
 
     objective = "roundness"
 
-    def __init__(self, moves: int = 500, roundness: float = 1.0, evenness: float = 1.0) -> None:
+    def __init__(self, moves: int = 500, roundness: float = 1.3, evenness: float = 1.0) -> None:
         if not isinstance(moves, int | np.integer) or isinstance(moves, bool) or moves < 1:
             raise OptionError(f"anneal: moves must be a whole number, 1 or more, not {moves!r}")
         self.moves = int(moves)
@@ -80,9 +81,10 @@ class AnnealRefiner:
         if target.h_star is not None:
             size = most if most > target.h_star * (1 + _ROUNDING) else float(target.h_star)
             ramps = ramps._replace(soft=_NEVER, stiff=_NEVER)
-        elif whole > 0.0:
-            size = float((whole / (_FILLED[graph.dim] * len(widths))) ** (1.0 / graph.dim))
         tool, weights = Annealing(graph), Weights(self.evenness, self.roundness, 0.0)
+        if target.h_star is None and whole > 0.0:
+            size = float((whole / (_FILLED[graph.dim] * len(widths))) ** (1.0 / graph.dim))
+            size = max(size, float(tool.widths.max()))  # no part is narrower than its cells
         moves = self.moves * len(labels)
         moved, _ = tool.annealed(tool.inward(labels), size, ramps, moves, seed, weights)
         after = tool.outward(moved)

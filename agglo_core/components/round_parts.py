@@ -29,7 +29,7 @@ _COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
 """The same where the number of parts is given and the size follows; others are tried, by a factor."""
 
 _FACTOR = 1.06
-_WEIGHTS = Weights(1.0, 1.05, 0.35), Weights(0.67, 1.0, 0.3)
+_WEIGHTS = Weights(1.0, 1.05, 0.35), Weights(0.69, 1.0, 0.3)
 """Of parts of few cells, and of many, which fill a size with ease."""
 
 _MANY = 100
