@@ -74,20 +74,17 @@ class AnnealRefiner:
     def _in_block(self, graph: Graph, labels: Int, seed: int, target: Target) -> Int:
         """Labels 0..k−1 of one block after the moves; those given unless they become better."""
         widths = graph.part_diameters(labels)
-        most, whole = float(widths.max()), float(graph.measures.sum())
+        most, ramps = float(widths.max()), _RAMPS.for_cells(len(labels) / len(widths))
         if not most > 0.0:
             return labels
-        ramps, size = _RAMPS.for_cells(len(labels) / len(widths)), most
-        if target.h_star is not None:
+        tool, weights = Annealing(graph), Weights(self.evenness, self.roundness, 0.0)
+        if target.h_star is None:
+            size = _size(tool, len(widths), most)
+        else:
             size = most if most > target.h_star * (1 + _ROUNDING) else float(target.h_star)
             ramps = ramps._replace(soft=_NEVER, stiff=_NEVER)
-        tool, weights = Annealing(graph), Weights(self.evenness, self.roundness, 0.0)
-        if target.h_star is None and whole > 0.0:
-            size = float((whole / (_FILLED[graph.dim] * len(widths))) ** (1.0 / graph.dim))
-            size = max(size, float(tool.widths.max()))  # no part is narrower than its cells
-        moves = self.moves * len(labels)
-        moved, _ = tool.annealed(tool.inward(labels), size, ramps, moves, seed, weights)
-        after = tool.outward(moved)
+        first, moves = tool.inward(labels), self.moves * len(labels)
+        after = tool.outward(tool.annealed(first, size, ramps, moves, seed, weights)[0])
         if target.h_star is not None and graph.part_diameters(after).max() > size * (1 + _ROUNDING):
             return labels
         return after if self._is_better(tool, graph, labels, after) else labels
@@ -98,6 +95,13 @@ class AnnealRefiner:
             return False
         now, then = (tool.seen(tool.inward(labels)).score(weights) for labels in (after, before))
         return now > then
+
+
+def _size(tool: Annealing, parts: int, most: float) -> float:
+    """Width that so many parts of a block may have; ``most`` if cells have no measure."""
+    whole = float(tool.graph.measures.sum())
+    even = (whole / (_FILLED[tool.graph.dim] * parts)) ** (1.0 / tool.graph.dim)
+    return max(even, float(tool.widths.max())) if even > 0.0 else most  # no part is narrower than its cells
 
 
 def _weight(name: str, value: float) -> float:

@@ -31,6 +31,9 @@ _SHRINK, _START, _BACK = 0.75, 0.35, 0.9
 _DEEP = 0.5
 """From centroids at least so deep, by the largest radius found, a circle is sought."""
 
+_APART = 0.02
+"""A centroid further away, by the squares of distance and radius, is another place to seek from."""
+
 
 class Circles(NamedTuple):
     """Circles of the parts ``(k, 6)``; room for the edges around one."""
@@ -134,11 +137,11 @@ def circle_inside(p, m, guess, centre, cells, parts, room):
     if _within(x, y, m, room):
         best, x, y = _ascended(x, y, m, room)
     centred = centred_radius(m, centre, room)
-    if centred > 0.0:
-        if best < 0.0 or (x - centre[0]) ** 2 + (y - centre[1]) ** 2 > 0.02 * best * best:
-            radius, at_x, at_y = _ascended(centre[0], centre[1], m, room)
-            if radius > best:
-                best, x, y = radius, at_x, at_y
+    elsewhere = best < 0.0 or (x - centre[0]) ** 2 + (y - centre[1]) ** 2 > _APART * best * best
+    if centred > 0.0 and elsewhere:
+        radius, at_x, at_y = _ascended(centre[0], centre[1], m, room)
+        if radius > best:
+            best, x, y = radius, at_x, at_y
     if best < 0.0:
         deepest, i = -1.0, parts.first[p]
         while i >= 0:
