@@ -150,7 +150,7 @@ metrics_option = click.option(
     "--metrics",
     metavar="LIST",
     callback=_read_metrics,
-    help="Metrics (NAME[:opt=val,…]) or objectives to show instead of UF, CR, CRc.",
+    help="Metrics (NAME[:opt=val,…]) or objectives to show in place of the default ones.",
 )
 """Decorator that adds ``--metrics``: what :func:`agglo_core.measure.measure_levels` takes, or None."""
 

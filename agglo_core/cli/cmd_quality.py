@@ -15,7 +15,10 @@ from agglo_core.cli.tables import print_table
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from agglo_core.hierarchy import Hierarchy
+    from agglo_core.measure import Level
     from agglo_core.mesh import Mesh
 
 __all__ = ["quality"]
@@ -28,7 +31,7 @@ __all__ = ["quality"]
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -> None:
-    """Print the means of UF, CR and CRc, or of other metrics, of every level stored in FILE.
+    """Print the means of UF, CR, CRc, J and isoperimetric, or of other metrics, of every level in FILE.
 
     Levels are those of a hierarchy (.npz) or the cell data level_0, level_1, …; a file without any has
     its cells measured as they are.
@@ -50,13 +53,21 @@ def quality(file: Path, metrics: list[Any] | None, as_json: bool, quiet: bool) -
         print_json({"mesh": {"name": mesh.name, "cells": mesh.n_cells, "h0": mesh.h}, "levels": rows})
     elif not quiet:
         title = f"{mesh.name or file.name}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}"
-        columns = [*(key for key in rows[0] if key not in ("objectives", "undefined")), *levels[0].objectives]
+        columns = _columns(levels)
         flat = [row | row.get("objectives", {}) for row in rows]
         shown = [
             [number(row[key]) + undefined(level, key) for key in columns]
             for level, row in zip(levels, flat, strict=True)
         ]
-        print_table(title, columns, shown, spare=["connected", "max_diameter"])
+        print_table(title, columns, shown, spare=["connected", "max_diameter", "isoperimetric"])
+
+
+def _columns(levels: Sequence[Level]) -> list[str]:
+    """Keys of what is shown, the mean diameter over h* beside the number of parts where a level has one."""
+    sized = any(level.line["diameter_ratio"] is not None for level in levels)
+    first = ["level", "parts", *(["diameter_ratio"] if sized else []), "max_diameter"]
+    metrics = [name for name in levels[0].metrics if name not in first]
+    return [*first, *metrics, "connected", *levels[0].objectives]
 
 
 def _levels(mesh: Mesh, stored: Hierarchy | None) -> tuple[list[str], Hierarchy]:

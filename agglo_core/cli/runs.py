@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
@@ -125,23 +125,18 @@ def data(mesh: Mesh, source: str, runs: Sequence[Mapping[str, Any]]) -> dict[str
     return {"mesh": {"name": mesh.name or source, "cells": mesh.n_cells, "h0": mesh.h}, "runs": runs}
 
 
-def level_data(level: Level, *, ratio: bool = False) -> dict[str, Any]:
-    """A level with its target as one number: the largest diameter, or how many parts.
-
-    With ``ratio`` the mean diameter over h* is among the values.
-    """
-    asked, line = level.line["target"], dict(level.line)
-    if not ratio and "diameter_ratio" not in level.metrics:
-        del line["diameter_ratio"]
-    return line | {"target": asked.get("h_star", asked.get("n_parts"))}
+def level_data(level: Level) -> dict[str, Any]:
+    """A level with its target as one number: the largest diameter, or how many parts."""
+    asked = level.line["target"]
+    return level.line | {"target": asked.get("h_star", asked.get("n_parts"))}
 
 
 def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
-    """A run of a comparison: that of ``agglo run``, with method, diam/h*, and the error if it failed."""
+    """A run of a comparison: that of ``agglo run``, with method, and the error if it failed."""
     return {
         "bisector": bisector,
         "method": method,
-        "levels": [level_data(level, ratio=True) for level in run.levels],
+        "levels": [level_data(level) for level in run.levels],
         "seconds": run.seconds if run.hierarchy else None,
         "statistics": run.hierarchy.statistics if run.hierarchy else {},
         "error": run.error or None,
@@ -175,34 +170,36 @@ def single_level(mesh: Mesh) -> Hierarchy:
 
 def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> None:
     """Print one line per level, and why runs failed."""
-    measured = next(level for run in runs for level in run.levels)
-    heads = ["target", "K", *measured.metrics, "connected", *_last(measured).values(), "seconds"]
+    every = [level for run in runs for level in run.levels]
+    sized = any(level.line["diameter_ratio"] is not None for level in every)
+    columns = _columns(every[0], sized)
+    heads = ["target", *columns.values(), "seconds"]
     rows = []
     for run in runs:
         levels = run.levels[:1] if only_finest else run.levels
         for place, level in enumerate(levels):
-            row = ["" if place else run.name, *_cells(level)]
+            row = ["" if place else run.name, *_cells(level, columns)]
             rows.append([*row, "" if place else f"{run.seconds:.2f}"])
         if run.error:
             rows.append([run.name, *["–"] * len(heads)])
-    spare = ["connected", "seconds", _RATIO]
+    spare = ["connected", "seconds", "isoperimetric", _RATIO]
     print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
     print_lines("\n".join(f"{run.name}: {run.error}" for run in runs if run.error))
 
 
-def _last(level: Level) -> dict[str, str]:
-    """Keys and headings of the columns after ``connected``."""
-    ratio = {} if "diameter_ratio" in level.metrics else {"diameter_ratio": _RATIO}
-    return ratio | {name: name for name in level.objectives}
+def _columns(level: Level, sized: bool) -> dict[str, str]:
+    """Keys and headings of what is told of a level; where it has a size, how far that is filled."""
+    shown = {"diameter_ratio": _RATIO} if sized and "diameter_ratio" not in level.metrics else {}
+    alike = (*level.metrics, "connected", *level.objectives)
+    return {"parts": "K"} | shown | {name: name for name in alike}
 
 
-def _cells(level: Level) -> list[str]:
+def _cells(level: Level, columns: Iterable[str]) -> list[str]:
     from agglo_core.measure.comparison import wanted
 
     line = {**level.line, **level.objectives}
     line["connected"] = f"{number(100.0 * line['connected'])} %"
-    keys = ("parts", *level.metrics, "connected", *_last(level))
-    return [wanted(level.target), *(short(line[key]) + undefined(level, key) for key in keys)]
+    return [wanted(level.target), *(short(line[key]) + undefined(level, key) for key in columns)]
 
 
 def undefined(level: Level, name: str) -> str:

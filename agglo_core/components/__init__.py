@@ -16,8 +16,11 @@ _METRICS = {
     "components": ("Components", "Number of connected components."),
     "cells": ("Cells", "Number of cells."),
 }
+_ROUND = {
+    "J": ("InertiaRatio", "Moment of inertia of a disc (ball) of that size over its own."),
+    "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared; 36π volume² over surface³."),
+}
 _SHAPES = {
-    "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared."),
     "convexity": ("Convexity", "Area over the area of the convex hull."),
     "star_shapedness": (
         "StarShapedness",
@@ -122,6 +125,20 @@ def _refiners() -> list[Component]:
         ),
         Component(
             kind="refiner",
+            name="fm",
+            target="agglo_core.components.fm:FMRefiner",
+            promises=alike,
+            summary="Moves chains of boundary cells for short interfaces at given balance (subdomains).",
+        ),
+        Component(
+            kind="refiner",
+            name="balance",
+            target="agglo_core.components.balance:BalanceRefiner",
+            promises=alike,
+            summary="Hands cells on between parts until their sizes are even, within a tolerance or exactly.",
+        ),
+        Component(
+            kind="refiner",
             name="descent",
             target="agglo_core.components.descent:DescentRefiner",
             promises=alike,
@@ -173,14 +190,15 @@ def _bisectors() -> list[Component]:
 
 def _metrics() -> list[Component]:
     targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in _METRICS.items()}
+    targets |= {name: (f"round_shapes:{target}", summary) for name, (target, summary) in _ROUND.items()}
     targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in _SHAPES.items()}
+    plane = {"CR", "CRc", *_SHAPES}
     return [
         Component(
             kind="metric",
             name=name,
             target=f"agglo_core.components.{target}",
-            promises={"deterministic": True, "pickles": True}
-            | ({"3d": True} if name in _METRICS and "CR" not in name else {}),
+            promises={"deterministic": True, "pickles": True} | ({} if name in plane else {"3d": True}),
             summary=summary,
         )
         for name, (target, summary) in targets.items()

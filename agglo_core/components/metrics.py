@@ -30,6 +30,7 @@ __all__ = [
     "NormalisedCut",
     "UniformityFactor",
     "UniformityFactor99",
+    "agglomerates",
     "plane_agglomerates",
 ]
 
@@ -38,7 +39,7 @@ _FEW = 500  # agglomerates whose circles one thread finds in some ten millisecon
 Better = Literal["high", "low"]
 
 
-def _agglomerates(mesh: Mesh, labels: Int) -> Mesh:
+def agglomerates(mesh: Mesh, labels: Int) -> Mesh:
     """The coarse mesh; ``mesh`` itself if every cell is its own agglomerate, in order."""
     labels = mesh.check_labels(labels)
     if labels[-1] == mesh.n_cells - 1 and np.array_equal(labels, np.arange(mesh.n_cells)):
@@ -50,7 +51,7 @@ def plane_agglomerates(mesh: Mesh, labels: Int, metric: str) -> Mesh:
     """The coarse mesh for a metric that exists only in 2-D; MeshError in 3-D."""
     if mesh.dim != 2:
         raise MeshError(f"metric {metric} exists only for 2-D meshes; this one is {mesh.dim}-D")
-    return _agglomerates(mesh, labels)
+    return agglomerates(mesh, labels)
 
 
 def _circle_ratios(mesh: Mesh, labels: Int, name: str, anywhere: bool) -> Float:
@@ -83,7 +84,7 @@ class UniformityFactor:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Uniformity factor ``(k,)``."""
-        diameters: Float = _agglomerates(mesh, labels).cell_diameters
+        diameters: Float = agglomerates(mesh, labels).cell_diameters
         factors: Float = diameters / diameters.max()
         return factors
 
@@ -99,7 +100,7 @@ class UniformityFactor99:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Ratio ``(k,)``; above 1 for the largest hundredth."""
-        diameters: Float = _agglomerates(mesh, labels).cell_diameters
+        diameters: Float = agglomerates(mesh, labels).cell_diameters
         return diameters / np.percentile(diameters, 99)
 
 
@@ -156,7 +157,7 @@ class DiameterRatio:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """diam(P) / h_star ``(k,)``."""
-        return _agglomerates(mesh, labels).cell_diameters / self.h_star
+        return agglomerates(mesh, labels).cell_diameters / self.h_star
 
 
 class InterfaceLength:
@@ -169,7 +170,7 @@ class InterfaceLength:
 
     def measure(self, mesh: Mesh, labels: Int) -> Float:
         """Interface ``(k,)``; the boundary of the domain does not count."""
-        coarse = _agglomerates(mesh, labels)
+        coarse = agglomerates(mesh, labels)
         inner = coarse.face_cells[:, 1] >= 0
         pairs, measures = coarse.face_cells[inner], coarse.face_measures[inner]
         lengths = np.bincount(pairs.ravel(), np.repeat(measures, 2), minlength=coarse.n_cells)

@@ -13,8 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.components.metrics import plane_agglomerates
-from agglo_core.errors import MeshError
-from agglo_core.graph import Graph, functionals, moves
+from agglo_core.components.round_shapes import IsoperimetricQuotient
 from agglo_core.mesh import Loops, Mesh
 from agglo_core.threads import over_ranges
 
@@ -25,43 +24,6 @@ _STRAIGHT = 1e-8  # radians; rounded coordinates turn collinear edges by less
 _FEW = 2_000  # agglomerates one thread looks at in some milliseconds
 
 Better = Literal["high", "low"]
-
-
-class IsoperimetricQuotient:
-    """Isoperimetric quotient 4π·area / perimeter²; 1 for a disc. Edges of holes count as perimeter."""
-
-    better: Better = "high"
-    bounds = (0.0, 1.0)
-    homogeneity = 0
-    shape_only = True
-
-    def measure(self, mesh: Mesh, labels: Int) -> Float:
-        """Isoperimetric quotient ``(k,)``. 2-D only."""
-        coarse = plane_agglomerates(mesh, labels, "isoperimetric")
-        offsets, faces = coarse.cell_faces
-        perimeters = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
-        quotients: Float = 4.0 * np.pi * coarse.cell_measures / perimeters**2
-        return quotients
-
-    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
-        """Changes ``(q,)`` of the sum if one cell moves, of parts that keep a cell. 2-D only."""
-        if graph.dim != 2:
-            raise MeshError(f"metric isoperimetric exists only for 2-D meshes; this graph is {graph.dim}-D")
-        k = int(labels.max()) + 1
-        shared = moves.links(graph, labels, cells, parts, graph.interface)
-        area, own = graph.measures[cells], labels[cells]
-        outline = shared.total + graph.boundary[cells]
-        areas = moves.part_sums(labels, graph.measures, k)
-        outlines = moves.part_sums(labels, graph.boundary, k)
-        outlines += functionals.part_cuts(graph, labels, edge_weights=graph.interface)
-        left = _quotient(areas[own] - area, outlines[own] - outline + 2.0 * shared.own)
-        joined = _quotient(areas[parts] + area, outlines[parts] + outline - 2.0 * shared.there)
-        before = _quotient(areas, outlines)
-        return np.where(own == parts, 0.0, left + joined - before[own] - before[parts])
-
-
-def _quotient(areas: Float, perimeters: Float) -> Float:
-    return 4.0 * np.pi * functionals.ratio(areas, perimeters**2)
 
 
 class Convexity:

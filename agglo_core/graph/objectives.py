@@ -16,7 +16,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.graph import moves
 from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
@@ -104,6 +104,15 @@ def _squared_weights(graph: Graph, labels: Int) -> Float:
     return squared
 
 
+def _squared_measures(graph: Graph, labels: Int) -> Float:
+    squared: Float = moves.part_sums(labels, graph.measures) ** 2
+    return squared
+
+
+def _squared_cells(graph: Graph, labels: Int) -> Float:
+    return frozen_float(np.bincount(labels) ** 2)
+
+
 def _diameters(graph: Graph, labels: Int) -> Float:
     return graph.part_diameters(labels)
 
@@ -162,6 +171,8 @@ _TABLE = (
         _squared_weights,
         changes=moves.squared_weight_changes,
     ),
+    Objective("measure_balance", "sum of the squared measures of the parts", _squared_measures),
+    Objective("cell_balance", "sum of the squared numbers of cells of the parts", _squared_cells),
     Objective("diameter", "largest diameter of a part", _diameters, "max"),
     Objective("roundness", "by how much the parts are neither round nor alike in width", _roundness),
     Objective(

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
-from agglo_core.measure.selection import RATIOS, Metric, Selection, built_metrics, select
+from agglo_core.measure.selection import RATIOS, SOLID_RATIOS, Metric, Selection, built_metrics, select
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
@@ -57,8 +57,8 @@ class Level:
         """The level in one line: plain data.
 
         Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by its name (``UF``,
-        ``CR``, ``CRc`` if none were chosen), the share of parts that are ``connected``,
-        ``diameter_ratio``, the mean diameter over h*, ``objectives`` if any were chosen, and
+        ``CR``, ``CRc``, ``J``, ``isoperimetric`` if none were chosen), the share of parts that are
+        ``connected``, ``diameter_ratio``, the mean diameter over h*, ``objectives`` if any were chosen, and
         :attr:`undefined` if any value is. What does not exist (circle ratios in 3-D, h* of a count) is
         None; means are over the agglomerates that have a value.
         """
@@ -155,8 +155,8 @@ def measure_levels(
     registry : Registry, optional
         Where names are looked up; by default the installed plugins.
     metrics : iterable, optional
-        As for :func:`quality`; names of objectives are accepted as well. By default UF, CR and
-        CRc, for 3-D meshes UF alone.
+        As for :func:`quality`; names of objectives are accepted as well. By default UF, CR,
+        CRc, J and isoperimetric, for 3-D meshes without CR and CRc.
     progress, verbose : optional
         As for :func:`agglo_core.agglomerate`.
 
@@ -191,7 +191,7 @@ def _chosen(
 ) -> tuple[Selection, Sequence[str]]:
     """What is measured, and the names that are shown whether it exists or not."""
     if metrics is None:
-        return select(RATIOS if mesh.dim == 2 else RATIOS[:1], registry), RATIOS
+        return select(RATIOS if mesh.dim == 2 else SOLID_RATIOS, registry), RATIOS
     chosen = select(metrics, registry)
     return chosen, tuple(chosen.metrics)
 

@@ -15,6 +15,7 @@ from agglo_core.mesh.diameters import diameters_of
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.geometry2d import Neighbours, PlaneCells, plane_cells
 from agglo_core.mesh.geometry3d import face_moments, polyhedron_moments, polyhedron_vertices
+from agglo_core.mesh.inertia import plane_inertias, polyhedron_inertias
 from agglo_core.mesh.loops import Loops, faces_of_cells, loops_of_cells
 
 __all__ = ["Derived"]
@@ -117,6 +118,16 @@ class Derived:
     def cell_centroids(self) -> Float:
         """Centroids of the cells ``(n_cells, d)``."""
         return frozen_float(self.local_centroids + self.origin)
+
+    @cached_property
+    def cell_inertias(self) -> Float:
+        """Moments of inertia ∫ |x − C|² of the cells about their centroids C ``(n_cells,)``: exact."""
+        if self.dim == 2:
+            return plane_inertias(
+                self.local_points, self.face_pairs, self.face_cells, *self.cell_faces, self.local_centroids
+            )
+        loops = self.local_points, self.face_offsets, self.face_vertices, *self._face_moments
+        return polyhedron_inertias(*loops, self.face_cells, *self.cell_faces, self.local_centroids)
 
     @cached_property
     def face_measures(self) -> Float:

@@ -12,7 +12,7 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.krylov_column import Column
 from agglo_core.multigrid.krylov_rules import Beta, Request, Rules, Steps, Stop
-from agglo_core.problems.backward_error import limit_told
+from agglo_core.problems.backward_error import limit_told, magnitudes
 from agglo_core.problems.iteration_history import History, iterated
 from agglo_core.problems.sizes import Measure, energy_of_solution, relative_to
 from agglo_core.progress import Tell, to_nobody
@@ -141,7 +141,11 @@ def pcg_columns(
 
 def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
     """Run the iterations of all columns side by side, each product for all that ask for it."""
-    products = {"A": _product("A", swift(A)), "M": _product("M", M)}
+
+    def sizes(vectors: list[Float]) -> list[Float]:
+        return [magnitudes(A, each) for each in vectors]
+
+    products = {"A": _product("A", swift(A)), "M": _product("M", M), "|A|": sizes}
     running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
     while running:
         asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]

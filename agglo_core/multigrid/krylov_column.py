@@ -1,7 +1,6 @@
 """Preconditioned conjugate gradients for one right-hand side, and whether they may claim to have converged.
 
-The iteration is written as a generator: it yields the products it needs, so that those of several right-hand
-sides can be computed together.
+The iteration is a generator that yields the products it needs: those of several columns are made together.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.multigrid.krylov_probe import probed
+from agglo_core.multigrid.krylov_probe import is_rounding, probed
 from agglo_core.multigrid.krylov_rules import SAID, Rules, Steps
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.ritz import RitzValue
@@ -29,6 +28,8 @@ _DRIFT = 0.1
 """Part of b − A x by which the residual of the recursion may differ from it; else it starts afresh."""
 _IDLE = 2
 """Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
+_LUCK = 4.0
+"""Times the tolerance: what is larger does not pass the tests by another rounding of x."""
 _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
 _MORE = 4
@@ -195,7 +196,10 @@ class Column:
         now, least = (self.size, self._bound()), self._replaced
         idle = all(new > 0.5 * old for new, old in zip(now, least, strict=True))
         self._idle = self._idle + 1 if idle else 0
+        self._estimate()
         self._stuck = self._idle >= _IDLE
+        if not (self._stuck or self._small(_LUCK)):
+            self._stuck = yield from is_rounding(self.r, self.x, self.b)
         self._replaced = (min(now[0], least[0]), min(now[1], least[1]))
         if self._best is None or now[0] < least[0]:
             self._best = (self.x, self.r)
@@ -248,8 +252,8 @@ class Column:
         self._wait = self._passed + self._passed // 10
         return self.done >= self._wait or not self.r.any()
 
-    def _small(self) -> bool:
-        most, stop = self.rules.tolerance, self.rules.stop
+    def _small(self, factor: float = 1.0) -> bool:
+        most, stop = factor * self.rules.tolerance, self.rules.stop
         return (self.size <= most or stop == "energy") and (self._error <= most or stop == "residual")
 
     def _confirm(self) -> Steps:

@@ -1,4 +1,4 @@
-"""The smallest eigenvalue of M A as a random vector sees it: no mode can hide because b lacks it."""
+"""What an iteration asks of A and M besides its own products before it ends."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import numpy as np
 
 from agglo_core.arrays import Float
 from agglo_core.multigrid.krylov_rules import Request
+from agglo_core.problems.backward_error import LIMIT
 from agglo_core.problems.ritz import RitzValue
+from agglo_core.problems.sizes import two_norm
 
-__all__ = ["probed"]
+__all__ = ["is_rounding", "probed"]
 
 _FALL = 1e-4
 """Part of its start to which z·r has to fall: by then every mode with a share like others' was seen."""
@@ -18,6 +20,8 @@ _FALL = 1e-4
 
 def probed(n: int, most: int) -> Generator[Request, Float, float]:
     """Smallest Ritz value of M A after up to ``most`` steps from a random vector ``(n,)``.
+
+    No mode can hide because b lacks it.
 
     Returns
     -------
@@ -45,3 +49,9 @@ def probed(n: int, most: int) -> Generator[Request, Float, float]:
             break
         p = z + (rho / before) * p
     return ritz.refresh()
+
+
+def is_rounding(r: Float, x: Float, b: Float) -> Generator[Request, Float, bool]:
+    """Whether the residual r = b − A x is no more than what rounding to x and to entries of A makes of it."""
+    magnitudes = yield "|A|", x
+    return two_norm(r) <= 0.5 * LIMIT * two_norm(magnitudes + np.abs(b))

@@ -15,8 +15,8 @@ __all__ = ["SAID", "Beta", "Request", "Rules", "Steps", "Stop"]
 Beta = Literal["flexible", "fletcher-reeves"]
 Stop = Literal["energy", "residual", "both"]
 
-Request = tuple[Literal["A", "M"], Float]
-"""A product that is needed: the operator, and the vector ``(n,)``."""
+Request = tuple[Literal["A", "M", "|A|"], Float]
+"""A product that is needed: the operator, and the vector ``(n,)``; ``|A|`` asks for |A| |x|, or less."""
 
 Steps = Generator[Request, Float, None]
 """Of an iteration: it is sent the products that it asks for."""

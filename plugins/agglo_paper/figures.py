@@ -28,7 +28,7 @@ from agglo_paper.shape_tables import repeats, unit
 from agglo_paper.store import Results
 from agglo_paper.strategies import Strategy
 
-__all__ = ["draw_boxes", "draw_grids", "draw_runtime"]
+__all__ = ["draw_boxes", "draw_grids", "draw_runtime", "picture"]
 
 _INK, _FINE, _PAPER = "#222222", "#8a8a8a", "#F4F1EA"
 _DENSE = 2000
@@ -45,7 +45,7 @@ def draw_grids(plan: Plan, sources: Sequence[str], convention: str, path: Path) 
     shown = _shown(plan)
     across = len(shown) + 1 if len(sources) > 1 else (len(shown) + 2) // 2
     down = len(sources) if len(sources) > 1 else 2
-    with _picture((2.2 * across, 2.45 * down), path) as figure:
+    with picture((2.2 * across, 2.45 * down), path) as figure:
         panels = figure.subplots(down, across, squeeze=False).ravel()
         place = 0
         for source in sources:
@@ -119,7 +119,7 @@ def _path(axis: Any, lines: Iterable[Float], rasterized: bool, **style: Any) -> 
 def draw_boxes(plan: Plan, results: Results, sources: Mapping[str, str], convention: str, path: Path) -> None:
     """Box plots of UF (above) and CRc (below), a panel for each of the sources (name to source)."""
     shown = _shown(plan)
-    with _picture((0.4 * len(shown) * len(sources) + 1.5, 5.0), path) as figure:
+    with picture((0.4 * len(shown) * len(sources) + 1.5, 5.0), path) as figure:
         panels = figure.subplots(2, len(sources), squeeze=False, sharey=True)
         for column, (name, source) in enumerate(sources.items()):
             for axis, metric in zip(panels[:, column], ("UF", "CRc"), strict=True):
@@ -159,7 +159,7 @@ def draw_runtime(plan: Plan, results: Results, path: Path) -> None:
     both = {kind: curves(plan, results, kind) for kind in KINDS}
     names = dict.fromkeys(name for lines in both.values() for name in lines if "whole" not in name)
     styles = {name: (f"C{k % 10}", ("-", "--")[k // 10 % 2]) for k, name in enumerate(names)}
-    with _picture((11, 4.8), path) as figure:
+    with picture((11, 4.8), path) as figure:
         for axis, (kind, lines) in zip(figure.subplots(1, 2), both.items(), strict=True):
             for name in filter(lines.__contains__, names):
                 _curve(axis, name, lines[name], *styles[name])
@@ -177,7 +177,7 @@ def _curve(axis: Any, name: str, line: Sequence[tuple[int, Cell]], colour: str, 
 
 
 @contextmanager
-def _picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
+def picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
     """A figure that is written to ``path`` when the block ends: the same content gives the same bytes."""
     try:
         from matplotlib import rc_context

@@ -36,17 +36,17 @@ class _Range:
 
 _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
-        ("pardiso", "cells"): _Range(0.0, 0.0, 1e6),
-        ("pardiso", "groups"): _Range(0.0, 0.0, float("inf")),  # within a third of each other
-        ("superlu", "cells"): _Range(0.0, 1.5e5, 3e5),
-        ("superlu", "groups"): _Range(0.0, 2.5e5, 6e5),
+        ("pardiso", "cells"): _Range(0.0, 0.0, 3e5),
+        ("pardiso", "groups"): _Range(0.0, 0.0, 2e6),
+        ("superlu", "cells"): _Range(0.0, 5e4, 1.5e5),
+        ("superlu", "groups"): _Range(0.0, 1e5, 5e5),
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
     }
 )
 """For one right-hand side. Linear systems may be of any kind, so that none is sent to multigrid."""
 _SEVERAL: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
-        ("pardiso", "linear"): _Range(2e4, 4e5, float("inf")),
+        ("pardiso", "linear"): _Range(8e4, 4e5, float("inf")),
         ("superlu", "linear"): _Range(0.0, 4e5, float("inf")),
     }
 )

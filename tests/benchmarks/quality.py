@@ -17,7 +17,9 @@ import numpy as np
 import agglo_core as agglo
 from agglo_core import Mesh, samples
 
-METRICS = ("UF", "CR", "CRc")
+METRICS = ("UF", "CR", "CRc", "J", "isoperimetric")
+
+_WIDTH = 15
 
 
 def families(seeds: int) -> dict[str, tuple[list[Mesh], float]]:
@@ -32,7 +34,7 @@ def families(seeds: int) -> dict[str, tuple[list[Mesh], float]]:
 
 
 def means(meshes: Sequence[Mesh], h_star: float, bisector: str) -> list[float]:
-    """Mean number of parts, UF, CR, CRc, and mean diameter over h*."""
+    """Mean number of parts, the metrics, and mean diameter over h*."""
     rows = []
     for mesh in meshes:
         labels = agglo.agglomerate(mesh, bisector=bisector, h_star=h_star).levels[0]
@@ -54,10 +56,10 @@ def main() -> None:
     bisectors = [r.name for r in records if r.kind == "bisector" and r.state == "ok"]
     for family, (meshes, h_star) in families(seeds).items():
         print(f"\n{family}, {len(meshes)} meshes, h* = {h_star:.4g}")
-        print(f"{'':16}{'K':>7}{'UF':>8}{'CR':>8}{'CRc':>8}{'diam/h*':>9}")
+        print(f"{'':16}{'K':>7}{'diam/h*':>9}{''.join(f'{name:>{_WIDTH}}' for name in METRICS)}")
         for bisector in bisectors:
             parts, *rest, size = means(meshes, h_star, bisector)
-            print(f"{bisector:16}{parts:7.1f}{''.join(f'{value:8.3f}' for value in rest)}{size:9.3f}")
+            print(f"{bisector:16}{parts:7.1f}{size:9.3f}{''.join(f'{value:{_WIDTH}.3f}' for value in rest)}")
 
 
 if __name__ == "__main__":

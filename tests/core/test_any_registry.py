@@ -120,7 +120,7 @@ def measures(registry: Registry, folder: Path) -> None:
     hierarchy = run(registry)
     assert agglo.quality(MESH, hierarchy.levels[0], ["crowd"], registry)["crowd"].tolist() == [256.0] * 4
     assert measure_levels(MESH, hierarchy, registry, ["crowd", "cut"])[0].metrics == ("crowd", "cut")
-    assert measure_levels(MESH, hierarchy, registry)[0].metrics == ("UF", "CR", "CRc")
+    assert measure_levels(MESH, hierarchy, registry)[0].metrics == ("UF", "CR", "CRc", "J", "isoperimetric")
     assert summary(MESH, hierarchy, registry, ["crowd"])[0]["crowd"] == 256.0
     assert list(selection.built_metrics(["crowd"], registry)) == ["crowd"]
     assert list(selection.select(["crowd", "interface"], registry).metrics) == ["crowd"]

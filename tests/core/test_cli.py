@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -133,7 +134,8 @@ def test_run_prints_json_of_one_form(agglo: Agglo) -> None:
     (run,) = data["runs"]
     assert set(run) == {"bisector", "levels", "seconds", "statistics"}
     assert run["bisector"] == "kmeans"
-    keys = {"target", "parts", "max_diameter", "UF", "CR", "CRc", "connected"}
+    ratios = {"UF", "CR", "CRc", "J", "isoperimetric", "diameter_ratio"}
+    keys = {"target", "parts", "max_diameter", "connected", *ratios}
     assert all(set(level) == keys for level in run["levels"])
     assert [level["parts"] for level in run["levels"]] == [16, 4]
     coarse = run["levels"][1]
@@ -141,6 +143,8 @@ def test_run_prints_json_of_one_form(agglo: Agglo) -> None:
         [1, 0.5**0.5, 0.5**0.5, 1], abs=1e-3
     )
     assert coarse["max_diameter"] == pytest.approx(2**0.5 / 2)
+    assert coarse["J"] == pytest.approx(3 / math.pi)
+    assert coarse["diameter_ratio"] is None
 
 
 def test_solids_have_no_circle_ratio(agglo: Agglo) -> None:
@@ -149,6 +153,8 @@ def test_solids_have_no_circle_ratio(agglo: Agglo) -> None:
     (level,) = json.loads(out)["runs"][0]["levels"]
     assert level["CR"] is None
     assert level["CRc"] is None
+    assert level["isoperimetric"] == pytest.approx(36 * math.pi * 0.5**2 / 4**3)
+    assert 0 < level["J"] < 1
     assert level["parts"] == 2
 
 

@@ -60,7 +60,8 @@ def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
         assert run["seconds"] > 0
         assert [level["parts"] for level in run["levels"]] == [16, 4]
         assert all(level["diameter_ratio"] is None for level in run["levels"])
-    keys = {"target", "parts", "max_diameter", "UF", "CR", "CRc", "connected", "diameter_ratio"}
+    keys = {"target", "parts", "max_diameter", "connected", "diameter_ratio"}
+    keys |= {"UF", "CR", "CRc", "J", "isoperimetric"}
     assert set(data["runs"][1]["levels"][0]) == keys
 
 
@@ -73,6 +74,28 @@ def test_the_table_names_what_is_missing(agglo: Agglo) -> None:
     assert "not implemented: it has no k-way partition" in out
     assert "mean diam/h*" in out
     assert "h ≤ 2 h0" in out
+
+
+def columns_of(text: str) -> list[str]:
+    """Headings of the table in a text."""
+    (head,) = [line for line in text.splitlines() if line.startswith("┃")]
+    return [each.strip() for each in head.strip("┃").split("┃")]
+
+
+def test_the_mean_diameter_over_the_size_stands_beside_the_number_of_parts_where_there_is_a_size(
+    agglo: Agglo,
+) -> None:
+    ratios = ["UF", "CR", "CRc", "J", "isoperimetric", "connected"]
+    for command in ("run", "compare"):
+        sized = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--h-star", "0.5").out)
+        assert sized[:4] == ["bisector", "target", "K", "mean diam/h*"]
+        assert sized[4:] == [*ratios, "seconds"]
+        counted = columns_of(agglo(command, "squares:n=8", "--bisector", "inertial", "--parts", "4").out)
+        assert counted == ["bisector", "target", "K", *ratios, "seconds"]
+    agglo("run", "squares:n=8", "--bisector", "inertial", "--h-star", "0.5", "-o", "sized.npz")
+    agglo("run", "squares:n=8", "--bisector", "inertial", "--parts", "4", "-o", "counted.npz")
+    assert columns_of(agglo("quality", "sized.npz").out)[:3] == ["level", "parts", "diameter_ratio"]
+    assert "diameter_ratio" not in agglo("quality", "counted.npz").out
 
 
 def test_diameters_are_compared_with_the_size_asked_for(agglo: Agglo) -> None:

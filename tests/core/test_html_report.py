@@ -312,11 +312,11 @@ def test_the_address_chooses_run_level_and_agglomerate(visit: Visit, runs: list[
     assert seen["bold"] == 0
     assert seen["level"] == seen["said"] == "1: h ≤ 1.667, 6 agglomerates"
     assert seen["rows"] == 6
-    assert seen["marks"] == 3
+    assert seen["marks"] == 5
     assert "said <i>no</i>" in seen["runs"]
     assert "hover=4" in seen["hash"]
     values = [float(text.replace(",", "")) for text in seen["facts"]]
-    names = ["cells", "diameter", "measure", "UF", "CR", "CRc", "components"]
+    names = ["cells", "diameter", "measure", "UF", "CR", "CRc", "J", "isoperimetric", "components"]
     assert values == pytest.approx([level.values[name][4] for name in names], abs=1e-3)
 
 

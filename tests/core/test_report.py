@@ -13,6 +13,7 @@ from agglo_core import samples
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure.agglomerates import measure_levels, quality, summary
+from agglo_core.measure.selection import RATIOS
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Component, Registry, hookimpl
 
@@ -45,7 +46,9 @@ def _hierarchy(mesh: Mesh, *levels: np.ndarray) -> Hierarchy:
 
 def test_default_metrics_on_quarters_of_a_square() -> None:
     values = quality(samples.squares(8), _quarters(8))
-    assert list(values) == ["UF", "CR", "CRc"]
+    assert list(values) == ["UF", "CR", "CRc", "J", "isoperimetric"]
+    np.testing.assert_allclose(values["J"], 3 / np.pi)
+    np.testing.assert_allclose(values["isoperimetric"], np.pi / 4)
     np.testing.assert_allclose(values["UF"], np.ones(4))
     np.testing.assert_allclose(values["CR"], np.full(4, 0.5**0.5))
     np.testing.assert_allclose(values["CRc"], np.full(4, 0.5**0.5))
@@ -102,7 +105,7 @@ def test_summary_of_a_plane_mesh() -> None:
     split = np.add.outer(np.arange(4), np.arange(4)).ravel() % 2
     lines = summary(mesh, _hierarchy(mesh, _quarters(4), split))
     assert [list(line) for line in lines] == [
-        ["target", "parts", "max_diameter", "UF", "CR", "CRc", "connected", "diameter_ratio"]
+        ["target", "parts", "max_diameter", *RATIOS, "connected", "diameter_ratio"]
     ] * 2
     first, second = lines
     assert first["target"] == {"parts": 4}

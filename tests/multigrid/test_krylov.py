@@ -328,6 +328,20 @@ def test_the_limit_of_precision_is_claimed_of_known_entries_alone() -> None:
     assert found.backward_error is None
 
 
+@pytest.mark.parametrize("stop", ["both", "residual"])
+def test_an_iteration_ends_once_its_residual_is_rounding(stop: str) -> None:
+    hard = far_apart()
+    M = np.linalg.inv(hard * (1 + 0.05 * np.eye(len(hard))))
+    unknown = LinearOperator(hard.shape, matvec=lambda x: hard @ x, dtype=float)
+    known, other = (
+        pcg(A, np.ones(len(hard)), (M + M.T) / 2, tolerance=1e-13, stop=stop) for A in (hard, unknown)
+    )
+    assert (known.ended, other.ended) == ("rounding", "stagnation")
+    assert known.iterations < other.iterations  # which has to see that fresh starts gain nothing
+    np.testing.assert_allclose(known.residuals, other.residuals[: known.iterations + 1], rtol=1e-6)
+    assert known.residuals[-1] <= 4.0 * other.residuals[-1]
+
+
 def test_the_limit_of_precision_is_not_claimed_far_from_it() -> None:
     given = History(X * (1 + 1e-9), np.ones(2), False, "fell no further: …", 1e-9, (), "stagnation")
     told = limit_told(given, A, b)

@@ -72,7 +72,7 @@ def test_it_says_what_would_be_used(installed: tuple[str, ...]) -> None:
     other = "" if installed == ("superlu",) else ",backend=superlu"
     assert f"take the solver direct:penalty=sharp{other}" in said
     assert ("PARDISO is not installed" in said) == ("pardiso" not in installed)
-    assert "take the solver direct;" in f"{advice_of_multigrid(Sized(2e5), 'groups', 1, 10.0)};" or other
+    assert "take the solver direct;" in f"{advice_of_multigrid(Sized(8e4), 'groups', 1, 10.0)};" or other
     many = advice_of_multigrid(Sized(1.5e5), "linear", MANY)
     assert advice_of_multigrid(Sized(1.5e5), "linear") == ""
     assert ("PARDISO" if "pardiso" in installed else "SuperLU") in many.split()[0]

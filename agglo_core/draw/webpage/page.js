@@ -91,11 +91,12 @@ function showRuns() {
     { name: "run", value: ({ run }) => run.name, cell: choose },
     { name: "level", value: ({ place }) => place, show: shown },
     { name: "target", value: ({ level }) => level.target, show: (text) => text ?? "–" },
-    number("K", "parts", shown), ...METRICS.map((metric) => number(metric.name, metric.name, format(metric))),
+    number("K", "parts", shown),
+    ...(METRICS.some(({ name }) => name === "diameter_ratio") ? [] : [number("diam / h*", "diameter_ratio", fixed(3))]),
+    ...METRICS.map((metric) => number(metric.name, metric.name, format(metric))),
     ...REPORT.objectives.map((name) => ({ name, value: ({ level }) => level.objectives?.[name], show: shown })),
     number("connected", "connected", (share) => `${shown(100 * share)} %`),
     number("max diam", "max_diameter", shown),
-    ...(METRICS.some(({ name }) => name === "diameter_ratio") ? [] : [number("diam / h*", "diameter_ratio", fixed(3))]),
     { name: "seconds", value: ({ run }) => (run.levels.length ? run.seconds : null), show: fixed(2) },
   ];
   sortable($("runs"), columns, rows, (line, { run, index, place }) => {

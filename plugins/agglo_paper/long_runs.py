@@ -1,0 +1,65 @@
+"""What surrounds a long computation of a command: one thread, no repeated notices, a bar."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+import click
+
+if TYPE_CHECKING:
+    from agglo_paper.store import Unit
+
+__all__ = ["one_thread", "progress", "without_notices"]
+
+_THREADS: Final = ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS")
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Libraries loaded from here on use one thread: CPU times are compared."""
+    names = [f"{library}_NUM_THREADS" for library in _THREADS]
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def without_notices() -> Iterator[None]:
+    """Hides notices about single cells larger than h*, which would be repeated thousands of times."""
+    log = logging.getLogger("agglo")
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[Sequence[Unit], str], Callable[[Unit, bool], None]]]:
+    """A bar on stderr: given the units of a page and its name, what to call after each."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+
+        def begin(units: Sequence[Unit], name: str) -> Callable[[Unit, bool], None]:
+            task = bar.add_task(name, total=len(units))
+            if not console.is_terminal:
+                click.echo(f"{name}: {len(units)} units of work", err=True)
+            return lambda unit, known: bar.advance(task)
+
+        yield begin

@@ -1,0 +1,117 @@
+"""From results to numbers of a page: rank correlations, and how much shapes cost."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from agglo_core.authoring import Float
+from agglo_paper.study.study_partitions import RECIPES
+
+__all__ = ["Measured", "correlations", "costs", "relative"]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A partition and what was measured of it: see :func:`agglo_paper.study.study_work.measured`."""
+
+    source: str
+    recipe: str
+    seed: int
+    result: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def usual(self) -> bool:
+        """Whether its recipe is one that anybody would use."""
+        return RECIPES[self.recipe].usual
+
+    def outcome(self, name: str) -> float:
+        """Iterations or error."""
+        return float(self.result["outcomes"][name])
+
+    def badness(self, metric: str) -> float:
+        """Value of a metric, turned so that less is better."""
+        sign = -1.0 if self.result["better"][metric] == "high" else 1.0
+        return sign * float(self.result["metrics"][metric])
+
+
+def correlations(
+    rows: Sequence[Measured], metrics: Iterable[str], outcomes: Sequence[str]
+) -> dict[str, list[float]]:
+    """Spearman's rank correlation of each metric with each outcome, the mean over the meshes.
+
+    1 where a worse value always goes with a worse outcome; NaN where either never changes.
+    """
+    meshes = _by_mesh(rows)
+    found = {}
+    for metric in metrics:
+        badness = [np.array([row.badness(metric) for row in own]) for own in meshes]
+        found[metric] = [
+            _mean(
+                [
+                    _spearman(x, np.array([row.outcome(name) for row in own]))
+                    for x, own in zip(badness, meshes, strict=True)
+                ]
+            )
+            for name in outcomes
+        ]
+    return found
+
+
+def relative(rows: Sequence[Measured], outcomes: Sequence[str]) -> dict[str, list[float]]:
+    """Outcomes of each recipe over the best of each mesh: geometric means over meshes and seeds."""
+    gathered: dict[str, list[Float]] = {}
+    for own in _by_mesh(rows):
+        values = np.array([[row.outcome(name) for name in outcomes] for row in own])
+        for row, logs in zip(own, np.log(values / values.min(axis=0)), strict=True):
+            gathered.setdefault(row.recipe, []).append(logs)
+    return {recipe: np.exp(np.mean(logs, axis=0)).tolist() for recipe, logs in gathered.items()}
+
+
+def costs(rows: Sequence[Measured], outcomes: Sequence[str]) -> dict[str, list[float]]:
+    """By how much the worst partition of a mesh exceeds the best, geometric means over the meshes."""
+    usual = [row for row in rows if row.usual]
+    return {
+        "worst of all over best": _ranges(rows, outcomes),
+        "worst usual over best usual": _ranges(usual, outcomes),
+    }
+
+
+def _ranges(rows: Sequence[Measured], outcomes: Sequence[str]) -> list[float]:
+    tables = [np.array([[row.outcome(name) for name in outcomes] for row in own]) for own in _by_mesh(rows)]
+    logs = [np.log(table.max(axis=0) / table.min(axis=0)) for table in tables]
+    return [float(each) for each in np.exp(np.mean(logs, axis=0))] if logs else [float("nan")] * len(outcomes)
+
+
+def _by_mesh(rows: Iterable[Measured]) -> list[list[Measured]]:
+    gathered: dict[str, list[Measured]] = {}
+    for row in rows:
+        gathered.setdefault(row.source, []).append(row)
+    return list(gathered.values())
+
+
+def _spearman(x: Float, y: Float) -> float:
+    """NaN where one of them is the same everywhere, but for rounding."""
+    from scipy.stats import spearmanr
+
+    x, y = _rounded(x), _rounded(y)
+    if len(x) < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0 or not np.isfinite(x + y).all():
+        return float("nan")
+    return float(spearmanr(x, y).statistic)
+
+
+def _rounded(values: Float) -> Float:
+    """To nine digits of the largest: what differs by rounding has the same rank."""
+    size = float(np.abs(values).max(initial=0.0))
+    rounded: Float = np.round(values / size, 9) if size > 0.0 else values
+    return rounded
+
+
+def _mean(values: Sequence[float]) -> float:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of nothing but NaN
+        return float(np.nanmean(values)) if len(values) else float("nan")

@@ -1,0 +1,237 @@
+"""What the shapes of agglomerates do to solutions: errors, conditioning and iterations beside METIS k-way.
+
+    python tests/benchmarks/solver_shapes.py [--cells N ...] [--per-part N ...] [--seeds N] [--penalty P]
+    python tests/benchmarks/solver_shapes.py --tried
+    python tests/benchmarks/solver_shapes.py --times
+
+On fresh random meshes, at equal numbers of parts. On the mesh of the parts: L2 and DG errors of
+u = sin πx sin πy by PolyDG of degree 1 and 2, and the condition number of its matrix scaled by block Jacobi
+(up to 800 unknowns). On the mesh itself: iterations to 1e-8 of two levels, with fractions, by the default
+solver, the same with its recipe ``patches``, and the paper's with inherited operators. E is the energy of
+k-means, L the interface. Geometric means over the meshes, divided by those of METIS k-way (contiguous,
+weights of cells and faces, the better of two imbalances for each figure). ``--tried`` compares other weights
+of the interface in the polish and further polishes instead, without iterations; ``--times`` prints CPU
+seconds over those of METIS k-way.
+"""
+
+from __future__ import annotations
+
+import os
+
+for _variable in ("OMP", "OPENBLAS", "MKL", "NUMBA", "BLIS"):
+    os.environ[f"{_variable}_NUM_THREADS"] = "1"  # before numpy is imported
+
+# ruff: noqa: E402
+import argparse
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.sparse.linalg import spsolve
+
+import agglo_core as agglo
+from agglo_core import Mesh, samples
+from agglo_core.components import compactness
+from agglo_core.graph.objectives import OBJECTIVES
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Diffusion
+from agglo_core.registry import default
+from agglo_polydg_mg.assembly import discretise
+from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.norms import errors
+
+Labels = NDArray[np.int64]
+
+SINE = Diffusion(
+    source=lambda x: 2 * np.pi**2 * np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1]),
+    exact=lambda x: np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1]),
+)
+UNIT = Diffusion(source=1.0)
+BARE: Mapping[str, Any] = {"method": "kway", "refiners": (), "polish": False}
+METHODS: dict[str, Mapping[str, Any]] = {
+    "METIS k-way, 3 %": {"bisector": ("metis", {"ufactor": 30}), **BARE},
+    "METIS k-way, 30 %": {"bisector": ("metis", {"ufactor": 300}), **BARE},
+    "METIS recursive": {"bisector": ("metis", {"algorithm": "recursive"}), **BARE},
+    "kmeans": {"bisector": "kmeans"},
+    "kmeans k-way": {"bisector": "kmeans", "method": "kway"},
+}
+_AGAIN = ("compactness", "compactness")
+TRIED: dict[str, tuple[Mapping[str, Any], float]] = {
+    "kmeans": ({}, 0.3),
+    "weight .2": ({}, 0.2),
+    "weight .1": ({}, 0.1),
+    "twice": ({"post_refiners": _AGAIN}, 0.3),
+    "weight .2, twice": ({"post_refiners": _AGAIN}, 0.2),
+    "weight .1, thrice": ({"post_refiners": (*_AGAIN, "compactness")}, 0.1),
+    "k-way": ({"method": "kway"}, 0.3),
+    "k-way, .2, twice": ({"method": "kway", "post_refiners": _AGAIN}, 0.2),
+    "kmeans, no polish": ({"polish": False}, 0.3),
+}
+"""Options of a run, and the weight of the interface in its polish."""
+RIVALS = ("METIS k-way, 3 %", "METIS k-way, 30 %")
+SOLVERS: dict[str, tuple[str, Mapping[str, Any]]] = {
+    "default": ("polydg_mg", {}),
+    "patches": ("polydg_mg", {"recipe": "patches"}),
+    "paper": ("polydg_mg_paper", {"operators": "inherited"}),
+}
+MOST_UNKNOWNS = 800  # of a matrix whose condition number is found by all its eigenvalues
+
+
+def perturbed_squares(cells: int, seed: int) -> Mesh:
+    """Squares whose inner points are moved by up to three tenths of a side."""
+    n = round(cells**0.5)
+    mesh, rng = samples.squares(n), np.random.default_rng(seed)
+    inside = ((mesh.points > 1e-9) & (mesh.points < 1 - 1e-9)).all(axis=1)
+    return replace(
+        mesh, points=mesh.points + inside[:, None] * rng.uniform(-0.3 / n, 0.3 / n, mesh.points.shape)
+    )
+
+
+FAMILIES: dict[str, Callable[[int, int], Mesh]] = {
+    "Voronoi": lambda cells, seed: samples.voronoi(cells, seed=seed),
+    "random triangles": lambda cells, seed: samples.random_triangles(cells // 2, seed=seed),
+    "perturbed squares": perturbed_squares,
+}
+
+
+def condition(A: Any, width: int) -> float:
+    """Condition number of a matrix with blocks of ``width`` unknowns, scaled by its diagonal blocks."""
+    dense = A.toarray()
+    starts = range(0, len(dense), width)
+    blocks = [np.linalg.cholesky(dense[i : i + width, i : i + width]) for i in starts]
+    L = scipy.linalg.block_diag(*blocks)
+    half = scipy.linalg.solve_triangular(L, dense, lower=True)
+    values = np.linalg.eigvalsh(scipy.linalg.solve_triangular(L, half.T, lower=True))
+    return float(values[-1] / values[0])
+
+
+def iterations(mesh: Mesh, labels: Labels, solver: str, tolerance: float = 1e-8) -> float:
+    """Iterations of two levels until the residual has fallen to the tolerance, the last one in part."""
+    name, options = SOLVERS[solver]
+    hierarchy = Hierarchy(mesh, mesh.graph, [labels], [{}], nested=True)
+    tool = default().build("solver", name, degree=1, tolerance=tolerance, **options)
+    residuals = np.asarray(tool.solve(UNIT, hierarchy).residuals)
+    fallen = np.log(residuals / residuals[0])
+    last = int(np.argmax(fallen <= np.log(tolerance))) or len(fallen) - 1
+    return float(last - 1 + (np.log(tolerance) - fallen[last - 1]) / (fallen[last] - fallen[last - 1]))
+
+
+def figures(mesh: Mesh, labels: Labels, penalty: Any, solvers: bool) -> dict[str, float]:
+    """What is measured of a partition."""
+    found = {"E": OBJECTIVES["compactness"].value(mesh.graph, labels)}
+    found["L"] = OBJECTIVES["interface"].value(mesh.graph, labels)
+    coarse = mesh.coarsen(labels)
+    for degree in (1, 2):
+        system = discretise(coarse, degree, SINE, penalty=penalty, scaled_basis=True)
+        basis = Basis(coarse, degree, True)
+        error = errors(basis, spsolve(system.A.tocsc(), system.b), SINE, penalty=penalty)
+        found |= {f"L2 p{degree}": error.l2, f"DG p{degree}": error.dg}
+        if len(system.b) <= MOST_UNKNOWNS:
+            found[f"cond p{degree}"] = condition(system.A, basis.n_local)
+    for name in SOLVERS if solvers else ():
+        found[f"it {name}"] = iterations(mesh, labels, name)
+    return found
+
+
+def partition(mesh: Mesh, parts: int, method: Mapping[str, Any]) -> Labels:
+    """Labels of that many parts."""
+    return np.asarray(agglo.agglomerate(mesh, n_parts=parts, **method).levels[0])
+
+
+def weighed(mesh: Mesh, parts: int, tried: tuple[Mapping[str, Any], float]) -> Labels:
+    """Labels with another weight of the interface in the polish."""
+    method, weight = tried
+    kept, compactness.SHORTNESS = compactness.SHORTNESS, weight
+    try:
+        return partition(mesh, parts, method)
+    finally:
+        compactness.SHORTNESS = kept
+
+
+def compared(
+    meshes: list[Mesh],
+    methods: Mapping[str, Callable[[Mesh, int], Labels]],
+    per_part: int,
+    penalty: Any,
+    solvers: bool,
+) -> dict[str, dict[str, float]]:
+    """Geometric means of all figures, method by method, over those of METIS k-way."""
+    logs: dict[str, dict[str, float]] = {}
+    for name, method in methods.items():
+        found = []
+        for mesh in meshes:
+            labels = method(mesh, mesh.n_cells // per_part)
+            found.append(figures(mesh, labels, penalty, solvers))
+        logs[name] = {key: float(np.mean([np.log(each[key]) for each in found])) for key in found[0]}
+    best = {key: min(logs[rival][key] for rival in RIVALS) for key in logs[RIVALS[0]]}
+    return {name: {key: float(np.exp(row[key] - best[key])) for key in row} for name, row in logs.items()}
+
+
+def show(title: str, rows: dict[str, dict[str, float]]) -> None:
+    """Print a table of ratios."""
+    keys = list(next(iter(rows.values())))
+    print(f"\n{title}\n{'':<18}{''.join(f'{key:>11}' for key in keys)}")
+    for name, row in rows.items():
+        print(f"{name:<18}{''.join(f'{row[key]:11.3f}' for key in keys)}", flush=True)
+
+
+def show_times(seeds: int) -> None:
+    """Print CPU seconds over those of METIS k-way."""
+    print(f"{'cells':<26}{''.join(f'{name:>20}' for name in METHODS)}")
+    for cells in (4_000, 100_000):
+        for family, make in FAMILIES.items():
+            taken: dict[str, list[float]] = {name: [] for name in METHODS}
+            for seed in range(seeds):
+                mesh = make(cells, seed)
+                _ = mesh.graph
+                for name, method in METHODS.items():
+                    start = time.process_time()
+                    partition(mesh, mesh.n_cells // 16, method)
+                    taken[name].append(time.process_time() - start)
+            rival = min(float(np.median(taken[name])) for name in RIVALS)
+            ratios = "".join(f"{np.median(each) / rival:20.3f}" for each in taken.values())
+            print(f"{family + ' ' + str(cells):<26}{ratios}", flush=True)
+
+
+def main() -> None:
+    """Read the arguments, print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--cells", type=int, nargs="+", default=[1000, 4000])
+    parser.add_argument("--per-part", type=int, nargs="+", default=[16, 64])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--penalty", default="sharp", help="sharp, paper or a number")
+    parser.add_argument("--no-solvers", action="store_true", help="leave out the iterations")
+    parser.add_argument("--tried", action="store_true", help="other weights and polishes")
+    parser.add_argument("--times", action="store_true", help="print the times alone")
+    options = parser.parse_args()
+    logging.getLogger("agglo").setLevel(logging.ERROR)
+    for method in METHODS.values():
+        partition(samples.squares(8), 4, method)  # compiles
+    if options.times:
+        show_times(options.seeds)
+        return
+    methods = {name: partial(partition, method=METHODS[name]) for name in METHODS}
+    if options.tried:
+        methods = {name: methods[name] for name in RIVALS}
+        methods |= {name: partial(weighed, tried=TRIED[name]) for name in TRIED}
+    penalty = options.penalty if options.penalty in ("sharp", "paper") else float(options.penalty)
+    solvers = not (options.no_solvers or options.tried)
+    fresh = int(np.random.SeedSequence().generate_state(1)[0]) % 10**6
+    for name, make in FAMILIES.items():
+        for cells in options.cells:
+            meshes = [make(cells, fresh + seed) for seed in range(options.seeds)]
+            for per_part in options.per_part:
+                rows = compared(meshes, methods, per_part, penalty, solvers)
+                show(f"{name}, {cells} cells, {per_part} in a part, {len(meshes)} meshes", rows)
+
+
+if __name__ == "__main__":
+    main()

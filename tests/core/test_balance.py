@@ -1,0 +1,121 @@
+"""The refiner balance: parts of equal size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import agglo_core as agglo
+from agglo_core import Graph, samples
+from agglo_core.arrays import Int
+from agglo_core.components.balance import BalanceRefiner
+from agglo_core.errors import OptionError
+from agglo_core.graph.objectives import OBJECTIVES
+from agglo_core.protocols import Target
+
+KINDS = {
+    "triangles": lambda seed: samples.random_triangles(150, seed=seed).graph,
+    "voronoi": lambda seed: samples.voronoi(250, seed=seed).graph,
+    "tetrahedra": lambda seed: samples.tetrahedra(4).graph,
+}
+
+
+def evened(graph: Graph, labels: Int, **options: Any) -> Int:
+    parts = int(labels.max()) + 1
+    return BalanceRefiner(**options).refine(graph, labels, np.zeros(1, np.uint64), Target(parts=parts))
+
+
+def grown(graph: Graph, seed: int, parts: int) -> Int:
+    """Connected parts of very different sizes."""
+    rng = np.random.default_rng(seed)
+    labels = np.full(graph.n, -1)
+    labels[rng.choice(graph.n, parts, replace=False)] = np.arange(parts)
+    while (labels < 0).any():
+        i = int(rng.choice(np.flatnonzero(labels >= 0)))
+        free = [j for j in graph.indices[graph.indptr[i] : graph.indptr[i + 1]] if labels[j] < 0]
+        if free:
+            labels[rng.choice(free)] = labels[i]
+    return labels
+
+
+@given(st.sampled_from(sorted(KINDS)), st.integers(0, 10_000), st.integers(2, 8))
+@settings(max_examples=40, deadline=None)
+def test_numbers_of_cells_differ_by_one_at_most(kind: str, seed: int, parts: int) -> None:
+    graph = KINDS[kind](seed % 50)
+    labels = grown(graph, seed, parts)
+    after = evened(graph, labels, tolerance=0.0)
+    cells = np.bincount(after, minlength=parts)
+    assert len(np.unique(graph.components(after))) == parts
+    assert cells.max() - cells.min() <= (1 if graph.n % parts else 0) + 1
+    assert (np.abs(cells - graph.n / parts) < 1.0).all()
+
+
+@pytest.mark.parametrize("size", ["cells", "measure"])
+def test_nothing_moves_within_the_tolerance(size: str) -> None:
+    graph = samples.squares(12).graph
+    labels = (np.arange(144) >= 66).astype(np.int64)  # 66 and 78 of 72: 8 % off
+    np.testing.assert_array_equal(evened(graph, labels, size=size, tolerance=0.09), labels)
+    after = evened(graph, labels, size=size, tolerance=0.05)
+    assert np.abs(np.bincount(after) - 72).max() <= 3
+
+
+def test_cells_go_through_parts_between() -> None:
+    graph = samples.strip(12).graph
+    labels = np.array([0] * 6 + [1, 1] + [2, 2] + [3, 3])
+    np.testing.assert_array_equal(evened(graph, labels), np.repeat([0, 1, 2, 3], 3))
+
+
+def test_weights_are_evened_out() -> None:
+    graph = samples.voronoi(400, seed=5).graph
+    weights = np.where(graph.centroids[:, 0] > 0.0, 4.0, 1.0)
+    graph = replace(graph, weights=weights)
+    labels = agglo.agglomerate(samples.voronoi(400, seed=5), n_parts=8, polish=False).levels[0]
+    before, after = (np.bincount(each, weights) for each in (labels, evened(graph, labels, size="weights")))
+    assert np.abs(before / before.mean() - 1.0).max() > 0.5
+    assert np.abs(after / after.mean() - 1.0).max() < 0.05
+
+
+def test_the_objective_it_names_says_how_even_sizes_are() -> None:
+    graph = samples.random_triangles(300, seed=1).graph
+    labels = agglo.agglomerate(graph, n_parts=10).levels[0]
+    for size, objective in (
+        ("cells", "cell_balance"),
+        ("measure", "measure_balance"),
+        ("weights", "balance"),
+    ):
+        after = evened(graph, labels, size=size, tolerance=0.0)
+        assert OBJECTIVES[objective](graph, after) < OBJECTIVES[objective](graph, labels)
+        assert BalanceRefiner(size=size).objective == objective
+    cells = np.bincount(labels).astype(float)
+    assert OBJECTIVES["cell_balance"](graph, labels) == pytest.approx((cells**2).sum())
+
+
+def test_compact_parts_stay_compact() -> None:
+    graph = samples.voronoi(4000, seed=3).graph
+    labels = agglo.agglomerate(graph, n_parts=20).levels[0]
+    after = evened(graph, labels, tolerance=0.0)
+    assert OBJECTIVES["compactness"](graph, after) < 1.15 * OBJECTIVES["compactness"](graph, labels)
+
+
+def test_components_are_evened_out_each_by_itself() -> None:
+    mesh = samples.disconnected(6)
+    labels = agglo.agglomerate(mesh, n_parts=6, post_refiners=(("balance", {"tolerance": 0.0}),)).levels[0]
+    assert np.bincount(labels).tolist() == [12] * 6
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"size": "area"}, "balance: size is one of cells, measure, weights; given 'area'"),
+        ({"tolerance": -1.0}, "balance: tolerance must be a number, 0 or more, not -1.0"),
+        ({"tolerance": True}, "balance: tolerance must be a number, 0 or more, not True"),
+    ],
+)
+def test_options_are_checked(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        BalanceRefiner(**options)
