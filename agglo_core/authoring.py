@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from agglo_core.components.geometric import InertialBisection
     from agglo_core.components.piece_growth import PieceGrowth
     from agglo_core.components.refiners import InterfaceRefiner
+    from agglo_core.components.round_parts import round_parts
     from agglo_core.components.straight_cuts import SweepBisection
     from agglo_core.draw.plot import PALETTE, colouring, save_figure
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
@@ -107,8 +108,7 @@ mesh: Mesh
 graph: Graph functionals
 hierarchy: Hierarchy
 protocols: Bisector LevelBisector Partitioner Smoother Target
-problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples
-problems: Solution System
+problems: Diffusion Discretisation Field Lifting Linear MultigridLevel Patches Problem Samples Solution System
 graph.blocks: TIE block_extents block_ranks block_shares block_sums integer_shares principal_frames
 graph.blocks: split_at_median
 graph.ordering: curve_order
@@ -118,6 +118,7 @@ components.fixers: ConnectivityFixer
 components.geometric: InertialBisection
 components.piece_growth: PieceGrowth
 components.refiners: InterfaceRefiner
+components.round_parts: round_parts
 components.straight_cuts: SweepBisection
 agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
@@ -268,6 +269,7 @@ __all__ = [
     "read_hierarchy",
     "read_system",
     "relative_size",
+    "round_parts",
     "samples",
     "save_figure",
     "scan_thresholds",
@@ -291,8 +293,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOME and name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = f"{__package__}.{_HOME[name]}" if name in _HOME else str(__package__)
-    found: object = getattr(import_module(home), name)
-    return found
+    return getattr(import_module(home), name)
 
 
 def __dir__() -> list[str]:

@@ -107,10 +107,10 @@ class Aiming(Protocol):
 
 @runtime_checkable
 class Partitioner(Protocol):
-    """Optional: direct k-way partition of one connected graph."""
+    """Optional: direct k-way partition of a connected graph; refined unless ``final_parts = True``."""
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
-        """Return labels ``(n,)`` in ``0..target.parts-1``; gaps and disconnected parts are repaired."""
+        """Return labels ``(n,)`` in ``0..target.parts-1``, for a size ``0..n-1``; faults are mended."""
 
 
 @runtime_checkable

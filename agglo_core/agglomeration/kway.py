@@ -25,8 +25,10 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
     """Labels of each coarse level, finest first.
 
     Nested hierarchies are built bottom-up: each level partitions the dual graph of the one below.
-    Otherwise every level is a partition of the fine graph.
+    Otherwise every level is a partition of the fine graph. A partition that says its parts are final is
+    neither refined nor polished.
     """
+    post = replace(post, polish=post.polish and not run.final_parts)
     result: list[Int] = []
     current, fine_to_current = graph, frozen_int(np.arange(graph.n))
     for stage, goal in enumerate(goals):
@@ -48,10 +50,11 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     quotas = share_out(parts, pieces.measures, pieces.offsets)
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
     with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
-        local = _partition_components(pieces, quotas, run, seeds, tell)
-    target = Target(parts=parts, h_star=goal.target.h_star)
-    with statistics.timed("refine"):
-        local = run.refine(pieces, local, seeds, target)
+        local = _partition_components(pieces, quotas, goal, run, seeds, tell)
+    if not run.final_parts:
+        target = Target(parts=parts, h_star=goal.target.h_star)
+        with statistics.timed("refine"):
+            local = run.refine(pieces, local, seeds, target)
     with statistics.timed("fix"):
         local = run.fix(pieces, local)
     found = frozen_int(np.maximum.reduceat(local, pieces.offsets[:-1]) + 1)
@@ -61,12 +64,14 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     return _finish(graph, frozen_int(labels), quotas, found, goal, run, stage)
 
 
-def _partition_components(pieces: Graph, quotas: Int, run: Run, seeds: UInt64, tell: Tell) -> Int:
+def _partition_components(pieces: Graph, quotas: Int, goal: Goal, run: Run, seeds: UInt64, tell: Tell) -> Int:
     """Labels local to each component, gaps closed."""
     local = np.zeros(pieces.n, np.int64)
-    for b in np.flatnonzero(quotas > 1):
+    own_count = run.final_parts and isinstance(goal, SizeGoal)  # else a small component has one part
+    for b in np.flatnonzero((pieces.sizes if own_count else quotas) > 1):
         nodes = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
-        local[nodes] = run.partition(pieces[int(b)], int(quotas[b]), int(seeds[b]))
+        target = Target(parts=int(quotas[b]), h_star=goal.target.h_star)
+        local[nodes] = run.partition(pieces[int(b)], target, int(seeds[b]))
         tell(nodes.stop / pieces.n, f"{b + 1:,} of {pieces.n_blocks:,} components")
     return frozen_int(local)
 

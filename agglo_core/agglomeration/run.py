@@ -170,14 +170,23 @@ class Run:
             if self.listen is not None:
                 self.listen({"depth": self.statistics.depth, "pieces": 2 * blocks, "cells": cells})
 
-    def partition(self, graph: Graph, parts: int, seed: int) -> Int:
-        """Labels ``(n,)`` of a direct partition of one connected block, gaps closed."""
+    @property
+    def final_parts(self) -> bool:
+        """Whether a direct partition is to be left as it is, neither refined nor polished."""
+        return self.partitioner is not None and bool(getattr(self.partitioner.tool, "final_parts", False))
+
+    def partition(self, graph: Graph, target: Target, seed: int) -> Int:
+        """Labels ``(n,)`` of a direct partition of one connected block, gaps closed.
+
+        With a size there may be more parts than the target says, which is an estimate then.
+        """
         member = self.partitioner
         if member is None:
             raise PluginError(f"{self.bisector.title} has no k-way partition")
         with attributed(member.title):
-            given = member.tool.partition(graph, Target(parts=parts), seed)
-        return checked_parts(member, given, graph.n, parts)
+            given = member.tool.partition(graph, target, seed)
+        most = graph.n if target.parts is None or target.h_star is not None else target.parts
+        return checked_parts(member, given, graph.n, most)
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
         """Labels after all (post-)refiners, each keeping the label set of every block."""

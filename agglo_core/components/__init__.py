@@ -145,6 +145,13 @@ def _refiners() -> list[Component]:
             summary="Moves boundary cells to improve an objective or a metric of your choice.",
         ),
         Component(
+            kind="refiner",
+            name="anneal",
+            target="agglo_core.components.anneal:AnnealRefiner",
+            promises={"3d": True, "pickles": True},
+            summary="Anneals the parts of each block to be round and alike in width.",
+        ),
+        Component(
             kind="fixer",
             name="connectivity",
             target="agglo_core.components.fixers:ConnectivityFixer",

@@ -117,6 +117,23 @@ def _diameters(graph: Graph, labels: Int) -> Float:
     return graph.part_diameters(labels)
 
 
+def _roundness(graph: Graph, labels: Int) -> Float:
+    """By how much each part ``(k,)`` is less round than a disc or ball, and narrower than the widest one.
+
+    Both are between 0 and 1. A part is as round as 2 r / diameter says, with 0.95 · dimension · measure /
+    surface for r: a disc has 0.95, real parts about the ratio of their inscribed circle.
+    """
+    widths = graph.part_diameters(labels)
+    block, most = np.zeros(len(widths), np.int64), np.zeros(graph.n_blocks)
+    block[labels] = graph.block_ids
+    np.maximum.at(most, block, widths)
+    outside = moves.part_sums(labels, graph.boundary) + part_cuts(graph, labels, edge_weights=graph.interface)
+    discs = ratio(1.9 * graph.dim * moves.part_sums(labels, graph.measures), outside * widths)
+    narrow = np.where(most[block] > 0.0, 1.0 - ratio(widths, most[block]), 0.0)
+    values: Float = (1.0 - np.minimum(discs, 1.0)) + narrow
+    return values
+
+
 def _normalised_cuts(graph: Graph, labels: Int) -> Float:
     return ratio(part_cuts(graph, labels), part_volumes(graph, labels))
 
@@ -157,6 +174,7 @@ _TABLE = (
     Objective("measure_balance", "sum of the squared measures of the parts", _squared_measures),
     Objective("cell_balance", "sum of the squared numbers of cells of the parts", _squared_cells),
     Objective("diameter", "largest diameter of a part", _diameters, "max"),
+    Objective("roundness", "by how much the parts are neither round nor alike in width", _roundness),
     Objective(
         "normalised_cut",
         "sum over the parts of edges cut over volume",

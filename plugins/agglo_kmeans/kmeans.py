@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from agglo_core.authoring import (
+    ConnectivityFixer,
     Graph,
     Int,
+    InterfaceRefiner,
     OptionError,
     PieceGrowth,
+    SizeGoal,
     Target,
     UInt64,
     curve_order,
     frozen_int,
+    round_parts,
+    to_nobody,
 )
 
 __all__ = ["KMeans"]
@@ -34,12 +39,28 @@ class KMeans:
     ----------
     iterations : int
         Lloyd steps of the k-way ``partition``.
+    effort : "fast", "good" or "best", optional
+        Anneal the k-way partition for round parts of even width, within the size if there is one: about
+        .02, .1 or 1 s for 300 cells. What the bisections find is returned where that is rounder. Depends on
+        the seed, and on how the mesh is turned.
+
+    Raises
+    ------
+    OptionError
+        If an option is anything else.
     """
 
-    def __init__(self, iterations: int = 8) -> None:
+    def __init__(self, iterations: int = 8, effort: Literal["fast", "good", "best"] | None = None) -> None:
         if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 0:
             raise OptionError(f"kmeans: iterations must be a whole number, 0 or more, given {iterations!r}")
-        self.iterations = iterations
+        if effort not in (None, "fast", "good", "best"):
+            raise OptionError(f"kmeans: effort must be fast, good or best, given {effort!r}")
+        self.iterations, self.effort = iterations, effort
+
+    @property
+    def final_parts(self) -> bool:
+        """Whether refiners and polish are to leave the k-way partition as it is."""
+        return self.effort is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Side of each node ``(n,)``; ``seeds`` are not used."""
@@ -58,9 +79,23 @@ class KMeans:
         """Labels ``(n,)`` of a direct k-means with ``target.parts`` means.
 
         The means start as equal-weight runs of a space-filling curve; a few Lloyd steps follow. Some
-        labels may be left unused. ``seed`` is not used.
+        labels may be left unused. ``seed`` is used only with an ``effort``; then, if the target has a size,
+        the number of parts is free.
         """
-        k = target.parts or 1
+        if self.effort is None:
+            return self._lloyd(graph, target.parts or 1)
+        return round_parts(graph, target, seed, self.effort, self._lloyd, self._bisected)
+
+    def _bisected(self, graph: Graph, target: Target) -> Int:
+        """Labels that the bisections find for a connected graph."""
+        growth = self.grow(graph, frozen_int(np.zeros(graph.n)), [InterfaceRefiner()], ConnectivityFixer())
+        seeds = np.zeros(1, np.uint64)
+        if target.h_star is None:
+            return growth.split(frozen_int([target.parts or 1]), seeds, to_nobody)[0]
+        return growth.split_to_size(SizeGoal(target.h_star).limit, seeds, to_nobody)[0]
+
+    def _lloyd(self, graph: Graph, k: int) -> Int:
+        """Labels of about k parts after some Lloyd steps."""
         weights = graph.weights if graph.weights.all() else graph.weights + (graph.weights.mean() or 1.0)
         order = curve_order(graph.centroids)
         rank = np.cumsum(weights[order]) - 0.5 * weights[order]

@@ -1,0 +1,69 @@
+"""Parts cut in two, or dissolved into their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Int, Mask, frozen_int, label_order
+from agglo_core.graph import Graph
+
+__all__ = ["cut_in_two", "dissolved"]
+
+
+def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
+    """Labels ``(n,)`` once each of the ``chosen (k,)`` parts is cut across its principal axis.
+
+    What a cut leaves in several pieces becomes as many parts; the numbers have no gaps.
+    """
+    result, order = labels.copy(), label_order(labels)
+    stops = np.cumsum(np.bincount(labels))
+    k = len(stops)
+    for p in np.flatnonzero(chosen):
+        own = order[(stops[p - 1] if p else 0) : stops[p]]
+        if len(own) > 1:
+            result[own[_far_side(graph, own)]] = k
+            k += 1
+    return frozen_int(graph.components(np.unique(result, return_inverse=True)[1]))
+
+
+def _far_side(graph: Graph, cells: Int) -> Mask:
+    """Which cells lie beyond the centre along the principal axis: some, and not all."""
+    weights = graph.measures[cells]
+    weights = weights if weights.sum() > 0.0 else np.ones(len(cells))
+    places = graph.centroids[cells] - np.average(graph.centroids[cells], axis=0, weights=weights)
+    axis = np.linalg.eigh((weights[:, None] * places).T @ places)[1][:, -1]
+    along = places @ axis
+    side: Mask = along > 0.0
+    if side.all() or not side.any():
+        side = np.arange(len(cells)) >= len(cells) // 2
+        side = side[np.argsort(np.argsort(along, kind="stable"), kind="stable")]
+    return side
+
+
+def dissolved(graph: Graph, labels: Int, part: int) -> Int:
+    """Labels ``(n,)`` once the cells of a part have joined others, each the one it shares most with.
+
+    From the outside in; if the part has no neighbour nothing changes. The numbers have no gaps.
+    """
+    result = labels.copy()
+    rest = np.flatnonzero(labels == part)
+    result[rest] = -1
+    while len(rest):
+        goes = [_most_shared(graph, result, int(i)) for i in rest]
+        found = np.array([p >= 0 for p in goes])
+        if not found.any():
+            return labels
+        result[rest[found]] = np.array(goes)[found]
+        rest = rest[~found]
+    return frozen_int(np.unique(result, return_inverse=True)[1])
+
+
+def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
+    """The part, none negative, with which a cell shares most; −1 if there is none."""
+    row = slice(int(graph.indptr[cell]), int(graph.indptr[cell + 1]))
+    beside = labels[graph.indices[row]]
+    taken = beside >= 0
+    if not taken.any():
+        return -1
+    parts, place = np.unique(beside[taken], return_inverse=True)
+    return int(parts[np.argmax(np.bincount(place, graph.interface[row][taken]))])
