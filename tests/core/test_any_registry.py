@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,8 +45,8 @@ def registry() -> Registry:
 
 
 @pytest.fixture(autouse=True)
-def _no_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    """``default()`` raises, under whatever name a module holds it."""
+def _no_default(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """``default()`` raises, under whatever name a module holds it, also one first imported meanwhile."""
 
     def refused() -> Registry:
         raise AssertionError("the registry of the program was asked")
@@ -55,6 +55,10 @@ def _no_default(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, module in list(sys.modules.items()):
         if name.split(".")[0].startswith("agglo_") and vars(module).get("default") is original:
             monkeypatch.setattr(module, "default", refused)
+    yield
+    for module in list(sys.modules.values()):
+        if getattr(module, "__dict__", {}).get("default") is refused:
+            vars(module)["default"] = original
 
 
 MESH = samples.squares(8)
