@@ -20,13 +20,15 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
     """Kernels ``(residual_sweep, sweep)`` for blocks of a size; 0 stands for any size.
 
     Group g holds ``parts[offsets[g]:offsets[g + 1]]``, each part of the matrix being in one group, and the
-    inverse of the matrix on it is stored by rows from ``starts[g]``.
+    inverse of the matrix on it is stored by rows from ``starts[g]``. The rows of the matrix come in the order
+    of ``parts``, those of ``x`` and the columns as they are: all that is stored is read from its beginning to
+    its end, which takes a third to a half of the time of any other order where it exceeds the cache.
 
     ``residual_sweep(offsets, parts, starts, inverses, indptr, indices, data, r, x)``
         One sweep through the groups in their order: x becomes better, its residual r is kept up. Block
         (i, j) is used as the transpose of (j, i), so that one pass through the matrix does both.
-    ``sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x, order)``
-        The same without a residual, in the order of the groups (1) or the opposite (−1).
+    ``sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x)``
+        The same without a residual.
     """
 
     @kernel(reorder_sums=True)
@@ -57,7 +59,7 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                             step[q] += inverse[c * n + q] * t
                 for q in range(n):
                     x[i * n + q] += step[q]
-                for k in range(indptr[i], indptr[i + 1]):
+                for k in range(indptr[first + a], indptr[first + a + 1]):
                     at = np.uint32(indices[k]) * n  # unsigned: no test whether it counts from the end
                     for c in range(n):
                         t = step[c]
@@ -69,18 +71,16 @@ def group_sweeps(width: int) -> tuple[Sweep, Sweep]:
                     r[own + q] = 0  # but for rounding it is
 
     @kernel(reorder_sums=True)
-    def sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x, order):
+    def sweep(offsets, parts, starts, inverses, indptr, indices, data, b, x):
         n = width if width > 0 else data.shape[1]
-        groups = len(offsets) - 1
         left, (rest, solved) = np.empty(n, x.dtype), _room(offsets, n, x)
-        for turn in range(groups):
-            g = turn if order > 0 else groups - 1 - turn
+        for g in range(len(offsets) - 1):
             first, size = offsets[g], offsets[g + 1] - offsets[g]
             for a in range(size):
                 i, into = np.uint32(parts[first + a]), rest[a * n : (a + 1) * n]
                 for q in range(n):
                     left[q] = b[i * n + q]
-                for k in range(indptr[i], indptr[i + 1]):
+                for k in range(indptr[first + a], indptr[first + a + 1]):
                     at = np.uint32(indices[k]) * n
                     for c in range(n):
                         t = x[at + c]

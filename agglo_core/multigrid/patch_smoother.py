@@ -55,6 +55,39 @@ class _Inverses:
         return self.offsets, self.parts, self.starts, self.values
 
 
+class _Groups:
+    """Patches that do not overlap, their inverses, and the rows of a matrix in their order: for sweeps.
+
+    Those from the last patch to the first have arrays of their own, which are read from their beginnings.
+    """
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any) -> None:
+        whole = _Inverses(A, patches, dtype, half=False)
+        blocks, pattern = in_precision(A, dtype).data, _pattern(A)
+        count = len(whole.offsets) - 1
+        self.forwards, self.backwards = (
+            _ordered(whole, np.arange(count)[::step], *pattern, blocks) for step in (1, -1)
+        )
+
+
+def _ordered(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
+    """Groups in another order: offsets, parts, starts, inverses, and the rows of the matrix (a BSR)."""
+    offsets, members = _slices(whole.offsets, groups)
+    starts, values = _slices(whole.starts, groups)
+    parts = whole.parts[members]
+    rows, entries = _slices(indptr, parts)
+    inverses = frozen(whole.values[values], whole.values.dtype)
+    matrix = rows, frozen_index(indices[entries]), frozen(blocks[entries], blocks.dtype)
+    return offsets, frozen_index(parts), starts, inverses, *matrix
+
+
+def _slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
+    """Slices ``starts[i]:starts[i + 1]`` one after the other: where they start, and what they hold."""
+    sizes = starts[chosen + 1] - starts[chosen]
+    there = np.concatenate(([0], np.cumsum(sizes)))
+    return frozen_int(there), frozen_int(np.repeat(starts[chosen] - there[:-1], sizes) + np.arange(there[-1]))
+
+
 class _Factors:
     """Patches of a matrix in blocks, and the factors of the matrix on each."""
 
@@ -140,34 +173,34 @@ class VertexPatches:
     def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
         self.A = in_precision(A, dtype)
         width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
-        self._apart = len(patches.parts) == A.shape[0] // width  # patches do not overlap
-        if self._apart:
-            solver: _Inverses | _Factors = _Inverses(A, patches, dtype, half=False)
-            self._first, self._again = group_sweeps(width if width <= UNROLLED else 0)
+        if len(patches.parts) == A.shape[0] // width:  # they do not overlap
+            groups = _Groups(A, patches, dtype)
+            first, again = group_sweeps(width if width <= UNROLLED else 0)
+            self._first = partial(first, *groups.forwards)
+            self._forwards, self._backwards = (
+                partial(again, *each) for each in (groups.forwards, groups.backwards)
+            )
         else:
-            solver, blocks = _Factors(A, patches, dtype), blocks.reshape(-1)
-            self._again = patch_sweep(width)
-            self._first = partial(self._again, order=0)
-        self._arrays = (*solver.arrays, *_pattern(A), blocks)
+            arrays = (*_Factors(A, patches, dtype).arrays, *_pattern(A), blocks.reshape(-1))
+            again = partial(patch_sweep(width), *arrays)
+            self._first, self._forwards, self._backwards = (partial(again, order=k) for k in (0, 1, -1))
 
     def before(self, b: Real) -> tuple[Real, Real]:
         """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
         x, r = np.zeros(len(b), self.A.dtype), np.array(b, self.A.dtype)
-        self._first(*self._arrays, r, x)
+        self._first(r, x)
         return x, r
 
     def after(self, b: Real, x: Real) -> Real:
         """Return x after a sweep backwards; the array given is changed."""
-        return self._swept(b, np.ascontiguousarray(x, dtype=self.A.dtype), -1)
+        return self._swept(b, np.ascontiguousarray(x, dtype=self.A.dtype), self._backwards)
 
     def sweep(self, b: Real, x: Real, *, back: bool = False) -> Real:
         """Return x ``(n,)`` after a sweep through the patches, the last first if ``back``."""
-        return self._swept(b, np.array(x, self.A.dtype), -1 if back else 1)
+        return self._swept(b, np.array(x, self.A.dtype), self._backwards if back else self._forwards)
 
-    def _swept(self, b: Real, x: Real, order: int) -> Real:
-        dtype = self.A.dtype
-        given = frozen(b, dtype) if self._apart else np.require(b, dtype, ["C", "W"])
-        self._again(*self._arrays, given, x, order)
+    def _swept(self, b: Real, x: Real, again: Callable[..., None]) -> Real:
+        again(np.require(b, self.A.dtype, ["C", "W"]), x)
         return x
 
 
