@@ -22,6 +22,8 @@ __all__ = ["grouped_stack"]
 _SMALL = 0.25
 """Levels whose matrix has at most this part of the entries of the one above are visited twice under patches,
 which leave so little that a single visit is what iterations wait for."""
+_SMALL_GIVEN = 0.7
+"""The same where agglomerates are given, which leave more than classical levels do."""
 
 
 def grouped_stack(
@@ -71,9 +73,10 @@ def grouped_stack(
     first, *below = stack.levels
     top = replace(first, A=smoother.A, patches=groups)
     if overlap:
+        small = _SMALL if labels is None else _SMALL_GIVEN
         above = [system.A, *(level.A for level in below)]
         below = [
-            replace(level, visits=2 if level.A.nnz <= _SMALL * A.nnz else 1)
+            replace(level, visits=2 if level.A.nnz <= small * A.nnz else 1)
             for level, A in zip(below, above, strict=False)
         ]
     return replace(stack, levels=[top, *below], scaling=scaled.T)
