@@ -28,7 +28,7 @@ _DRIFT = 0.1
 """Part of b − A x by which the residual of the recursion may differ from it; else it starts afresh."""
 _IDLE = 2
 """Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
-_LUCK = 4.0
+_LUCK = 2.0
 """Times the tolerance: what is larger does not pass the tests by another rounding of x."""
 _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
