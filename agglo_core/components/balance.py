@@ -8,8 +8,8 @@ import numpy as np
 
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.components.part_sizes import SIZES, block_sizes, cell_sizes, checked_size, checked_tolerance
+from agglo_core.components.whole_levels import refined_blocks
 from agglo_core.graph import Graph
-from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import Target
 
 __all__ = ["BalanceRefiner"]
@@ -57,11 +57,7 @@ class BalanceRefiner:
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` of even parts; seeds are not used."""
-        parts = numbered_parts(graph, labels)
-        k = int(parts.max(initial=-1)) + 1
-        local, block = np.empty(k, np.int64), np.empty(k, np.int64)
-        local[parts], block[parts] = labels, graph.block_ids
-        return frozen_int(local[self.refine_parts(graph, parts, frozen_int(block), target)])
+        return refined_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Labels ``(n,)`` of even parts; part p may trade cells with parts of ``block[p]`` alone."""

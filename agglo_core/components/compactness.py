@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Int, UInt64, frozen_int
+from agglo_core.arrays import Int, UInt64
 from agglo_core.components.refiners import checked_floor
 from agglo_core.components.shape_polish import swept
+from agglo_core.components.whole_levels import refined_blocks
 from agglo_core.graph import Graph
 from agglo_core.graph.moves import SHORTNESS
-from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import Target
 
 __all__ = ["CompactnessRefiner"]
@@ -56,11 +56,7 @@ class CompactnessRefiner:
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` after the sweeps; seeds are not used."""
-        parts = numbered_parts(graph, labels)
-        k = int(parts.max(initial=-1)) + 1
-        local, block = np.empty(k, np.int64), np.empty(k, np.int64)
-        local[parts], block[parts] = labels, graph.block_ids
-        return frozen_int(local[self.refine_parts(graph, parts, frozen_int(block), target)])
+        return refined_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Labels ``(n,)`` after the sweeps; part p may trade cells with parts of ``block[p]`` alone."""

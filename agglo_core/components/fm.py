@@ -8,9 +8,9 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
 from agglo_core.components.part_sizes import block_sizes, cell_sizes, checked_size, checked_tolerance
+from agglo_core.components.whole_levels import refined_blocks
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
-from agglo_core.graph.objectives import numbered_parts
 from agglo_core.protocols import Target
 
 __all__ = ["FMRefiner"]
@@ -83,11 +83,7 @@ class FMRefiner:
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` after all rounds; seeds are not used."""
-        parts = numbered_parts(graph, labels)
-        k = int(parts.max(initial=-1)) + 1
-        local, block = np.empty(k, np.int64), np.empty(k, np.int64)
-        local[parts], block[parts] = labels, graph.block_ids
-        return frozen_int(local[self.refine_parts(graph, parts, frozen_int(block), target)])
+        return refined_blocks(self, graph, labels, target)
 
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Labels ``(n,)`` after all rounds; part p may trade cells with parts of ``block[p]`` alone."""

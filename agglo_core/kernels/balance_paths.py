@@ -13,7 +13,7 @@ import numpy as np
 from agglo_core.kernels.cell_heap import put_in, take_out
 from agglo_core.kernels.compiling import ONE, helper, kernel
 from agglo_core.kernels.reach import part_lists
-from agglo_core.kernels.ring_search import keeps_whole
+from agglo_core.kernels.ring_search import CROWD, connected
 
 __all__ = ["even_out"]
 
@@ -77,6 +77,21 @@ def _beside(graph, parts, i, target):
 
 
 @helper
+def _can_spare(indptr, indices, labels, i, rings, stamp):
+    """Whether the part of cell i stays connected without it, be it all the way around a ring."""
+    home, queue, filled = labels[i], rings[0], np.int64(0)
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+        queue[filled] = np.uint32(indices[h])
+        filled += labels[np.uint32(indices[h])] == home
+    if filled < 2:
+        return True
+    labels[i] = -1  # out of the way
+    whole = connected(indptr, indices, labels, home, rings, filled, stamp, np.int64(len(labels)), CROWD)
+    labels[i] = home
+    return whole
+
+
+@helper
 def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp):
     """Move cells of about this size from ``home`` to ``target``, those first that lie most towards it.
 
@@ -102,7 +117,7 @@ def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp
         if total > 0.0 and total + weights[i] > amount * (1.0 + 1e-9):
             break
         stamp += 1
-        if not keeps_whole(indptr, indices, parts.labels, i, rings, stamp):
+        if not _can_spare(indptr, indices, parts.labels, i, rings, stamp):
             continue
         moved[done, 0], moved[done, 1] = cell, home
         _move(weights, parts, i, target)

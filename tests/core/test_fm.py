@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from ragged_parts import grown
 
 import agglo_core as agglo
 from agglo_core import Graph, samples
@@ -31,19 +32,6 @@ KINDS = {
 def refined(graph: Graph, labels: Int, **options: Any) -> Int:
     parts = int(labels.max()) + 1
     return FMRefiner(**options).refine(graph, labels, NO_SEEDS, Target(parts=parts))
-
-
-def some_parts(graph: Graph, seed: int, parts: int = 6) -> Int:
-    """Connected parts grown from random cells, ragged and of different sizes."""
-    rng = np.random.default_rng(seed)
-    labels = np.full(graph.n, -1)
-    labels[rng.choice(graph.n, parts, replace=False)] = np.arange(parts)
-    while (labels < 0).any():
-        i = int(rng.choice(np.flatnonzero(labels >= 0)))
-        free = [j for j in graph.indices[graph.indptr[i] : graph.indptr[i + 1]] if labels[j] < 0]
-        if free:
-            labels[rng.choice(free)] = labels[i]
-    return labels
 
 
 def gain(csr: Any, parts: list[int], sizes: list[float], i: int, bounds: Any) -> tuple[int, float]:
@@ -142,7 +130,7 @@ def agglo_network(graph: Graph) -> nx.Graph:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_kernel_does_what_a_slow_search_does(kind: str, seed: int) -> None:
     graph = KINDS[kind](seed)
-    labels = some_parts(graph, seed)
+    labels = grown(graph, seed, 6)
     sizes = np.bincount(labels).astype(float)
     least, most = np.minimum(sizes, 12.0), np.maximum(sizes, 24.0)
     rng = np.random.default_rng(seed)  # no two chains of moves gain the same
@@ -156,7 +144,7 @@ def test_the_kernel_does_what_a_slow_search_does(kind: str, seed: int) -> None:
 @settings(max_examples=40, deadline=None)
 def test_parts_stay_whole_balanced_and_are_cut_off_shorter(kind: str, seed: int, balance: str) -> None:
     graph = KINDS[kind](seed % 50)
-    labels = some_parts(graph, seed)
+    labels = grown(graph, seed, 6)
     after = refined(graph, labels, size=balance, tolerance=0.1)
     assert len(np.unique(graph.components(after))) == 6
     assert OBJECTIVES["interface"](graph, after) <= OBJECTIVES["interface"](graph, labels)

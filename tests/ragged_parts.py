@@ -1,0 +1,21 @@
+"""Connected parts of very different sizes, with ragged outlines."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core import Graph
+from agglo_core.arrays import Int
+
+
+def grown(graph: Graph, seed: int, parts: int) -> Int:
+    """Parts ``(n,)`` grown from random cells, a cell at a time, each time from any cell that is taken."""
+    rng = np.random.default_rng(seed)
+    labels = np.full(graph.n, -1)
+    labels[rng.choice(graph.n, parts, replace=False)] = np.arange(parts)
+    while (labels < 0).any():
+        i = int(rng.choice(np.flatnonzero(labels >= 0)))
+        free = [j for j in graph.indices[graph.indptr[i] : graph.indptr[i + 1]] if labels[j] < 0]
+        if free:
+            labels[rng.choice(free)] = labels[i]
+    return labels
