@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from agglo_core.cli.tables import print_lines, print_table
     from agglo_core.components.fixers import ConnectivityFixer
     from agglo_core.components.geometric import InertialBisection
+    from agglo_core.components.part_search import PartSearch
     from agglo_core.components.piece_growth import PieceGrowth
     from agglo_core.components.refiners import InterfaceRefiner
-    from agglo_core.components.round_parts import round_parts
     from agglo_core.components.straight_cuts import SweepBisection
     from agglo_core.draw.plot import PALETTE, colouring, save_figure
     from agglo_core.errors import AggloError, FileError, MeshError, OptionError, PluginError
@@ -116,9 +116,9 @@ graph.sweep: sweep sweep_arrays
 graph.objectives: OBJECTIVES numbered_parts
 components.fixers: ConnectivityFixer
 components.geometric: InertialBisection
+components.part_search: PartSearch
 components.piece_growth: PieceGrowth
 components.refiners: InterfaceRefiner
-components.round_parts: round_parts
 components.straight_cuts: SweepBisection
 agglomeration.goals: SizeGoal
 agglomeration.recursion: grow
@@ -192,6 +192,7 @@ __all__ = [
     "MultigridLevel",
     "Number",
     "OptionError",
+    "PartSearch",
     "Partitioner",
     "Patches",
     "PieceGrowth",
@@ -269,7 +270,6 @@ __all__ = [
     "read_hierarchy",
     "read_system",
     "relative_size",
-    "round_parts",
     "samples",
     "save_figure",
     "scan_thresholds",

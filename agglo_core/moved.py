@@ -27,7 +27,7 @@ MOVED = MappingProxyType(
         "elements": "mesh.elements",
         "functionals": "graph.functionals",
         "ordering": "graph.ordering",
-        "pipeline": "agglomeration.pipeline",
+        "pipeline": "agglomeration",
         "plot": "draw.plot",
         "interchange.grids": "interchange.pyvista_grids",
         "interchange.networks": "interchange.networkx_graphs",

@@ -29,9 +29,9 @@ __all__ = [
     "Admitting",
     "Aiming",
     "Bisector",
+    "Completing",
     "ConnectivityFixer",
     "Constraint",
-    "Finishing",
     "Forbidding",
     "Format",
     "HierarchyFormat",
@@ -181,8 +181,8 @@ class Format(Protocol):
 
     Four attributes are optional, false where they are missing. ``last_resort``: it is tried after all others.
     ``reads_empty``: files of no bytes mean something to it. ``atomic``: its own ``write`` makes files appear
-    whole or not at all; others write into a temporary folder. ``keeps_level_values``: its ``write`` takes a
-    fourth argument, for each level a mapping of names to ``(k,)`` numbers of its k agglomerates.
+    whole or not at all. ``keeps_level_values``: its ``write`` takes a fourth argument, for each level numbers
+    ``(k,)`` by name. ``recognises(head)`` may know a file of another suffix by its first 512 bytes.
     Options ``merge_points`` and ``allow_gaps`` (bool) of the constructor are what ``agglo.read`` sets.
     """
 
@@ -247,36 +247,35 @@ class Forbidding(Protocol):
     """A constraint on pairs of neighbours."""
 
     def forbidden(self, graph: Graph) -> Mask:
-        """Return ``(m,)``, for each CSR entry of the graph whether nothing may be joined across it.
+        """Return ``(m,)``, for each CSR entry whether nothing may be joined across it; both directions agree.
 
-        Both directions of an edge agree. Parts are connected without such edges, so none crosses a closed
-        barrier; a part may reach around the open end of one.
+        A part is connected without such edges; it may reach around the end of a barrier.
         """
 
 
 @runtime_checkable
 class Admitting(Protocol):
-    """A constraint on finished parts."""
+    """A constraint on what a part may hold; each piece of an admissible part must be admissible, too."""
 
     def admissible(self, graph: Graph, labels: Int) -> Mask:
-        """Return ``(k,)``, for each part of ``labels (n,)`` whether it is allowed."""
+        """Return ``(k,)``, for each part of ``labels (n,)`` whether it is allowed; others are split."""
 
 
 @runtime_checkable
-class Finishing(Protocol):
-    """A constraint on when a piece is done."""
+class Completing(Protocol):
+    """A constraint on what a part should hold at least."""
 
-    def finished(self, graph: Graph, pieces: Int) -> Mask:
-        """Return ``(B,)``, for each piece of ``pieces (n,)`` whether it must not be split further."""
+    def incomplete(self, graph: Graph, labels: Int) -> Mask:
+        """Return ``(k,)``, for each part whether it should join a neighbour, where nothing forbids it."""
 
 
-Constraint = Forbidding | Admitting | Finishing
-"""A constraint offers any of the three; agglomerate supports ``forbidden`` so far, and refuses the others."""
+Constraint = Forbidding | Admitting | Completing
+"""A constraint has any of the three, or ``for_mesh(mesh)``, which returns such a one, if it needs faces."""
 
 
 @runtime_checkable
 class Section(Protocol):
-    """A section of the report."""
+    """A section of the report; where its fragment is empty it is left out."""
 
     title: str
 

@@ -133,9 +133,12 @@ def _grown(member: Member, graph: Graph, pieces: Int, total: int, given: Any) ->
     if labels.min() < 0 or labels.max() >= total:
         raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
     owner = np.full(total, -1, np.int64)
-    owner[labels] = pieces
-    if (owner[labels] != pieces).any():
-        raise PluginError(f"{member.title} grew a part that lies in two pieces")
+    if pieces.any():
+        owner[labels] = pieces
+        if (owner[labels] != pieces).any():
+            raise PluginError(f"{member.title} grew a part that lies in two pieces")
+    else:  # one piece: a connected mesh, most of the time
+        owner[np.bincount(labels, minlength=total) > 0] = 0
     if len(broken_blocks(graph, labels)):
         raise PluginError(f"{member.title} left a part disconnected")
     return labels, frozen_int(owner)
@@ -169,7 +172,7 @@ def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
     empty = np.flatnonzero(np.bincount(after, minlength=len(block)) == 0)
     if len(empty):
         raise PluginError(f"{member.title} emptied part {empty[0]}")
-    moved = np.flatnonzero(after != before)
+    moved = np.flatnonzero(after != before) if block.any() else frozen_int([])
     left = moved[block[after[moved]] != block[before[moved]]]
     if len(left):
         raise PluginError(f"{member.title} moved cell {left[0]} to a part of another block")

@@ -79,7 +79,7 @@ class CountGoal:
     """There are exactly ``parts`` parts.
 
     The state of a piece is the number of parts it is to become; at 1 it is finished. Splits share it by
-    measure, and so do the first pieces, unless their ``quotas`` are given.
+    mass, and so do the first pieces, unless their ``quotas`` are given.
     """
 
     parts: int
@@ -105,11 +105,11 @@ class CountGoal:
     ) -> tuple[Float, Mask]:
         """State of each piece, and whether it is finished; ``above``: states of the blocks just split."""
         if above is not None:
-            quotas = split_quotas(above, _sums(graph.measures, order, offsets), np.diff(offsets))
+            quotas = split_quotas(above, _sums(graph.mass, order, offsets), np.diff(offsets))
         elif self.quotas is not None:
             quotas = frozen_float(self.quotas)
         else:
-            quotas = frozen_float(share_out(self.parts, graph.measures[order], offsets))
+            quotas = frozen_float(share_out(self.parts, graph.mass[order], offsets))
         return quotas, quotas == 1
 
 
@@ -137,10 +137,12 @@ def resolve_goals(
     h_factor: Numbers | None = None,
     n_parts: Numbers | None = None,
     cells_per_part: Numbers | None = None,
+    alone: int = 0,
 ) -> tuple[Goal, ...]:
     """Goals from exactly one of the four kinds of target, finest first; ``h_factor=(2, 4, 8)`` if none.
 
-    ``h_factor`` is in units of ``h0``, the mesh size. ``cells_per_part=c`` means round(n / c) parts.
+    ``h_factor`` is in units of ``h0``, the mesh size. ``cells_per_part=c`` means round(n / c) parts, of those
+    cells that are not to stay ``alone``.
 
     Raises
     ------
@@ -159,7 +161,7 @@ def resolve_goals(
     name, value = next(given, ("h_factor", (2.0, 4.0, 8.0)))
     values = _positive(name, value)
     if name in ("n_parts", "cells_per_part"):
-        counts = [_count(name, value, graph.n) for value in values]
+        counts = [_count(name, value, graph.n, alone) for value in values]
         return tuple(sorted(counts, key=lambda goal: -goal.parts))
     sizes = _sizes(values) if name == "h_star" else _multiples(values, graph, h0)
     return tuple(sorted(sizes, key=lambda goal: goal.h_star))
@@ -183,11 +185,12 @@ def _multiples(values: Sequence[float], graph: Graph, h0: float | None) -> list[
     return [SizeGoal(value * size, {"h_star": value * size, "h_factor": value}) for value in values]
 
 
-def _count(name: str, value: float, n: int) -> CountGoal:
+def _count(name: str, value: float, n: int, alone: int) -> CountGoal:
     if name == "n_parts":
         parts = _whole(value, n)
         return CountGoal(parts, {"n_parts": parts})
-    parts = _whole(max(1, int(np.floor(n / value + 0.5))), n)
+    parts = alone + max(min(1, n - alone), int(np.floor((n - alone) / value + 0.5)))
+    parts = _whole(parts, n)
     return CountGoal(parts, {"n_parts": parts, "cells_per_part": value})
 
 

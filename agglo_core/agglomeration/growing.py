@@ -65,7 +65,7 @@ def _split(graph: Graph, labels: Int, goal: Goal, growth: Growth, run: Run, stag
     seeds = run.seeds(stage, int(labels.max()) + 1)
     with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
         if isinstance(goal, CountGoal):
-            measures = frozen_float(np.bincount(labels, graph.measures))
+            measures = frozen_float(np.bincount(labels, graph.mass))
             quotas = apportion(goal.parts, measures, frozen_int(np.bincount(labels)))
             return run.grow(graph, labels, growth, quotas, seeds, tell)
         assert isinstance(growth, GrowthToSize)

@@ -30,15 +30,17 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
     """
     post = replace(post, polish=post.polish and not run.final_parts)
     result: list[Int] = []
+    own_post = post
     current, fine_to_current = graph, frozen_int(np.arange(graph.n))
     for stage, goal in enumerate(goals):
         own = run.on_level(stage, len(goals))
         labels = _one_level(current, goal.estimate(graph), goal, own, stage)
-        labels = post.apply(current, current.components(), labels, goal, own, stage)
+        labels = own_post.apply(current, current.components(), labels, goal, own, stage)
         result.append(by_first_cell(labels[fine_to_current]))
         if nested:
             fine_to_current = result[-1]
             current = graph.coarsen(fine_to_current)
+            own_post = replace(post, rules=post.rules and post.rules.via(fine_to_current))
     return result
 
 
@@ -47,7 +49,7 @@ def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> In
     pieces, cells = graph.split(graph.components())
     if isinstance(goal, SizeGoal):
         parts = int(np.clip(parts, pieces.n_blocks, graph.n))
-    quotas = share_out(parts, pieces.measures, pieces.offsets)
+    quotas = share_out(parts, pieces.mass, pieces.offsets)
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
     with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
         local = _partition_components(pieces, quotas, goal, run, seeds, tell)
@@ -87,7 +89,7 @@ def _finish(graph: Graph, labels: Int, quotas: Int, found: Int, goal: Goal, run:
 
 def _missing(graph: Graph, labels: Int, quotas: Int, found: Int) -> Int:
     """Parts that each part is to become, so that each component, with ``found`` parts, has its quota."""
-    measures = frozen_float(np.bincount(labels, graph.measures))
+    measures = frozen_float(np.bincount(labels, graph.mass))
     cells = frozen_int(np.bincount(labels))
     stops = np.cumsum(found)
     shares = [

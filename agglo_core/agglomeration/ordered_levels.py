@@ -29,6 +29,10 @@ def ordered_levels(
         ordered = graph.subgraph(order, frozen_int([0, graph.n]))
         if any(goal.limit < np.inf for goal in goals):  # otherwise nobody asks for points, but may
             ordered = _with_points_as_met(ordered)
+        if post.rules is not None:
+            place = np.empty(graph.n, np.int64)
+            place[order] = np.arange(graph.n)
+            post = replace(post, rules=post.rules.via(place))
     levels = _levels(ordered, goals, run, post, kway=kway, nested=nested)
     return [_by_first_cell(labels, order) for labels in levels]
 
@@ -47,7 +51,8 @@ def _with_points_as_met(graph: Graph) -> Graph:
     from agglo_core.kernels.graphs import numbered_as_met
 
     vertices, points = numbered_as_met(graph.vertices, len(graph.points))
-    return replace(graph, vertices=vertices, points=graph.points.take(points, axis=0))
+    made = replace(graph, vertices=vertices, points=graph.points.take(points, axis=0))
+    return made if graph.mass is graph.measures else made.with_mass(graph.mass)
 
 
 def _levels(

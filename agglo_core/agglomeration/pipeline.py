@@ -1,4 +1,4 @@
-"""Pipeline: components chosen by name or in a TOML file, and :func:`agglomerate`, which runs them."""
+"""Pipeline: components and rules, chosen by name or in a TOML file."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from numbers import Integral
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal
 
-from agglo_core.agglomeration.choices import POLISH, Choice, chosen, new_run, short_name
-from agglo_core.agglomeration.constraints import constrained
-from agglo_core.agglomeration.goals import TARGETS, Goal, Numbers, check_targets, resolve_goals
+from agglo_core.agglomeration.choices import POLISH, Choice, new_run, short_name
+from agglo_core.agglomeration.constraints import alone, check_bounds, constrained, naming
+from agglo_core.agglomeration.enforcing import part_rules
+from agglo_core.agglomeration.goals import TARGETS, CountGoal, Goal, Numbers, check_targets, resolve_goals
+from agglo_core.agglomeration.lines import line_levels
 from agglo_core.agglomeration.ordered_levels import ordered_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import warn_of_large_cells
+from agglo_core.agglomeration.rules import Rules, imbalance
 from agglo_core.agglomeration.run_file import RunFile
+from agglo_core.agglomeration.stretching import in_metric
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -24,14 +28,13 @@ from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 from agglo_core.threads import using_threads
 
-__all__ = ["Choice", "Pipeline", "agglomerate"]
+__all__ = ["Choice", "Method", "Pipeline"]
 
 Method = Literal["recursive", "kway"]
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Pipeline:
+class Pipeline(Rules):
     """The components and targets of a run; names are looked up when it starts.
 
     Attributes
@@ -53,8 +56,8 @@ class Pipeline:
         Root of all random numbers.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
         One kind of target; ``h_factor=(2, 4, 8)`` if none is given.
-    constraints : sequence of Choice
-        No part is joined across an edge that one of them forbids.
+
+    Constraints, by keyword or as components: see :class:`~agglo_core.agglomeration.rules.Rules`.
     """
 
     bisector: Choice = "kmeans"
@@ -70,7 +73,6 @@ class Pipeline:
     h_factor: Numbers | None = None
     n_parts: Numbers | None = None
     cells_per_part: Numbers | None = None
-    constraints: Sequence[Choice] = ()
 
     def __post_init__(self) -> None:
         if self.method not in ("recursive", "kway"):
@@ -83,10 +85,11 @@ class Pipeline:
                 raise OptionError(f"{name} must be true or false, given {getattr(self, name)!r}")
         if self.merge and (self.n_parts is not None or self.cells_per_part is not None):
             raise OptionError("merge works on size targets; counts are met exactly without it")
-        for name in ("refiners", "post_refiners", "constraints"):
+        for name in ("refiners", "post_refiners"):
             value = getattr(self, name)
             if isinstance(value, str) or not isinstance(value, Sequence):
                 raise OptionError(f"{name} must be a sequence of components, given {value!r}")
+        self.check_rules()
 
     @classmethod
     def from_toml(cls, path: str | os.PathLike[str], *, allow_code: bool = False) -> Pipeline:
@@ -102,7 +105,7 @@ class Pipeline:
         OptionError
             If a value does not fit its key; names the file.
         """
-        known = [each.name for each in fields(cls)]
+        known = [each.name for each in sorted(fields(cls), key=lambda each: bool(each.kw_only))]
         base, file = cls(), RunFile(Path(path), known, allow_code=allow_code)
         try:
             check_targets({name: file.value(name, None) for name in TARGETS})
@@ -121,6 +124,18 @@ class Pipeline:
                 n_parts=file.value("n_parts", base.n_parts),
                 cells_per_part=file.value("cells_per_part", base.cells_per_part),
                 constraints=file.components("constraints", base.constraints),
+                regions=file.value("regions", base.regions),
+                barriers=file.value("barriers", base.barriers),
+                where=file.value("where", base.where),
+                boundary_rules=file.value("boundary_rules", base.boundary_rules),
+                weights=file.value("weights", base.weights),
+                balance=file.value("balance", base.balance),
+                max_cells=file.value("max_cells", base.max_cells),
+                min_cells=file.value("min_cells", base.min_cells),
+                max_measure=file.value("max_measure", base.max_measure),
+                min_measure=file.value("min_measure", base.min_measure),
+                metric=file.value("metric", base.metric),
+                lines=file.value("lines", base.lines),
             )
         except OptionError as error:
             raise OptionError(f"{path}: {error}") from error
@@ -133,7 +148,7 @@ class Pipeline:
         verbose: bool = False,
         threads: int | None = None,
     ) -> Hierarchy:
-        """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`agglomerate`."""
+        """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`~agglo_core.agglomerate`."""
         with followed(progress, verbose) as listen, using_threads(threads):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
 
@@ -141,7 +156,10 @@ class Pipeline:
         with phase(listen, "building the graph"):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
             graph.ensure_valid()
-        goals = self._goals(mesh, graph)
+        members = self.members(mesh, graph, registry)
+        there = graph if self.metric is None else in_metric(mesh, graph, self.metric)
+        allowed = constrained(graph, members, there)
+        goals = self._goals(mesh, there, allowed)
         run = new_run(
             registry,
             kway=self.method == "kway",
@@ -152,22 +170,29 @@ class Pipeline:
             seed=self.seed,
             progress=listen,
         )
-        members = [chosen("constraint", each, registry)[0] for each in self.constraints]
-        post = PostPass(self.merge, bool(run.post_refiners))
-        usable = constrained(graph, members, goals)
-        levels = ordered_levels(usable, goals, run, post, kway=self.method == "kway", nested=self.nested)
+        check_bounds(graph, allowed, members, goals)
+        post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
+        counts = isinstance(goals[0], CountGoal)
+        usable = self.balanced(allowed, counts=counts)
+        make = line_levels if self.lines else ordered_levels
+        with naming(members):
+            levels = make(usable, goals, run, post, kway=self.method == "kway", nested=self.nested)
         warn_of_large_cells(goals, run)
+        told: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
+        if counts:
+            told["imbalance"] = [imbalance(self.mass(graph), labels) for labels in levels]
         return Hierarchy(
             mesh if isinstance(mesh, Mesh) else None,
             graph,
             levels,
             [goal.asked for goal in goals],
             self.nested or len(levels) == 1,
-            asdict(run.statistics) | {"bisector": short_name(self.bisector), "method": self.method},
+            asdict(run.statistics) | told,
         )
 
-    def _goals(self, mesh: Mesh | Graph, graph: Graph) -> tuple[Goal, ...]:
-        in_mesh_sizes = self.h_star is None and self.n_parts is None and self.cells_per_part is None
+    def _goals(self, mesh: Mesh | Graph, graph: Graph, allowed: Graph) -> tuple[Goal, ...]:
+        given = (self.h_star, self.n_parts, self.cells_per_part, self.metric)
+        in_mesh_sizes = all(each is None for each in given)
         return resolve_goals(
             graph,
             mesh.h if in_mesh_sizes and isinstance(mesh, Mesh) else None,
@@ -175,108 +200,5 @@ class Pipeline:
             h_factor=self.h_factor,
             n_parts=self.n_parts,
             cells_per_part=self.cells_per_part,
+            alone=alone(graph, allowed),
         )
-
-
-def agglomerate(
-    mesh: Mesh | Graph,
-    *,
-    bisector: Choice | None = None,
-    h_star: Numbers | None = None,
-    h_factor: Numbers | None = None,
-    n_parts: Numbers | None = None,
-    cells_per_part: Numbers | None = None,
-    method: Method | None = None,
-    nested: bool | None = None,
-    refiners: Sequence[Choice] | None = None,
-    fixer: Choice | None = None,
-    merge: bool | None = None,
-    polish: bool | None = None,
-    post_refiners: Sequence[Choice] | None = None,
-    seed: int | None = None,
-    config: str | os.PathLike[str] | None = None,
-    constraints: Sequence[Choice] | None = None,
-    registry: Registry | None = None,
-    allow_code: bool = False,
-    progress: Listener | None = None,
-    verbose: bool = False,
-    threads: int | None = None,
-) -> Hierarchy:
-    """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
-
-    Parameters
-    ----------
-    mesh : Mesh or Graph
-    bisector, fixer : str, (str, options) or component object, optional
-        Default ``"kmeans"`` and ``"connectivity"``.
-    h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
-        One kind of target, a level for each value: largest diameter, the same in units of the mesh
-        size h0, exact number of parts, mean number of cells. Default ``h_factor=(2, 4, 8)``.
-    method : "recursive" or "kway", optional
-    nested : bool, optional
-        Default True.
-    refiners : sequence of components, optional
-        Default ``("interface",)``; ``()`` for none.
-    merge : bool, optional
-        Size targets: merge neighbouring parts while their union meets the target. Default False.
-    polish : bool, optional
-        Whether ``post_refiners`` work on each finished level. Default True.
-    post_refiners : sequence of components, optional
-        Moves that make a part miss its size are undone. Default ``("compactness",)``.
-    seed : int, optional
-        Default 0.
-    config : path, optional
-        TOML file with these names as keys; arguments given here take precedence.
-    constraints : sequence of components, optional
-        No part is joined across an edge of the dual graph that one of them forbids. Default ``()``.
-    registry : Registry, optional
-        Where names are looked up, and whose plugins follow the run; by default the installed ones.
-    allow_code : bool, optional
-        Whether options in ``config`` may name code, which is then imported and run. Default False.
-    progress : callable, optional
-        Told of each phase, and how much of it is done: an :class:`~agglo_core.progress.Progress`, at most
-        20 times a second. What it raises ends the run and passes through unchanged.
-    verbose : bool, optional
-        Show the same on stderr: a bar on a terminal, else lines.
-    threads : int, optional
-        How many threads may work at a time; the result does not depend on it. Default: the environment
-        variable ``AGGLO_THREADS``, else 1.
-
-    Returns
-    -------
-    Hierarchy
-        Every part connected; in size mode with ``diam <= h_star``, except single cells that are
-        larger (counted in ``statistics``).
-
-    Raises
-    ------
-    OptionError
-        If targets or options make no sense, or contradict the constraints.
-    PluginError
-        If a component is missing, unusable, or misbehaves.
-    """
-    if not isinstance(mesh, Mesh | Graph):
-        raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
-    base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=allow_code)
-    counts = n_parts is not None or cells_per_part is not None
-    own = counts or h_star is not None or h_factor is not None  # a target given replaces those of the file
-    return Pipeline(
-        bisector=_given(bisector, base.bisector),
-        refiners=_given(refiners, base.refiners),
-        fixer=_given(fixer, base.fixer),
-        method=_given(method, base.method),
-        nested=_given(nested, base.nested),
-        merge=_given(merge, base.merge and not counts),
-        polish=_given(polish, base.polish),
-        post_refiners=_given(post_refiners, base.post_refiners),
-        seed=_given(seed, base.seed),
-        h_star=h_star if own else base.h_star,
-        h_factor=h_factor if own else base.h_factor,
-        n_parts=n_parts if own else base.n_parts,
-        cells_per_part=cells_per_part if own else base.cells_per_part,
-        constraints=_given(constraints, base.constraints),
-    ).run(mesh, registry, progress, verbose, threads)
-
-
-def _given(argument: _T | None, otherwise: _T) -> _T:
-    return otherwise if argument is None else argument

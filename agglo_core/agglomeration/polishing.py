@@ -11,6 +11,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from agglo_core.agglomeration.enforcing import PartRules
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, Mask, frozen_int
@@ -36,15 +37,16 @@ class PartRefiner(Protocol):
 
 @dataclass(frozen=True)
 class PostPass:
-    """Which post-passes to run."""
+    """Which post-passes to run, and what constraints ask of whole parts."""
 
     merge: bool
     polish: bool
+    rules: PartRules | None = None
 
     @property
     def active(self) -> bool:
         """Whether there is anything to do."""
-        return self.merge or self.polish
+        return self.merge or self.polish or self.rules is not None
 
     def apply(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
         """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
@@ -54,6 +56,8 @@ class PostPass:
         if self.polish:
             with run.statistics.timed("polish"), phase(run.progress, "polishing"):
                 labels = _polish(graph, blocks, labels, goal, run, stage)
+        if self.rules is not None:
+            labels = self.rules.kept(graph, blocks, labels, goal, run, stage)
         return labels
 
 

@@ -7,7 +7,17 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 
-__all__ = ["apportion", "share_out", "split_quotas"]
+__all__ = ["TooFewPartsError", "apportion", "share_out", "split_quotas"]
+
+
+class TooFewPartsError(OptionError):
+    """Fewer parts are asked for than the mesh has components."""
+
+    def __init__(self, parts: int, components: int) -> None:
+        self.parts, self.components = parts, components
+        super().__init__(
+            f"too few parts, {parts}: the mesh has {components} disconnected components, and each is a part"
+        )
 
 
 def share_out(k: int, measures: Float, offsets: Int) -> Int:
@@ -28,9 +38,7 @@ def apportion(k: int, measures: Float, cells: Int) -> Int:
         If there are more pieces than parts, or fewer cells.
     """
     if k < len(measures):
-        raise OptionError(
-            f"too few parts, {k}: the mesh has {len(measures)} disconnected components, and each is a part"
-        )
+        raise TooFewPartsError(k, len(measures))
     if k > cells.sum():
         raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")
     if len(measures) == 1:

@@ -17,11 +17,10 @@ from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.growing import grown_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.run import Run, splitmix
-from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Tree
 from agglo_core.progress import Tell, phase
-from agglo_core.protocols import Target
 
 __all__ = ["grow", "recursive_levels", "warn_of_large_cells"]
 
@@ -121,7 +120,7 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
                 take, starts = _taken(order, offsets, going)
                 source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
-        sides = _split(source, run, seeds, goal.target)
+        sides = run.halve(source, seeds, goal.target)
         with statistics.timed("test"):
             order, offsets = _children(source, sides)
             state, finished = goal.assess(source, order, offsets, frozen_float(state))
@@ -153,22 +152,6 @@ def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
 
     order, offsets = child_order(level.offsets, sides)
     return frozen_int(order), frozen_int(offsets)
-
-
-def _split(level: Graph, run: Run, seeds: UInt64, target: Target) -> Int:
-    """Sides of every node: bisected, refined, connected."""
-    statistics = run.statistics
-    with statistics.timed("bisect"):
-        sides = run.bisect(level, seeds)
-    with statistics.timed("refine"):
-        sides = run.refine(level, sides, seeds, target)
-    with statistics.timed("fix"):
-        sides = run.fix(level, sides, halves=True)
-    statistics.depth += 1
-    statistics.bisections += level.n_blocks
-    if run.listen is not None:
-        run.listen({"depth": statistics.depth, "pieces": 2 * level.n_blocks, "cells": level.n})
-    return sides
 
 
 def recursive_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) -> list[Int]:

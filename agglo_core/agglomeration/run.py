@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -26,7 +27,7 @@ from agglo_core.agglomeration.growth import Growing, Growth, GrowthToSize
 from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
-from agglo_core.progress import Listener, Tell, labelled
+from agglo_core.progress import Listener, Tell, labelled, noted_limits
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
 
@@ -53,18 +54,31 @@ class Timed:
 
 @dataclass
 class Statistics:
-    """What happened during a run: counts, and CPU seconds by phase."""
+    """What happened during a run: counts, and CPU seconds by phase.
+
+    ``time_limits`` counts the searches that a limit of seconds has ended.
+    """
 
     depth: int = 0
     bisections: int = 0
     repairs: int = 0
     fallbacks: int = 0
     oversized_cells: int = 0
+    split_parts: int = 0
+    small_parts: int = 0
+    time_limits: int = 0
     seconds: dict[str, float] = field(default_factory=dict)
 
     def timed(self, phase: str) -> Timed:
         """Context that adds its CPU time to ``seconds[phase]``."""
         return Timed(self.seconds, phase)
+
+    @contextmanager
+    def limited(self) -> Iterator[None]:
+        """Context that counts the searches in it which a time limit ends."""
+        with noted_limits() as noted:
+            yield
+        self.time_limits += len(noted)
 
 
 @dataclass(frozen=True)
@@ -183,7 +197,7 @@ class Run:
         member = self.partitioner
         if member is None:
             raise PluginError(f"{self.bisector.title} has no k-way partition")
-        with attributed(member.title):
+        with attributed(member.title), self.statistics.limited():
             given = member.tool.partition(graph, target, seed)
         most = graph.n if target.parts is None or target.h_star is not None else target.parts
         return checked_parts(member, given, graph.n, most)
@@ -191,7 +205,7 @@ class Run:
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target, *, post: bool = False) -> Int:
         """Labels after all (post-)refiners, each keeping the label set of every block."""
         for member in self.post_refiners if post else self.refiners:
-            with attributed(member.title):
+            with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine(graph, frozen_int(labels), seeds, target)
             refined = checked_labels(member, "refine", graph, labels, given)
             require_no_worse(member, graph, labels, refined)
@@ -201,10 +215,22 @@ class Run:
     def refine_parts(self, graph: Graph, labels: Int, block: Int, target: Target) -> Int:
         """Labels after all post-refiners, each keeping the parts, and part p within ``block[p]``."""
         for member in self.post_refiners:
-            with attributed(member.title):
+            with attributed(member.title), self.statistics.limited():
                 given = member.tool.refine_parts(graph, labels, block, target)
             labels = checked_moves(member, block, labels, given)
         return labels
+
+    def halve(self, level: Graph, seeds: UInt64, target: Target) -> Int:
+        """Sides of every node, both connected in every block: bisected, refined, fixed."""
+        statistics = self.statistics
+        with statistics.timed("bisect"):
+            sides = self.bisect(level, seeds)
+        with statistics.timed("refine"):
+            sides = self.refine(level, sides, seeds, target)
+        with statistics.timed("fix"):
+            sides = self.fix(level, sides, halves=True)
+        self._count(np.array([[level.n_blocks, level.n, 0]]))
+        return sides
 
     def fix(self, graph: Graph, labels: Int, *, halves: bool = False) -> Int:
         """Labels whose parts are all connected; only blocks in need of it are given to the fixer.

@@ -24,6 +24,7 @@ from typing import Any, Literal, overload
 import click
 
 from agglo_core.cli.number_types import Number
+from agglo_core.cli.rule_options import RULE_OPTIONS, RULES
 from agglo_core.cli.specs import (
     Value,
     all_bisectors,
@@ -86,7 +87,7 @@ _TARGETS = {
 }
 _BARE = ("refiners", "fixer", *_TARGETS, "seed")
 _LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_code")
-_ALL = ("bisector", "method", "nested", *_BARE, *_LAST)
+_ALL = ("bisector", "method", "nested", *_BARE, *_LAST, *RULES)
 _SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
 
 Command = Callable[..., Any]
@@ -227,8 +228,8 @@ def agglomeration_options(
         Decorated without arguments, it gets refiners, fixer, the four kinds of target, and the seed.
     bisector : "one" or "several"
         All the options of ``agglo run``: also bisector, method, nested, merge, polish,
-        post-refiners, constraints, config. With "several" the command gets ``bisectors`` besides, a list of
-        texts for :func:`choice`, empty if none was given.
+        post-refiners, constraints, rules for the parts, config. With "several" the command gets
+        ``bisectors`` besides, a list of texts for :func:`choice`, empty if none was given.
     method : "one" or "several"
         With "several" the command gets ``methods`` besides, a list of words, empty if none was given.
     """
@@ -238,7 +239,8 @@ def agglomeration_options(
     several = bisectors_option(f"How a piece is split (default {usual}); several are compared.")
     chosen = several if bisector == "several" else _ONE_BISECTOR
     methods = _METHOD_LIST if method == "several" else _METHOD
-    options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS, *_CONFIG]
+    options = [chosen, methods, _NESTED, _REFINER, _FIXER, *_LAST_STEPS, *_TARGET_OPTIONS]
+    options += [*RULE_OPTIONS, *_CONFIG]
     options.append(threads_option)
     return lambda inner: _gathering(inner, options, _ALL)
 

@@ -22,7 +22,14 @@ from agglo_core.cli.arguments import (
     refuse_duplicates,
 )
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import Outputs, check_report, draw_runs, foretell_missing_pictures
+from agglo_core.cli.outputs import (
+    Outputs,
+    check_outputs,
+    check_picture,
+    draw_runs,
+    foretell_missing_pictures,
+    weigh_runs,
+)
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
 from agglo_core.cli.solved_runs import Solved, reported, show_solved, solve_runs
 from agglo_core.cli.solver_choice import DEFAULT_SOLVER, built_solver, posed_by
@@ -65,6 +72,11 @@ class _Plan:
     help=f"Solve with each hierarchy too, and count (default {DEFAULT_SOLVER}).",
 )
 @click.option("--problem", metavar="NAME[:opt=val,…]|FILE.toml", help="To be solved (default constant).")
+@click.option(
+    "--pareto",
+    type=FILE,
+    help="Picture of roundness, evenness and seconds of the runs, with the Pareto front.",
+)
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
@@ -78,6 +90,7 @@ def compare(
     metrics: list[Any] | None,
     solver: str | None,
     problem: str | None,
+    pareto: Path | None,
     report: Path | None,
     as_json: bool,
     quiet: bool,
@@ -97,8 +110,9 @@ def compare(
     if problem is not None and solver is None:
         raise click.UsageError("--problem is for --solve, which is not given")
     tool = None if solver is None else built_solver(solver, {}, "--solve")
-    if report is not None:
-        check_report(report)
+    check_outputs(None, None, report, ())
+    if pareto is not None:
+        check_picture(pareto, "--pareto")
     with watched(quiet) as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
@@ -125,6 +139,8 @@ def compare(
         if solver is not None:
             show_solved(solver, asked, runs, solved)
     outputs = Outputs()
+    if pareto is not None:
+        weigh_runs(outputs, mesh, runs, pareto)
     with watched(quiet) as progress:
         draw_runs(outputs, mesh, runs, None, report, metrics, progress, reported(runs, solved))
     failed = any(run.error and not plan.lacks for plan, run in zip(plans, runs, strict=True))
@@ -141,7 +157,7 @@ def _configured_method(given: Mapping[str, Any]) -> str:
     """The method of the configuration, or the default one."""
     if "config" not in given:
         return METHODS[0]
-    from agglo_core.agglomeration.pipeline import Pipeline
+    from agglo_core.agglomeration import Pipeline
 
     return Pipeline.from_toml(given["config"]).method
 

@@ -33,6 +33,7 @@ __all__ = [
     "check_report",
     "draw_runs",
     "foretell_missing_pictures",
+    "weigh_runs",
 ]
 
 _log = logging.getLogger("agglo")
@@ -144,6 +145,14 @@ def draw_runs(
 
         with phase(progress, "writing", report.name):
             outputs.picture(report, lambda: write_page(report, mesh, runs, solves=solves))
+
+
+def weigh_runs(outputs: Outputs, mesh: Mesh, runs: Sequence[RunResult], picture: Path) -> None:
+    """Make the picture of roundness, evenness and seconds of runs, with the Pareto front."""
+    from agglo_core.draw.pareto import draw_pareto
+
+    name = mesh.name or "mesh"
+    outputs.picture(picture, lambda: draw_pareto(runs, picture, f"{name}, {mesh.n_cells:,} cells"))
 
 
 def check_report(report: Path) -> None:

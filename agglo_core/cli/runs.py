@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.console import number
+from agglo_core.cli.rule_options import RULES
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines, print_table
 from agglo_core.errors import AggloError, OptionError
@@ -56,7 +57,7 @@ def execute(
 
     What was agglomerated is saved even if measuring fails, without levels then; not after an interrupt.
     """
-    from agglo_core.agglomeration.pipeline import agglomerate
+    from agglo_core.agglomeration.one_call import agglomerate
     from agglo_core.measure.comparison import timed_run
 
     listen = labelled(progress, name)
@@ -100,11 +101,11 @@ def attempt(
 def _warm_up(given: Mapping[str, Any]) -> None:
     """Import packages and compile kernels on a tiny mesh: the first run's time must not include them."""
     from agglo_core import samples
-    from agglo_core.agglomeration.pipeline import agglomerate
+    from agglo_core.agglomeration.one_call import agglomerate
 
     targets = ("h_star", "h_factor", "n_parts", "cells_per_part")
     counts = "n_parts" in given or "cells_per_part" in given
-    rest = {name: value for name, value in given.items() if name not in targets}
+    rest = {name: value for name, value in given.items() if name not in (*targets, *RULES)}
     try:
         agglomerate(samples.squares(4), **rest, **({"n_parts": 4} if counts else {"h_factor": 2.0}))
     except AggloError as error:
@@ -185,6 +186,14 @@ def show(title: str, runs: Sequence[RunResult], only_finest: bool = False) -> No
     spare = ["connected", "seconds", "isoperimetric", _RATIO]
     print_table(title, ["bisector", *heads], rows, spare=spare, fold={"bisector": 8})
     print_lines("\n".join(f"{run.name}: {run.error}" for run in runs if run.error))
+    print_lines("\n".join(f"{run.name}: {_limited(run)}" for run in runs if _limited(run)))
+
+
+def _limited(run: RunResult) -> str:
+    """What is to be said of searches that a time limit ended; nothing if there were none."""
+    count = run.hierarchy.statistics.get("time_limits", 0) if run.hierarchy else 0
+    searches = "a search" if count == 1 else f"{count:,} searches"
+    return f"the time limit ended {searches}; these are the best parts found by then" if count else ""
 
 
 def _columns(level: Level, sized: bool) -> dict[str, str]:

@@ -2,107 +2,27 @@
 
 from __future__ import annotations
 
+from agglo_core.components.declared import (
+    CONSTRAINTS,
+    FORMATS,
+    METRICS,
+    MULTIGRID,
+    PROBLEMS,
+    ROUND,
+    SAMPLES,
+    SHAPES,
+    SMOOTHERS,
+    SOLID_FORMATS,
+    SOLID_SAMPLES,
+)
 from agglo_core.registry import Component, hookimpl
-
-_METRICS = {
-    "UF": ("UniformityFactor", "Diameter over the largest diameter (paper, §4)."),
-    "UF99": ("UniformityFactor99", "Diameter over the 99th percentile of diameters; may exceed 1."),
-    "CR": ("CircleRatio", "Largest inscribed circle's radius over half the diameter (paper, §4)."),
-    "CRc": ("CentredCircleRatio", "The same with the circle centred at the centroid."),
-    "diameter_ratio": ("DiameterRatio", "Diameter over a target h*."),
-    "interface_length": ("InterfaceLength", "Measure of the faces shared with other agglomerates."),
-    "cut": ("Cut", "Number of dual edges that leave (paper, §2.1)."),
-    "ncut": ("NormalisedCut", "Cut over volume (paper, §2.1)."),
-    "components": ("Components", "Number of connected components."),
-    "cells": ("Cells", "Number of cells."),
-}
-_ROUND = {
-    "J": ("InertiaRatio", "Moment of inertia of a disc (ball) of that size over its own."),
-    "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared; 36π volume² over surface³."),
-}
-_SHAPES = {
-    "convexity": ("Convexity", "Area over the area of the convex hull."),
-    "star_shapedness": (
-        "StarShapedness",
-        "Area of the kernel (the points that see the whole) over the area.",
-    ),
-    "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
-    "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
-}
-_FORMATS = {
-    "vtu": ("vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
-    "npz": ("npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
-    "meshlane": ("meshlane_format:Meshlane", "Gmsh, legacy VTK and more, where no other format reads them."),
-    "openfoam": ("meshlane_format:OpenFoam", "OpenFOAM cases, read by way of their .foam file."),
-}
-_SAMPLES = {
-    "triangles": "Unit square of n × n squares, each cut in two triangles.",
-    "squares": "Unit square of n × n squares.",
-    "random_triangles": "Delaunay triangles of n random points in the unit square (about 2n cells).",
-    "voronoi": "Voronoi cells of n random points in the unit square.",
-    "hexagons": "n rows of n regular hexagons.",
-    "ring": "Annulus with n quadrilaterals around it, about n²/9 in all.",
-    "strip": "n squares in a row.",
-    "disconnected": "Two unit squares apart, each of n × n squares.",
-    "boxes": "Unit cube of n × n × n cubes.",
-    "tetrahedra": "Unit cube of n × n × n cubes, each cut in six tetrahedra.",
-    "paper": "The paper's fine grids: triangles, squares, random or voronoi.",
-    "brain": "Section of a human brain: 13,978 triangles.",
-    "brain_holes": "The same section with five holes: 13,327 triangles.",
-}
-_PROBLEMS = {
-    "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
-    "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),
-    "constant": ("named:constant", "−Δu = 8 with u = 0 on the boundary (the paper's published counts)."),
-    "sine": ("named:sine", "f = 2π² sin πx sin πy with u = 0 on the boundary (the paper's text)."),
-}
-
-_SMOOTHERS = {
-    "block_jacobi": ("level_smoothers:BlockJacobi", "Block Jacobi steps, damped by 4/(3 λ_max)."),
-    "gauss_seidel": (
-        "level_smoothers:GaussSeidel",
-        "Block Gauss–Seidel: forward sweeps, then as many backward.",
-    ),
-    "chebyshev": (
-        "level_smoothers:Chebyshev",
-        "Chebyshev polynomials of the matrix, preconditioned by its diagonal blocks.",
-    ),
-    "vertex_patches": (
-        "patch_smoother:PatchSmoother",
-        "Multiplicative Schwarz on the patches of a level: linear and symmetric.",
-    ),
-}
-_MULTIGRID = {
-    ("transfer", "injection"): (
-        "transfers:Injection",
-        "The functions of the coarse space as they are, or their L2 projections.",
-    ),
-    ("transfer", "smoothed"): (
-        "transfers:SmoothedInjection",
-        "Injection after a damped step of block Jacobi.",
-    ),
-    ("transfer", "aggregation"): (
-        "transfers:Aggregation",
-        "Smoothed aggregation: near-null vectors on the agglomerates.",
-    ),
-    ("coarse_operator", "galerkin"): ("coarse_operators:Galerkin", "Pᵀ A P."),
-    ("coarse_operator", "rediscretised"): (
-        "coarse_operators:Rediscretised",
-        "The problem discretised on the agglomerates.",
-    ),
-    ("coarse_solver", "elimination"): (
-        "coarse_solve:Elimination",
-        "An inverse for up to 1,500 unknowns, then a sparse factorisation; singular matrices too.",
-    ),
-    ("coarse_solver", "dense"): ("coarse_solve:Dense", "A dense inverse, or pseudo-inverse."),
-    ("coarse_solver", "lu"): ("coarse_solve:SparseLU", "Sparse LU factors of SuperLU."),
-}
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """Refiners, the fixer, geometric bisectors, metrics, formats, samples, problems, parts of multigrid."""
-    parts = (_refiners, _bisectors, _metrics, _formats, _samples, _problems, _smoothers, _multigrid)
+    """All that comes with agglo and with none of its plugins."""
+    own = (_refiners, _bisectors, _constraints, _metrics, _formats, _samples, _problems)
+    parts = (*own, _smoothers, _multigrid, _sections)
     return [component for each in parts for component in each()]
 
 
@@ -189,10 +109,10 @@ def _bisectors() -> list[Component]:
 
 
 def _metrics() -> list[Component]:
-    targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in _METRICS.items()}
-    targets |= {name: (f"round_shapes:{target}", summary) for name, (target, summary) in _ROUND.items()}
-    targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in _SHAPES.items()}
-    plane = {"CR", "CRc", *_SHAPES}
+    targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in METRICS.items()}
+    targets |= {name: (f"round_shapes:{target}", summary) for name, (target, summary) in ROUND.items()}
+    targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in SHAPES.items()}
+    plane = {"CR", "CRc", *SHAPES}
     return [
         Component(
             kind="metric",
@@ -212,10 +132,10 @@ def _formats() -> list[Component]:
             name=name,
             target=f"agglo_core.io.{target}",
             requires=("meshlane",) if target.startswith("meshlane") else (),
-            promises={"pickles": True} | ({"3d": True} if name in ("vtu", "npz") else {}),
+            promises={"pickles": True} | ({"3d": True} if name in SOLID_FORMATS else {}),
             summary=summary,
         )
-        for name, (target, summary) in _FORMATS.items()
+        for name, (target, summary) in FORMATS.items()
     ]
 
 
@@ -225,10 +145,10 @@ def _samples() -> list[Component]:
             kind="sample",
             name=name,
             target=f"agglo_core.samples:{name}",
-            promises={"3d": True} if name in ("boxes", "tetrahedra") else {},
+            promises={"3d": True} if name in SOLID_SAMPLES else {},
             summary=summary,
         )
-        for name, summary in _SAMPLES.items()
+        for name, summary in SAMPLES.items()
     ]
 
 
@@ -241,7 +161,7 @@ def _problems() -> list[Component]:
             promises={"pickles": True},
             summary=summary,
         )
-        for name, (target, summary) in _PROBLEMS.items()
+        for name, (target, summary) in PROBLEMS.items()
     ]
 
 
@@ -254,7 +174,7 @@ def _smoothers() -> list[Component]:
             promises={"deterministic": True, "pickles": True, "symmetric": True},
             summary=summary,
         )
-        for name, (target, summary) in _SMOOTHERS.items()
+        for name, (target, summary) in SMOOTHERS.items()
     ]
 
 
@@ -268,5 +188,30 @@ def _multigrid() -> list[Component]:
             promises=alike | ({"symmetric": True} if kind == "coarse_solver" else {}),
             summary=summary,
         )
-        for (kind, name), (target, summary) in _MULTIGRID.items()
+        for (kind, name), (target, summary) in MULTIGRID.items()
+    ]
+
+
+def _constraints() -> list[Component]:
+    return [
+        Component(
+            kind="constraint",
+            name=name,
+            target=f"agglo_core.components.{target}",
+            promises={"pickles": True, "3d": True},
+            summary=summary,
+        )
+        for name, (target, summary) in CONSTRAINTS.items()
+    ]
+
+
+def _sections() -> list[Component]:
+    return [
+        Component(
+            kind="section",
+            name="pareto",
+            target="agglo_core.draw.webpage.pareto_section:ParetoSection",
+            promises={"pickles": True},
+            summary="Roundness, evenness and seconds of several runs, and the Pareto front.",
+        )
     ]

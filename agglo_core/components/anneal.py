@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from agglo_core.arrays import Int, UInt64, frozen_int
-from agglo_core.components.annealed_parts import Annealing, Ramps, Weights
+from agglo_core.components.annealed_parts import Annealing, Weights
+from agglo_core.components.annealing_rounds import Ramps
+from agglo_core.components.solver_annealing import SolverAnnealing
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES
+from agglo_core.progress import TimeLimit, checked_seconds
 from agglo_core.protocols import Target
 
 __all__ = ["AnnealRefiner"]
 
 _RAMPS = Ramps(0.1, 1e-3, 160.0, 400.0)
+_FOR_SOLVERS = Ramps(2.0, 0.02)
 _NEVER = 1e7
 _ROUNDING = 1e-9
 _FILLED = {2: 0.38, 3: 0.13}
@@ -21,27 +27,32 @@ _FILLED = {2: 0.38, 3: 0.13}
 
 
 class AnnealRefiner:
-    """Anneals the labels of each block for round parts of even width, at the same number of parts.
+    """Anneals the labels of each block, at the same number of parts, for solvers or for round parts.
 
-    Boundary cells move at random to neighbouring parts, ever more rarely where that makes parts worse (the
-    objective ``roundness``, weighted). No part is emptied or falls into more pieces. If the target is a
-    size, no part becomes wider than it, or than the widest was. A block that does not become better, by its
-    weights and by equal ones, stays as it was. The result follows from the seeds; it also depends on how the
-    mesh is turned and its cells are numbered. For parts found from nothing see the option ``effort`` of
-    ``kmeans``.
+    Boundary cells move at random to neighbouring parts, ever more rarely where that makes parts worse. No
+    part is emptied or falls into more pieces. If the target is a size, no part becomes wider than it, or than
+    the widest was. A block that does not become better stays as it was. The result follows from the seeds; it
+    also depends on how the mesh is turned and its cells are numbered. For parts found from nothing see the
+    option ``effort`` of ``kmeans``.
 
     Parameters
     ----------
     moves : int
         Cells drawn for each cell of a block.
+    objective : "solver" or "roundness"
+        Small moments of inertia with short interfaces; or round parts of even width.
     roundness, evenness : float
-        What round parts, and parts of even width, count. At equal weights widths become even at the expense
-        of the largest inscribed circles.
+        With the objective ``roundness``: what round parts, and parts of even width, count. At equal weights
+        widths become even at the expense of the largest inscribed circles.
+    seconds : float, optional
+        When annealing ends, by a clock on the wall; the best so far is returned, which then differs from run
+        to run.
 
     Raises
     ------
     OptionError
-        If ``moves`` is not a whole number from 1 on, or a weight is negative or not finite, or both are 0.
+        If ``moves`` is not a whole number from 1 on, the objective another, the seconds not above 0, or a
+        weight is negative or not finite, or both are 0.
 
     Examples
     --------
@@ -51,27 +62,43 @@ class AnnealRefiner:
     [16]
     """
 
-    objective = "roundness"
-
-    def __init__(self, moves: int = 500, roundness: float = 1.3, evenness: float = 1.0) -> None:
+    def __init__(
+        self,
+        moves: int = 500,
+        objective: Literal["solver", "roundness"] = "solver",
+        roundness: float = 1.3,
+        evenness: float = 1.0,
+        seconds: float | None = None,
+    ) -> None:
         if not isinstance(moves, int | np.integer) or isinstance(moves, bool) or moves < 1:
             raise OptionError(f"anneal: moves must be a whole number, 1 or more, not {moves!r}")
-        self.moves = int(moves)
+        if objective not in ("solver", "roundness"):
+            raise OptionError(f"anneal: objective must be solver or roundness, given {objective!r}")
+        self.moves, self.objective = int(moves), objective
+        self.seconds = checked_seconds("anneal", seconds)
         self.roundness, self.evenness = _weight("roundness", roundness), _weight("evenness", evenness)
         if self.roundness == self.evenness == 0.0:
             raise OptionError("anneal: roundness and evenness are both 0: nothing is left to pursue")
 
     def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
         """Labels ``(n,)`` after the moves, block by block."""
-        result = labels.copy()
+        result, limit = labels.copy(), TimeLimit(self.seconds)
         for b in range(graph.n_blocks):
             own = slice(int(graph.offsets[b]), int(graph.offsets[b + 1]))
             used, local = np.unique(labels[own], return_inverse=True)
             if 1 < len(used) < len(local):
-                result[own] = used[self._in_block(graph[b], frozen_int(local), int(seeds[b]), target)]
+                make = self._for_solver if self.objective == "solver" else self._round
+                result[own] = used[make(graph[b], frozen_int(local), int(seeds[b]), target, limit)]
         return frozen_int(result)
 
-    def _in_block(self, graph: Graph, labels: Int, seed: int, target: Target) -> Int:
+    def _for_solver(self, graph: Graph, labels: Int, seed: int, target: Target, limit: TimeLimit) -> Int:
+        """Labels 0..k−1 of one block after the moves; those given unless they become better."""
+        tool = SolverAnnealing(graph, np.inf if target.h_star is None else target.h_star * (1 + _ROUNDING))
+        after = tool.outward(tool.annealed(tool.inward(labels), _FOR_SOLVERS, self.moves, seed, limit))
+        better = OBJECTIVES[self.objective].value
+        return after if better(graph, after) < better(graph, labels) else labels
+
+    def _round(self, graph: Graph, labels: Int, seed: int, target: Target, limit: TimeLimit) -> Int:
         """Labels 0..k−1 of one block after the moves; those given unless they become better."""
         widths = graph.part_diameters(labels)
         most, ramps = float(widths.max()), _RAMPS.for_cells(len(labels) / len(widths))
@@ -83,8 +110,8 @@ class AnnealRefiner:
         else:
             size = most if most > target.h_star * (1 + _ROUNDING) else float(target.h_star)
             ramps = ramps._replace(soft=_NEVER, stiff=_NEVER)
-        first, moves = tool.inward(labels), self.moves * len(labels)
-        after = tool.outward(tool.annealed(first, size, ramps, moves, seed, weights)[0])
+        first = tool.inward(labels)
+        after = tool.outward(tool.annealed(first, size, ramps, self.moves, seed, weights, limit)[0])
         if target.h_star is not None and graph.part_diameters(after).max() > size * (1 + _ROUNDING):
             return labels
         return after if self._is_better(tool, graph, labels, after) else labels

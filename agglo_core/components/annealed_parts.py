@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_index, frozen_int
+from agglo_core.components.annealing_rounds import Ramps, rooms_of, take_turns
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
+from agglo_core.progress import TimeLimit
 
-__all__ = ["Annealing", "Ramps", "Shapes", "Weights"]
+__all__ = ["Annealing", "Shapes", "Weights"]
 
 _RATIO = 0.95
 """Radius of a disc or ball over its dimension times measure over surface, so that real parts, which are
@@ -21,23 +23,6 @@ _BENT = 0.01
 """Outlines made of corners may be so much longer or shorter than the faces, relatively."""
 
 _ROUNDING = 1e-9
-
-_USUAL = 14.0
-"""Cells of a part that temperatures are for: the more there are, the less one of them changes."""
-
-
-class Ramps(NamedTuple):
-    """First and last temperature, first and last penalty of a part too wide."""
-
-    hot: float
-    cold: float
-    soft: float
-    stiff: float
-
-    def for_cells(self, cells: float) -> Ramps:
-        """The same for parts of so many cells: the temperatures are those for 14."""
-        scale = min(1.0, _USUAL / cells)
-        return self._replace(hot=scale * self.hot, cold=scale * self.cold)
 
 
 class Weights(NamedTuple):
@@ -85,16 +70,10 @@ class Annealing:
 
     def __init__(self, graph: Graph) -> None:
         from agglo_core.kernels.anneal_edges import cell_edges
-        from agglo_core.kernels.anneal_setup import cell_surroundings
-        from agglo_core.kernels.anneal_state import Cells
 
         self.order = curve_order(graph.centroids)
         self.graph = own = graph.subgraph(self.order, frozen_int([0, graph.n]))
-        used, numbers = np.unique(own.vertices, return_inverse=True)
-        corners = own.vertex_offsets, frozen_index(numbers), frozen_float(own.points[used])
-        around = cell_surroundings(own.indptr, own.interface, own.boundary, own.centroids, *corners)
-        graph_of = own.indptr, own.indices, own.interface, own.measures, own.centroids
-        self.cells = Cells(*graph_of, *corners, *around)
+        self.cells = corner_cells(own)
         self.edges: Any = None
         if own.dim == 2:
             edges, off = cell_edges(self.cells, own.boundary)
@@ -117,33 +96,62 @@ class Annealing:
         return frozen_int(result)
 
     def annealed(
-        self, labels: Int, size: float, ramps: Ramps, moves: int, seed: int, weights: Weights
+        self,
+        labels: Int,
+        size: float,
+        ramps: Ramps,
+        draws: float,
+        seed: int,
+        weights: Weights,
+        limit: TimeLimit | None = None,
+        of_part: Int | None = None,
     ) -> tuple[Int, Shapes]:
-        """Labels after so many draws of the fast kernel, and the shapes as it sees them."""
+        """Labels after so many draws for each cell of the fast kernel, and the shapes as it sees them.
+
+        Parts trade cells only within the share of each, ``of_part``, if that is given.
+        """
         from agglo_core.kernels.anneal_setup import part_state
         from agglo_core.kernels.annealing import anneal
 
         parts, work = part_state(self.cells, labels, int(labels.max()) + 1)
         both = weights.round + weights.central
         how = float(size), float(weights.even), float(both), 2.0 * _RATIO * self.graph.dim
-        anneal(self.cells, parts, work, how, _floats(ramps), int(moves), np.uint64(seed))
+
+        def make(room: Any, shares: Any, start: int, stop: int, rounds: Float, own: Any, stamp: int) -> None:
+            anneal(self.cells, parts, room, shares, start, stop, how, rounds, own, stamp)
+
+        rest = ramps.rounds(draws), seed, limit or TimeLimit(), of_part
+        take_turns(make, self.graph, parts, rooms_of(work), *rest)
         return frozen_int(parts.labels), self._seen(parts)
 
     def polished(
-        self, labels: Int, size: float, ramps: Ramps, moves: int, seed: int, weights: Weights
+        self,
+        labels: Int,
+        size: float,
+        ramps: Ramps,
+        draws: float,
+        seed: int,
+        weights: Weights,
+        limit: TimeLimit | None = None,
     ) -> tuple[Int, Shapes]:
-        """Labels after so many draws with true circles in the plane, and the shapes."""
+        """Labels after so many draws for each cell with true circles in the plane, and the shapes."""
         from agglo_core.kernels.anneal_circles import circle_state
         from agglo_core.kernels.anneal_setup import part_state
         from agglo_core.kernels.circle_annealing import anneal_circles
 
         if self.edges is None:
-            return self.annealed(labels, size, ramps, moves, seed, weights)
+            return self.annealed(labels, size, ramps, draws, seed, weights, limit)
         parts, work = part_state(self.cells, labels, int(labels.max()) + 1)
         circles = circle_state(self.cells, self.edges, parts)
         how = float(size), *_floats(weights)
-        rest = how, _floats(ramps), int(moves), np.uint64(seed)
-        anneal_circles(self.cells, self.edges, parts, circles, work, *rest)
+
+        def make(room: Any, shares: Any, start: int, stop: int, rounds: Float, own: Any, stamp: int) -> None:
+            seen = circles if room is work else circles._replace(room=circles.room.copy())
+            rest = room, shares, start, stop, how, rounds, own, stamp
+            anneal_circles(self.cells, self.edges, parts, seen, *rest)
+
+        rest = ramps.rounds(draws), seed, limit or TimeLimit()
+        take_turns(make, self.graph, parts, rooms_of(work), *rest)
         return frozen_int(parts.labels), self._circled(parts)
 
     def shapes(self, labels: Int) -> Shapes:
@@ -174,6 +182,18 @@ class Annealing:
         widths, room = parts.tally[:, DIAMETER], parts.tally[:, SURFACE] * parts.tally[:, DIAMETER]
         ratios = np.minimum(_over(2.0 * _RATIO * self.graph.dim * parts.tally[:, MEASURE], room), 1.0)
         return Shapes(frozen_float(widths), ratios, ratios)
+
+
+def corner_cells(graph: Graph) -> Any:
+    """Cells of a graph with their corners, as kernels take them that look at widths."""
+    from agglo_core.kernels.anneal_setup import cell_surroundings
+    from agglo_core.kernels.anneal_state import Cells
+
+    used, numbers = np.unique(graph.vertices, return_inverse=True)
+    corners = graph.vertex_offsets, frozen_index(numbers), frozen_float(graph.points[used])
+    around = cell_surroundings(graph.indptr, graph.interface, graph.boundary, graph.centroids, *corners)
+    of_graph = graph.indptr, graph.indices, graph.interface, graph.measures, graph.centroids
+    return Cells(*of_graph, *corners, *around)
 
 
 def too_wide(shapes: Shapes, labels: Int, size: float) -> Mask:

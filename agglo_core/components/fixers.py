@@ -13,7 +13,7 @@ __all__ = ["ConnectivityFixer"]
 class ConnectivityFixer:
     """Keeps the largest component of each part; the others join the neighbour they touch most.
 
-    "Largest" is by measure, "most" by interface; growth is outwards from what is kept, so every part
+    "Largest" is by mass, "most" by interface; growth is outwards from what is kept, so every part
     is connected by construction and no label is created or dropped. Of equal ones (up to rounding) the place
     among the components decides, not the numbering of the cells.
     """
@@ -34,7 +34,7 @@ class ConnectivityFixer:
             graph.indices,
             graph.interface,
             graph.centroids,
-            graph.measures,
+            graph.mass,
             frozen_int(labels),
             int(labels.max()) + 1,
         )

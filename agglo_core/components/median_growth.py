@@ -36,7 +36,7 @@ class MedianGrowth:
             graph.indices,
             graph.interface,
             graph.centroids,
-            graph.measures,
+            graph.mass,
             graph.weights,
         )
         self._columns = frozen_float(graph.centroids.T)

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.arrays import Int, Mask, frozen_int, label_order
 from agglo_core.graph import Graph
 
-__all__ = ["cut_in_two", "dissolved"]
+__all__ = ["cut_in_two", "dissolved", "dissolved_together"]
 
 
 def cut_in_two(graph: Graph, labels: Int, chosen: Mask) -> Int:
@@ -67,3 +67,38 @@ def _most_shared(graph: Graph, labels: Int, cell: int) -> int:
         return -1
     parts, place = np.unique(beside[taken], return_inverse=True)
     return int(parts[np.argmax(np.bincount(place, graph.interface[row][taken]))])
+
+
+def dissolved_together(graph: Graph, labels: Int, chosen: Mask, of_part: Int) -> Int:
+    """Labels ``(n,)`` once the cells of the ``chosen (k,)`` parts have joined others of their share.
+
+    Each joins the one it shares most with, from the outside in. A part that cannot be dissolved so stays.
+    """
+    result, rest = labels.copy(), np.flatnonzero(chosen[labels])
+    result[rest] = -1
+    while len(rest):
+        goes = _most_shared_each(graph, result, rest, of_part[labels[rest]], of_part)
+        found = goes >= 0
+        if not found.any():
+            stuck = np.isin(labels, labels[rest])
+            result[stuck] = labels[stuck]
+            break
+        result[rest[found]] = goes[found]
+        rest = rest[~found]
+    return frozen_int(result)
+
+
+def _most_shared_each(graph: Graph, labels: Int, cells: Int, share: Int, of_part: Int) -> Int:
+    """The part of a share with which each of some cells shares most ``(q,)``; −1 where there is none."""
+    counts = np.diff(graph.indptr)[cells].astype(np.int64)
+    move = np.repeat(np.arange(len(cells)), counts)
+    entry = np.arange(len(move)) + np.repeat(graph.indptr[cells] - np.cumsum(counts) + counts, counts)
+    beside = labels[graph.indices[entry]]
+    fits = (beside >= 0) & (of_part[beside] == share[move])
+    keys, place = np.unique(move[fits] * len(of_part) + beside[fits], return_inverse=True)
+    length = np.bincount(place, graph.interface[entry[fits]], len(keys))
+    order = np.lexsort((-length, keys // len(of_part)))
+    cell, first = np.unique((keys // len(of_part))[order], return_index=True)
+    goes = np.full(len(cells), -1, np.int64)
+    goes[cell] = (keys % len(of_part))[order][first]
+    return goes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 
-__all__ = ["SIZES", "block_sizes", "cell_sizes", "checked_size", "checked_tolerance"]
+__all__ = ["FREE", "SIZES", "Balance", "block_sizes", "cell_sizes", "checked_size", "checked_tolerance"]
 
 SIZES: Final[Mapping[str, str]] = MappingProxyType(
     {"cells": "cell_balance", "measure": "measure_balance", "weights": "balance"}
@@ -20,18 +20,48 @@ SIZES: Final[Mapping[str, str]] = MappingProxyType(
 """Kinds of size, and the objective that says how even sizes are."""
 
 
-def checked_size(refiner: str, size: str) -> str:
+class Balance(NamedTuple):
+    """How far sizes of parts may be from their mean, relatively, and what they are made of."""
+
+    tolerance: float
+    size: Literal["cells", "measure", "weights"] = "cells"
+
+    @property
+    def asked(self) -> bool:
+        """Whether there are any bounds."""
+        return self.tolerance < np.inf
+
+    def bounds(self, sizes: Float, k: int) -> tuple[float, float, float]:
+        """Smallest and largest size of k parts, and the mean of what cells add, ``sizes (n,)``."""
+        mean, cell = float(sizes.sum()) / k, float(sizes.mean())
+        far = self.tolerance * mean if self.asked else np.inf
+        return mean - far, mean + far, cell if cell > 0.0 else 1.0
+
+    def holds(self, sizes: Float, labels: Int) -> bool:
+        """Whether all parts are within the tolerance, or less than a mean cell beyond the mean."""
+        if not self.asked:
+            return True
+        each = np.bincount(labels, sizes)
+        room = max(self.tolerance * float(each.mean()), float(sizes.mean()))
+        return bool(np.abs(each - each.mean()).max() <= room * (1.0 + 1e-9))
+
+
+FREE: Final = Balance(np.inf)
+"""No bounds."""
+
+
+def checked_size(refiner: str, size: Any) -> Literal["cells", "measure", "weights"]:
     """A kind of size, once it is known; an OptionError otherwise."""
     if size not in SIZES:
         raise OptionError(f"{refiner}: size is one of {', '.join(SIZES)}; given {size!r}")
-    return size
+    return size  # type: ignore[no-any-return]
 
 
-def checked_tolerance(refiner: str, tolerance: float) -> float:
+def checked_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -> float:
     """A tolerance, once it is a number; an OptionError otherwise."""
     number = isinstance(tolerance, int | float | np.number) and not isinstance(tolerance, bool)
     if not (number and 0.0 <= tolerance < np.inf):
-        raise OptionError(f"{refiner}: tolerance must be a number, 0 or more, not {tolerance!r}")
+        raise OptionError(f"{refiner}: {name} must be a number, 0 or more, not {tolerance!r}")
     return float(tolerance)
 
 

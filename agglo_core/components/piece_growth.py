@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int, Mask, UInt64, frozen_index, frozen_int, label_order
+from agglo_core.arrays import Float, Index, Int, Mask, UInt64, frozen_index, frozen_int
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
+from agglo_core.graph.connection import broken_parts
 from agglo_core.progress import Tell
 from agglo_core.threads import mapped, thread_count
 
@@ -78,7 +79,7 @@ class PieceGrowth:
             graph.indices,
             graph.interface,
             graph.centroids,
-            graph.measures,
+            graph.mass,
             graph.weights,
             reach_of_cells(graph.indptr, graph.indices, graph.centroids),
             units_of(graph.centroids, graph.weights),
@@ -93,10 +94,16 @@ class PieceGrowth:
 
     def restart(self, pieces: Int) -> None:
         """Let these connected pieces ``(n,)`` be those that the next call splits."""
-        self._cells = label_order(pieces).astype(np.int32)
-        stops = np.cumsum(np.bincount(pieces))
-        self._slices = np.stack((np.concatenate(([0], stops[:-1])), stops), axis=1)
-        self._tag.fill(-2)
+        from agglo_core.kernels.graphs import listed_blocks
+
+        count = int(pieces.max(initial=0)) + 1
+        if count == 1:
+            cells, offsets = np.arange(len(pieces), dtype=np.int32), frozen_int([0, len(pieces)])
+            self._tag.fill(0)
+        else:
+            cells, offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
+            self._tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
+        self._cells, self._slices = cells, np.stack((offsets[:-1], offsets[1:]), axis=1)
 
     @classmethod
     def for_components(
@@ -144,37 +151,39 @@ class PieceGrowth:
         advance = self._advance_together if threads > 1 else self._advance
         put_off, stamp = advance(todo[large], leaf, tally, (limit, small, _CHECKED), handled)
 
-        def finish(batch: Int) -> tuple[Int, Int, int]:
+        def finish(batch: Int) -> tuple[Int, Int, Int, int]:
             own = np.zeros_like(tally)
-            return batch, own, self._finish(batch, leaf, own, limit)
+            tiny, last = self._advance(batch, leaf, own, (limit, self._tiny, _CHECKED))
+            last = self._advance(tiny, leaf, own, (limit, 0, _UNCHECKED), stamp=last)[1]
+            return batch, tiny, own, last
 
-        self._stamp = stamp
-        for batch, own, last in mapped(finish, _batches(np.concatenate((todo[~large], put_off)))):
+        unchecked, self._stamp = [], stamp
+        for batch, tiny, own, last in mapped(finish, _batches(np.concatenate((todo[~large], put_off)))):
+            unchecked.append(tiny)
             tally += own
             stamp = max(stamp, last)
             done += (1.0 - share) * int((batch[:, 1] - batch[:, 0]).sum()) / len(leaf)
             told(min(done, 1.0))
         self._stamp = stamp
+        self._mend_tiny(np.concatenate(unchecked), leaf, tally, limit)
         return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
 
-    def _finish(self, batch: Int, leaf: Mask, tally: Int, limit: float) -> int:
-        """Split pieces until all are finished; returns the next stamp.
+    def _mend_tiny(self, tiny: Int, leaf: Mask, tally: Int, limit: float) -> None:
+        """Test the connections of the parts of pieces that were split without a look at them.
 
-        Tiny pieces are split without a look at connections, which are tested in the end; the few of which
-        parts are broken are taken back, what was counted too, and split with care.
+        The few of which parts are broken are taken back, what was counted too, and split with care.
         """
-        from agglo_core.kernels.piece_splits import broken_pieces
-
-        tiny, stamp = self._advance(batch, leaf, tally, (limit, self._tiny, _CHECKED))
-        stamp = self._advance(tiny, leaf, tally, (limit, 0, _UNCHECKED), stamp=stamp)[1]
-        indptr, indices = self._graph[:2]
-        again = tiny[broken_pieces(tiny, self._cells, indptr, indices, self._tag, leaf, self._local)]
-        for how in (_TAKEN_BACK, _CHECKED) if len(again) else ():
+        every = np.ones(len(leaf), bool)
+        broken = np.flatnonzero(broken_parts(*self._graph[:2], self._places(), every))
+        if len(broken) == 0:
+            return
+        tiny = tiny[tiny[:, 0].argsort()]
+        again = tiny[np.unique(np.searchsorted(tiny[:, 0], broken, "right") - 1)]
+        for how in (_TAKEN_BACK, _CHECKED):
             for lo, hi in again[:, :2].tolist():
                 self._cells[lo:hi].sort()
                 leaf[lo:hi] = False
-            stamp = self._advance(again, leaf, tally, (limit, 0, how), stamp=stamp)[1]
-        return stamp
+            self._stamp = self._advance(again, leaf, tally, (limit, 0, how))[1]
 
     def _advance(
         self,
@@ -235,22 +244,25 @@ class PieceGrowth:
         """Connect both sides of a piece, as the built-in fixer does."""
         from agglo_core.kernels.repair import mend_piece
 
-        indptr, indices, interface, centroids, measures = self._graph[:5]
+        indptr, indices, interface, centroids, mass = self._graph[:5]
         cells = self._cells[lo:hi]
         sides = (self._tag[cells] & 1).astype(np.int64)
-        sides = mend_piece(cells, sides, 2, indptr, indices, interface, centroids, measures, self._local)
+        sides = mend_piece(cells, sides, 2, indptr, indices, interface, centroids, mass, self._local)
         self._tag[cells] = np.where(sides, 2 * hi - 1, 2 * lo)
+
+    def _places(self) -> Index:
+        """A place in the piece of each cell, the same for all of its cells."""
+        return frozen_index(self._tag >> 1)
 
     def _numbered(self, leaf: Mask) -> Int:
         """Labels of the finished pieces, by their first cells; they become the pieces."""
+        from agglo_core.kernels.graphs import numbered_as_met
+
+        labels, places = numbered_as_met(self._places(), len(leaf))
         starts = np.flatnonzero(leaf)
         stops = np.append(starts[1:], len(leaf))
-        order = np.argsort(self._cells[starts])
-        number = np.empty(len(starts), np.int64)
-        number[order] = np.arange(len(starts))
-        self._slices = np.stack((starts, stops), axis=1)[order]
-        labels = np.empty(len(leaf), np.int64)
-        labels[self._cells] = np.repeat(number, stops - starts)
+        own = np.searchsorted(starts, places, "right") - 1
+        self._slices = np.stack((starts, stops), axis=1)[own]
         return frozen_int(labels)
 
 

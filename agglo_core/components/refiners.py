@@ -26,7 +26,7 @@ class InterfaceRefiner:
     Bounded sweeps over the boundary cells, ordered by projection on an axis of the block, so the
     result does not depend on cell numbering: first single cells, then pairs of neighbours where
     neither move pays alone. No part is emptied or disconnected, and none
-    falls below ``floor`` times its measure at entry (of two sides: the smaller side's).
+    falls below ``floor`` times its mass at entry (of two sides: the smaller side's).
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class InterfaceRefiner:
                 graph.indices,
                 graph.interface,
                 graph.centroids,
-                graph.measures,
+                graph.mass,
                 frozen_int(labels),
                 self.floor,
             )

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_int, splitmix
+from agglo_core.arrays import Int
 from agglo_core.components.annealed_parts import Weights
-from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.round_search import EFFORTS, Search
+from agglo_core.components.start_parts import Rival, Start, connected_parts
 from agglo_core.graph import Graph
+from agglo_core.progress import TimeLimit
 from agglo_core.protocols import Target
 
 __all__ = ["round_parts"]
-
-Start = Callable[[Graph, int], Int]
-"""Labels of a connected graph with about so many parts."""
-
-Rival = Callable[[Graph, Target], Int]
-"""Labels of a connected graph that meet a target."""
 
 _FILLED = {2: (0.40, 0.44), 3: (0.12, 0.14)}
 """Measure of a part over its size to the power of the dimension: parts of few cells, and of many."""
@@ -39,54 +33,16 @@ _PIECES = 40
 _ROUNDING = 1e-9
 
 
-def round_parts(graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival) -> Int:
-    """Labels ``(n,)`` of a connected graph of one block: round parts, connected, as even as may be.
+def round_parts(
+    graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival, limit: TimeLimit
+) -> Int:
+    """Labels of a connected graph: round parts, as even as may be, or the rival's if they score higher.
 
-    With a size no part but single cells is wider, and the number of parts is free; with a count there are
-    so many. What the ``rival`` finds is returned where it scores higher.
-
-    Parameters
-    ----------
-    graph : Graph
-    target : Target
-        Where it has a size its count is not used.
-    seed : int
-    effort : {"fast", "good", "best"}
-    start : callable
-        ``start(graph, k)``: labels of about k parts, connected or not.
-    rival : callable
-        ``rival(graph, target)``: labels of connected parts that meet the target.
+    With a size the number of parts is free and its count is not used; with a count there are so many.
     """
-    if target.h_star is not None:
-        return _by_component(graph, target, seed, effort, start, rival)
-    if (target.parts or 1) >= graph.n or (target.parts or 1) < 2:
-        return frozen_int(np.arange(graph.n) if (target.parts or 1) > 1 else np.zeros(graph.n))
-    return _best(graph, target, seed, effort, start, rival)
-
-
-def _by_component(graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival) -> Int:
-    """Labels of parts of a size; cells that are wider than it stay alone, and what they part falls apart."""
-    wide = graph.part_diameters(np.arange(graph.n)) > float(target.h_star or 0.0) * (1 + _ROUNDING)
-    rows = np.repeat(wide, np.diff(graph.indptr))
-    pieces, cells = graph.split(graph.without_edges(rows | wide[graph.indices]).components())
-    fits = pieces.diameters() <= float(target.h_star or 0.0) * (1 + _ROUNDING)
-    seeds = splitmix(np.uint64(seed) + np.arange(pieces.n_blocks, dtype=np.uint64))
-    labels, count = np.empty(graph.n, np.int64), 0
-    for b in range(pieces.n_blocks):
-        own = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
-        if fits[b] or pieces.sizes[b] == 1:
-            labels[cells[own]] = count
-        else:
-            labels[cells[own]] = count + _best(pieces[b], target, int(seeds[b]), effort, start, rival)
-        count = int(labels[cells[own]].max()) + 1
-    return frozen_int(labels)
-
-
-def _best(graph: Graph, target: Target, seed: int, effort: str, start: Start, rival: Rival) -> Int:
-    """Labels of a connected graph: those found by annealing, or the rival's if they score higher."""
     size, parts = _size_and_parts(graph, target, False)
     many = graph.n > _MANY * parts
-    search = Search(graph, size, seed, EFFORTS[effort], _WEIGHTS[many])
+    search = Search(graph, size, seed, EFFORTS[effort], _WEIGHTS[many], limit)
     if many:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:
@@ -98,7 +54,7 @@ def _best(graph: Graph, target: Target, seed: int, effort: str, start: Start, ri
 
 def _searched(search: Search, graph: Graph, target: Target, parts: int, start: Start, rival: Rival) -> Int:
     """Labels, in the order of the search, from those of the start."""
-    first = _connected(graph, start(graph, parts))
+    first = connected_parts(graph, start(graph, parts))
     if target.h_star is not None:
         labels, shapes = search.thinned(*search.fitted(search.tool.inward(first)))
         return search.polished(labels, shapes)[0]
@@ -114,7 +70,9 @@ def _counted(search: Search, first: Int) -> Int:
     """
     factor, widest = _FACTOR, float(search.tool.widths.max())
     best, result, chosen, before = -np.inf, first, search.size, 0
-    for _ in range(search.sizes):
+    for turn in range(search.sizes):
+        if turn and search.limit.over():
+            break
         search.size = max(search.size, widest)
         labels, shapes = search.polished(*search.annealed(first), cut=False)
         score = shapes.score(Weights())
@@ -133,18 +91,13 @@ def _from_pieces(
 ) -> Int:
     """Labels, in the order of the search, from parts of a graph of pieces, of which there are fewer."""
     size, parts = _size_and_parts(graph, target, True)
-    pieces = _connected(graph, start(graph, _PIECES * parts))
+    pieces = connected_parts(graph, start(graph, _PIECES * parts))
     coarse = graph.coarsen(pieces)
     less = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
-    above = Search(coarse, size, seed, less, search.weights)
+    above = Search(coarse, size, seed, less, search.weights, search.limit)
     found = above.tool.outward(_searched(above, coarse, target, parts, start, rival))
     labels, shapes = search.cooled(search.tool.inward(found[pieces]))
     return search.polished(labels, shapes, cut=target.h_star is not None)[0]
-
-
-def _connected(graph: Graph, labels: Int) -> Int:
-    """Labels without gaps, with every part connected."""
-    return ConnectivityFixer().fix(graph, frozen_int(np.unique(labels, return_inverse=True)[1]))
 
 
 def _size_and_parts(graph: Graph, target: Target, many: bool) -> tuple[float, int]:

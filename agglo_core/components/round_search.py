@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agglo_core.arrays import Int, Mask, splitmix
-from agglo_core.components.annealed_parts import Annealing, Ramps, Shapes, Weights, too_wide
-from agglo_core.components.part_changes import cut_in_two, dissolved
+from agglo_core.arrays import Float, Int, Mask, frozen_int, splitmix
+from agglo_core.components.annealed_parts import Annealing, Shapes, Weights, too_wide
+from agglo_core.components.annealing_rounds import Ramps, shared_out
+from agglo_core.components.part_changes import cut_in_two, dissolved, dissolved_together
 from agglo_core.graph import Graph
+from agglo_core.progress import TimeLimit
 
 __all__ = ["EFFORTS", "Effort", "Search"]
 
@@ -23,7 +25,8 @@ class Effort:
     moves, polish : int
         Draws for each cell at first, and with true circles at last; fewer on larger meshes.
     tries : int
-        How many parts are dissolved in turn, on meshes of up to 1,536 cells.
+        How many parts are dissolved in turn, on meshes of up to 1,536 cells; on larger ones one of
+        each two dozen at a time, as often.
     sizes : int
         How many sizes are tried where the number of parts is given; of larger meshes half as many.
     """
@@ -48,6 +51,9 @@ _NEVER = 1e7
 _TAIL = 0.35
 """Share of the draws after parts were cut or dissolved."""
 
+_NEAR = 24
+"""On larger meshes a part of each so many may be dissolved at the same time."""
+
 _MANY = 1536
 _FEWER = 0.25
 """On meshes of more cells there are fewer draws for each, by the ratio to this power."""
@@ -70,14 +76,18 @@ class Search:
     seed : int
     effort : Effort
     weights : Weights
+    limit : TimeLimit
+        Once it is over nothing more is tried.
     """
 
-    def __init__(self, graph: Graph, size: float, seed: int, effort: Effort, weights: Weights) -> None:
-        self.tool, self.size, self.weights = Annealing(graph), size, weights
+    def __init__(
+        self, graph: Graph, size: float, seed: int, effort: Effort, weights: Weights, limit: TimeLimit
+    ) -> None:
+        self.tool, self.size, self.weights, self.limit = Annealing(graph), size, weights, limit
         self._effort, self._small = effort, graph.n <= _MANY
-        draws = graph.n if self._small else int(graph.n * (_MANY / graph.n) ** _FEWER)
+        share = 1.0 if self._small else (_MANY / graph.n) ** _FEWER
         polish = effort.polish if self._small else min(effort.polish, _POLISH)
-        self._moves, self._polish = effort.moves * draws, polish * draws
+        self._moves, self._polish = effort.moves * share, polish * share
         self._seed = np.array([seed], np.uint64)
 
     @property
@@ -87,20 +97,20 @@ class Search:
 
     def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
         """Labels after a share of the draws, and the shapes as the fast kernel sees them."""
-        moves = int(share * self._moves)
-        return self.tool.annealed(labels, self.size, ramps, moves, self._next_seed(), self.weights)
+        draws = share * self._moves
+        return self.tool.annealed(labels, self.size, ramps, draws, *self._rest())
 
     def cooled(self, labels: Int) -> tuple[Int, Shapes]:
         """Labels after draws that mend parts of many cells each, which were found on a coarser graph."""
         ramps = _AGAIN.for_cells(len(labels) / (int(labels.max()) + 1))
-        return self.tool.annealed(labels, self.size, ramps, self._polish, self._next_seed(), self.weights)
+        return self.tool.annealed(labels, self.size, ramps, self._polish, *self._rest())
 
     def fitted(self, labels: Int) -> tuple[Int, Shapes]:
         """Labels annealed again and again, with parts that were too wide cut in two in between."""
         labels, shapes = self.annealed(labels)
         for _ in range(_ROUNDS if self._small else _LATE_ROUNDS):
             wide = self._wide(labels, shapes)
-            if not wide.any():
+            if not wide.any() or self.limit.over():
                 break
             labels = cut_in_two(self.tool.graph, labels, wide)
             labels, shapes = self.annealed(labels, _AGAIN, _TAIL)
@@ -108,11 +118,13 @@ class Search:
 
     def thinned(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
         """Labels with the worst parts dissolved, one after the other, as long as the score rises."""
+        if not self._small:
+            return self._thinned_together(labels, shapes)
         best, failed = self._value(labels, shapes), set[int]()
-        for _ in range(self._effort.tries if self._small else 0):
+        for _ in range(self._effort.tries):
             worth = shapes.widths / self.size + shapes.ratios
             left = [int(p) for p in np.argsort(worth, kind="stable") if int(p) not in failed]
-            if not left or len(worth) < 2:
+            if not left or len(worth) < 2 or self.limit.over():
                 break
             after, seen = self._without(labels, left[0])
             value = self._value(after, seen)
@@ -122,6 +134,42 @@ class Search:
             else:
                 failed.add(left[0])
         return labels, shapes
+
+    def _thinned_together(self, labels: Int, shapes: Shapes) -> tuple[Int, Shapes]:
+        """Labels with the worst part of each of many shares dissolved; what does not pay there is undone."""
+        for _ in range(self._effort.tries):
+            k = len(shapes.widths)
+            if k < 2 * _NEAR or self.limit.over():
+                break
+            seed, weights, limit = self._rest()
+            of_part = shared_out(self.tool.graph, labels, k, k // _NEAR, seed)
+            left = dissolved_together(self.tool.graph, labels, self._poorest(shapes, of_part), of_part)
+            there, fewer = np.unique(left, return_inverse=True)
+            given = frozen_int(fewer), self.size, _AGAIN, _TAIL * self._moves, seed, weights, limit
+            after, seen = self.tool.annealed(*given, frozen_int(of_part[there]))
+            better = self._worth(after, seen, of_part[there], len(of_part)) > self._worth(
+                labels, shapes, of_part, k
+            )
+            mixed = np.where(better[of_part[labels]], there[after], labels)
+            labels = frozen_int(np.unique(mixed, return_inverse=True)[1])
+            shapes = self.tool.seen(labels)
+        return labels, shapes
+
+    def _poorest(self, shapes: Shapes, of_part: Int) -> Mask:
+        """Which parts ``(k,)`` are the worst of their share."""
+        order = np.lexsort((shapes.widths / self.size + shapes.ratios, of_part))
+        chosen = np.zeros(len(order), bool)
+        chosen[order[np.unique(of_part[order], return_index=True)[1]]] = True
+        return chosen
+
+    def _worth(self, labels: Int, shapes: Shapes, of_part: Int, count: int) -> Float:
+        """Mean score of the parts of each share ``(count,)``; −∞ where one is too wide."""
+        own = self.weights.even * shapes.widths / self.size + self.weights.round * shapes.ratios
+        own += self.weights.central * shapes.central
+        own = np.where(self._wide(labels, shapes), -np.inf, own)
+        parts = np.bincount(of_part, minlength=count)
+        result: Float = np.bincount(of_part, own, count) / np.maximum(parts, 1)
+        return result
 
     def polished(self, labels: Int, shapes: Shapes, *, cut: bool = True) -> tuple[Int, Shapes]:
         """Labels after the polish with true circles; with ``cut`` no part is too wide then."""
@@ -133,7 +181,7 @@ class Search:
             wide = self._wide(labels, self.tool.shapes(labels))
         ramps = _LAST.for_cells(len(labels) / (int(labels.max()) + 1))
         ramps = ramps._replace(soft=_NEVER, stiff=_NEVER) if cut else ramps
-        return self.tool.polished(labels, self.size, ramps, self._polish, self._next_seed(), self.weights)
+        return self.tool.polished(labels, self.size, ramps, self._polish, *self._rest())
 
     def _without(self, labels: Int, part: int) -> tuple[Int, Shapes]:
         after, shapes = self.annealed(dissolved(self.tool.graph, labels, part), _AGAIN, _TAIL)
@@ -148,6 +196,7 @@ class Search:
     def _wide(self, labels: Int, shapes: Shapes) -> Mask:
         return too_wide(shapes, labels, self.size)
 
-    def _next_seed(self) -> int:
+    def _rest(self) -> tuple[int, Weights, TimeLimit]:
+        """Another seed, and what stays the same."""
         self._seed = splitmix(self._seed)
-        return int(self._seed[0])
+        return int(self._seed[0]), self.weights, self.limit

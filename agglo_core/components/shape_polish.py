@@ -9,15 +9,13 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.components.part_strips import slices, strip_order
 from agglo_core.graph import Graph
 from agglo_core.threads import mapped, thread_count
 
-__all__ = ["directions", "slices", "swept"]
+__all__ = ["directions", "swept"]
 
 _SWEEPS = 12
-
-_WIDTH = 8.0
-"""Parts side by side in a slice, more or less."""
 
 _FEW = 2_000
 """So few cells are looked at faster by one thread than by several."""
@@ -30,20 +28,20 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     ``limit``.
     """
     from agglo_core.kernels.part_order import part_places
-    from agglo_core.kernels.shape_state import Cells, State, interface_cells, part_tally
+    from agglo_core.kernels.shape_state import CENTRE, MASS, Cells, State, interface_cells, part_tally
     from agglo_core.kernels.shape_sweeps import sweep_all
 
     n, k, count = graph.n, len(block), int(block.max()) + 1
-    geometry = graph.centroids, graph.weights, graph.measures
+    geometry = graph.centroids, graph.weights, graph.mass
     parts, tally = part_tally(labels, k, *geometry, floor)
     axes, places = part_places(block, count, tally)
-    order = np.lexsort((places, block))
+    cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
+    blocks, due = interface_cells(cells, parts, tally, block, count)  # as yet neighbours' sums are near
+    order = strip_order(tally[:, MASS], tally[:, CENTRE : CENTRE + 3], block, axes, places, graph.dim)
     rank = np.empty(k, np.int32)
     rank[order] = np.arange(k, dtype=np.int32)
     parts, tally = rank[parts], tally[order]
     starts = frozen_int(np.searchsorted(block[order], np.arange(count + 1)))
-    cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
-    blocks, due = interface_cells(cells, parts, tally, starts)
     by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
     room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
     state = State(parts, tally, blocks, due, *room, np.zeros((count, 2)), np.ones(count, bool))
@@ -112,26 +110,6 @@ def _shares(rows: Int, first: Any, count: int) -> list[tuple[int, int]]:
     cuts = np.searchsorted(cells, cells[-1] * np.arange(1, count) / count)
     ends = [0, *cuts.tolist(), len(rows)]
     return [(start, stop) for start, stop in pairwise(ends) if start < stop]
-
-
-def slices(starts: Int, shift: int, dim: int) -> Int:
-    """Which parts trade cells in a sweep, ``(S, 5)``: first, last plus 1, those of the block, and the block.
-
-    A block has up to 16 slices, each some parts wide; with ``shift`` each begins and ends in the middle of
-    others without.
-    """
-    counts = starts[1:] - starts[:-1]
-    strips = np.minimum(np.maximum(counts ** (1.0 / dim) / _WIDTH, 1.0), 16.0).astype(np.int64)
-    shifts = shift * (strips > 1)
-    block = np.repeat(np.arange(len(counts)), strips + shifts)
-    before = np.cumsum(strips + shifts) - strips - shifts
-    place = 2 * (np.arange(len(block)) - before[block]) - shifts[block]
-    size, first, width = counts[block], starts[block], 2 * strips[block]
-    rows = np.empty((len(block), 5), np.int64)
-    for column, each in enumerate((place, place + 2)):
-        rows[:, column] = first + np.minimum(np.maximum(size * each // width, 0), size)
-    rows[:, 2], rows[:, 3], rows[:, 4] = first, first + size, block
-    return frozen_int(rows)
 
 
 @cache

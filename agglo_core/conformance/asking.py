@@ -98,9 +98,10 @@ def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
     return tool.solve(problem, hierarchy)
 
 
-def _masks(tool: Any, graph: Graph, labels: Any) -> dict[str, Any]:
-    """What the constraint says of edges, parts and pieces, as far as it has the methods."""
-    arguments = {"forbidden": (graph,), "admissible": (graph, labels), "finished": (graph, labels)}
+def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:
+    """What the constraint says of edges and parts, as far as it has the methods."""
+    tool, graph = tool.for_mesh(mesh) if hasattr(tool, "for_mesh") else tool, mesh.graph
+    arguments = {"forbidden": (graph,), "admissible": (graph, labels), "incomplete": (graph, labels)}
     return {
         method: getattr(tool, method)(*given)
         for method, given in arguments.items()

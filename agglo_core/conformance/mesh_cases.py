@@ -14,10 +14,12 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import RunResult, measure_levels
 from agglo_core.mesh import Mesh
 
-__all__ = ["TAG", "UNSAFE", "bands", "in_space", "of_one_cell", "on_meshes", "tagged"]
+__all__ = ["TAG", "UNSAFE", "bands", "in_space", "marked", "of_one_cell", "on_meshes", "tagged"]
 
 TAG = "region"
-"""Cell tag that the meshes of formats and constraints have: 1 in the left half, 2 in the right one."""
+"""Cell tag that the meshes of formats and constraints have: 1 in the left half, 2 in the right one.
+
+Those of constraints have a face tag of that name as well."""
 
 UNSAFE = '<b id="it\'s">R&D</b>'
 """Name of a mesh and of a run that a section of the report must escape."""
@@ -29,7 +31,7 @@ def on_meshes(kind: str) -> list[Case]:
         return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
     if kind == "constraint":
         meshes = [*small_meshes.plane_meshes(), small_meshes.apart()]
-        return [Case(mesh.name, (tagged(mesh).graph, bands(mesh, 3))) for mesh in meshes]
+        return [Case(mesh.name, (marked(mesh), bands(mesh, 3))) for mesh in meshes]
     if kind == "section":
         return [_reported(small_meshes.grid(6, 4)), _reported(replace(small_meshes.mixed(), name=UNSAFE))]
     around = np.ones((5, 5), int)
@@ -67,12 +69,20 @@ def tagged(mesh: Mesh) -> Mesh:
     return replace(mesh, cell_tags={TAG: 1 + bands(mesh, 2)})
 
 
+def marked(mesh: Mesh) -> Mesh:
+    """The mesh with the tag :data:`TAG` on cells, and on faces: 1 between the halves, 2 and 3 outside."""
+    mesh = tagged(mesh)
+    halves, (one, other) = mesh.cell_tags[TAG], mesh.face_cells.T
+    faces = np.where(other < 0, 1 + halves[one], halves[one] != halves[other])
+    return replace(mesh, face_tags={TAG: faces})
+
+
 def _about(kind: str, mesh: Mesh) -> Case:
     given: Sequence[object] = (mesh,)
     if kind == "format":
         given = (mesh, "")
     elif kind == "constraint":
-        given = (tagged(mesh).graph, bands(mesh, 3))
+        given = (marked(mesh), bands(mesh, 3))
     elif kind == "section":
         return _reported(mesh)
     return Case(mesh.name, tuple(given))

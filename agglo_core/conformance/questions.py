@@ -80,13 +80,16 @@ def as_array(given: Any) -> NDArray[Any]:
 def questions(subject: Subject, seed: int = 0) -> list[Case]:
     """The ordinary questions to a component, less what it refuses as a whole; none to a format never written.
 
+    A format that holds no plane mesh at all, and promises 3-D, is asked about those in 3-D.
+
     The largest is about 2,000 cells, as some components take another way from some size on. A solver that
     names further kinds of problem in ``accepts`` is asked for their examples too, a bisector that makes
     direct partitions for some of them.
     """
     more = partitions(seed) if subject.partitions else _further_problems(subject)
     large = bearable(subject, large_case(subject.kind, seed))
-    return taken(subject, [*cases(subject.kind, seed), *large, *more])
+    asked = taken(subject, [*cases(subject.kind, seed), *large, *more])
+    return asked if asked or subject.kind != "format" else taken(subject, in_space(subject))
 
 
 def every_graph(subject: Subject) -> list[Case]:

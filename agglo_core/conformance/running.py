@@ -25,7 +25,7 @@ _TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0,
 
 def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
     """What was asked, and the hierarchy that came of it; errors of the run pass through."""
-    from agglo_core.agglomeration.pipeline import agglomerate
+    from agglo_core.agglomeration.one_call import agglomerate
 
     choice, registry = _chosen(subject)
     for mesh in _meshes(subject):
@@ -38,7 +38,7 @@ def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
 
 def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:
     """What was asked of a bisector that grows, and the hierarchies by its own growth and depth by depth."""
-    from agglo_core.agglomeration.pipeline import agglomerate
+    from agglo_core.agglomeration.one_call import agglomerate
 
     own = own_components()
     for mesh in _meshes(subject):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from agglo_core.measure.selection import Metric
     from agglo_core.registry import Registry
 
-__all__ = ["PALETTE", "colouring", "draw", "save_figure"]
+__all__ = ["PALETTE", "colouring", "draw", "save_figure", "short_name"]
 
 PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two more
     "#77AADD",
@@ -136,7 +136,7 @@ def _draw_fine(axis: Any, mesh: Mesh, name: str) -> None:
     _fill(axis, whole, np.zeros(1, np.int64), (_PAPER,))
     _edges(axis, mesh, _FINE, _line_width(axis, mesh.n_cells, 0.6))
     _edges(axis, whole, _INK, 0.9)
-    _frame(axis, mesh, f"{_name(name)}\n{_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells")
+    _frame(axis, mesh, f"{short_name(name)}\n{short_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells")
 
 
 def _draw_level(axis: Any, mesh: Mesh, labels: Int, title: str) -> None:
@@ -196,8 +196,8 @@ def _frame(axis: Any, mesh: Mesh, title: str) -> None:
     axis.set_axis_off()
 
 
-def _name(text: str, most: int = 34) -> str:
-    """At most ``most`` characters, the middle left out: titles must not run into each other."""
+def short_name(text: str, most: int = 34) -> str:
+    """Return at most ``most`` characters, the middle left out: titles must not run into each other."""
     return text if len(text) <= most else f"{text[: most // 2]}…{text[-(most // 2 - 1) :]}"
 
 

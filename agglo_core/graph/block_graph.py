@@ -86,6 +86,30 @@ class BlockGraph:
         return len(self.measures)
 
     @property
+    def mass(self) -> Float:
+        """What a number of parts is shared out by, among pieces and sides of splits ``(n,)``: the measures.
+
+        A run may share it out by something else (:meth:`with_mass`).
+        """
+        mass: Float = self.__dict__.get("_mass", self.measures)
+        return mass
+
+    def with_mass(self, mass: ArrayLike) -> Self:
+        """The graph with another :attr:`mass`; subgraphs and quotients have theirs of it."""
+        given = np.array(mass, dtype=np.float64)
+        if given.shape != (self.n,) or not (np.isfinite(given) & (given >= 0)).all():
+            raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
+        made = replace(self)
+        made.__dict__["_mass"] = frozen_float(given)
+        return made
+
+    def _with_mass_of(self, other: BlockGraph, nodes: Any = slice(None)) -> Self:
+        """This graph, with the mass that these nodes have in another one."""
+        if "_mass" in other.__dict__:
+            self.__dict__["_mass"] = frozen_float(other.mass[nodes])
+        return self
+
+    @property
     def dim(self) -> int:
         """Space dimension d."""
         return int(self.centroids.shape[1])
@@ -114,7 +138,7 @@ class BlockGraph:
         nodes = slice(i, j)
         edges = slice(int(self.indptr[i]), int(self.indptr[j]))
         corners = slice(int(self.vertex_offsets[i]), int(self.vertex_offsets[j]))
-        return replace(
+        made = replace(
             self,
             indptr=self.indptr[i : j + 1] - self.indptr[i],
             indices=self.indices[edges] - np.int32(i),
@@ -128,6 +152,7 @@ class BlockGraph:
             offsets=frozen_int([0, j - i]),
             data={key: values[nodes] for key, values in self.data.items()},
         )
+        return made._with_mass_of(self, nodes)
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
         """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
@@ -164,7 +189,7 @@ class BlockGraph:
             origin=self.origin,
             _whole=(whole, nodes_of_whole),
         )
-        return made
+        return made._with_mass_of(self, order)
 
     def split(self, labels: ArrayLike) -> tuple[Self, Int]:
         """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
@@ -195,15 +220,17 @@ class BlockGraph:
             )
         if not gone.any():
             return self
-        rows = np.repeat(np.arange(self.n), np.diff(self.indptr))[gone]
-        kept = np.concatenate(([0], np.cumsum(~gone)))
-        return replace(
+        out = np.flatnonzero(gone)
+        rows = np.searchsorted(self.indptr, out, side="right") - 1
+        kept, stay = self.indptr - np.searchsorted(out, self.indptr), ~gone
+        made = replace(
             self,
-            indptr=kept[self.indptr],
-            indices=self.indices[~gone],
-            interface=self.interface[~gone],
-            boundary=self.boundary + np.bincount(rows, self.interface[gone], self.n),
+            indptr=kept,
+            indices=self.indices[stay],
+            interface=self.interface[stay],
+            boundary=self.boundary + np.bincount(rows, self.interface[out], self.n),
         )
+        return made._with_mass_of(self)
 
     def diameters(self) -> Float:
         """Exact largest vertex distance of each block ``(B,)``."""

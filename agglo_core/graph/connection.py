@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.arrays import Index, Int, Mask, frozen, frozen_index, frozen_int
+from agglo_core.arrays import Index, Int, Mask, frozen, frozen_index
 from agglo_core.threads import over_ranges
 
 __all__ = ["broken_parts", "parts_connected"]
@@ -26,7 +26,7 @@ def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:
     return not broken_parts(indptr, indices, labels, asked).any()
 
 
-def broken_parts(indptr: Int, indices: Index, labels: Int, asked: Mask) -> Mask:
+def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) -> Mask:
     """Which of the parts ``asked (k,)`` are not connected; the labels ``(n,)`` are below k.
 
     Several threads share the pass over all nodes; what is left to look at is little.
@@ -40,11 +40,12 @@ def broken_parts(indptr: Int, indices: Index, labels: Int, asked: Mask) -> Mask:
     """
     from agglo_core.kernels import part_faults
 
-    given = frozen_int(labels)
+    given = frozen_index(labels)
 
     def lone(start: int, stop: int) -> Index:
         listed = np.empty(stop - start, np.int32)
-        return listed[: part_faults.lone_cells(start, stop, indptr, indices, given, listed)]
+        count = part_faults.lone_cells(start, stop, indptr, indices, given, len(asked), listed)
+        return listed[:count]
 
     found = over_ranges(lone, len(given), shares=1)
     nodes = frozen_index(found[0] if len(found) == 1 else np.concatenate(found))

@@ -178,8 +178,10 @@ class Graph(BlockGraph):
         MeshError
             If the labels have another shape, or leave gaps.
         """
-        coarse = quotient(check_labels(labels, self.n), self)
-        return replace(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
+        parts = check_labels(labels, self.n)
+        coarse = quotient(parts, self)
+        made = replace(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
+        return made if self.mass is self.measures else made.with_mass(np.bincount(parts, self.mass))
 
 
 def dual_graph(mesh: Mesh) -> Graph:

@@ -20,6 +20,7 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.graph import moves
 from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
+from agglo_core.graph.solver_shape import solver_shapes
 
 __all__ = ["OBJECTIVES", "Objective", "numbered_parts"]
 
@@ -164,6 +165,9 @@ _TABLE = (
         "compactness times the interface of the block to the power 0.3",
         moves.shapes,
         changes=moves.shape_changes,
+    ),
+    Objective(
+        "solver", "compactness and a fifth of the interface, each over that of hexagons", solver_shapes
     ),
     Objective(
         "balance",

@@ -1,6 +1,8 @@
-"""The tree of splits, and the coarse levels cut from it."""
+"""The tree of splits, the coarse levels cut from it, and cuts through the trees of the levels."""
 
+from agglo_core.hierarchy.cuts import Change, Cut
+from agglo_core.hierarchy.forest import Forest
 from agglo_core.hierarchy.levels import Hierarchy
 from agglo_core.hierarchy.tree import Tree, by_first_cell
 
-__all__ = ["Hierarchy", "Tree", "by_first_cell"]
+__all__ = ["Change", "Cut", "Forest", "Hierarchy", "Tree", "by_first_cell"]

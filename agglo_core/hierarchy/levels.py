@@ -8,11 +8,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, first_of_each, frozen_int
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph
+from agglo_core.hierarchy.cut_search import best_nodes, check_grade
+from agglo_core.hierarchy.cuts import Cut
+from agglo_core.hierarchy.forest import Forest
+from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh import Mesh
 
 __all__ = ["Hierarchy"]
@@ -120,3 +125,87 @@ class Hierarchy:
         if self.fine is None:
             raise MeshError("this hierarchy belongs to a graph: it has no mesh")
         return self.fine.coarsen(self._level(level))
+
+    # -- cuts ----------------------------------------------------------------------------------
+    @cached_property
+    def forest(self) -> Forest:
+        """The levels as trees, whose cuts are coarse meshes.
+
+        Raises
+        ------
+        OptionError
+            If the hierarchy is not nested.
+        """
+        if not self.nested:
+            raise OptionError(
+                "the hierarchy is not nested: only nested levels have cuts; nested=True makes them"
+            )
+        return Forest.of(self.levels, self.graph.n)
+
+    def cut(
+        self,
+        n_parts: int,
+        indicator: ArrayLike | None = None,
+        *,
+        objective: str = "largest",
+        grade: int | None = None,
+    ) -> Cut:
+        """The best coarse mesh of at most ``n_parts`` parts, each of any level or a single cell.
+
+        The indicator of a part is the sum over its cells. With objective ``largest`` the largest one is as
+        small as that of any cut of so many parts, graded alike if there is a grade; the next largest are
+        split as long as they fit, until nothing is left to split, or only parts of indicator 0. With
+        ``squares`` no cut of so many parts has a smaller sum of squared indicators (which for a given number
+        is smallest where all are equal), in time that grows with cells times parts. Sizes are met from below,
+        as a part can only be split into all of its children.
+
+        Parameters
+        ----------
+        n_parts : int
+            Largest number of parts; the coarsest level has the fewest.
+        indicator : (n,) float, optional
+            Of each fine cell, 0 or more: an estimated error, a speed, what is near a well. By default its
+            measure, so that parts are as even as the levels allow.
+        objective : {"largest", "squares"}
+        grade : int, optional
+            By how many levels parts that share a face may differ (1 is usual); by default any number. A part
+            of several levels differs from others by the least of the differences. Not with ``squares``.
+
+        Raises
+        ------
+        OptionError
+            If the hierarchy is not nested, an argument is not as above, or the coarsest level has more parts.
+        """
+        nodes = best_nodes(self.forest, self.graph, indicator, n_parts, objective, grade)
+        return Cut(self.fine, self.graph, self.forest, nodes, grade)
+
+    def cut_at(self, level: int, *, grade: int | None = None) -> Cut:
+        """The parts of one level as a cut, −1 for the cells: a start for ``refine`` and ``coarsen``."""
+        if not -1 <= level < len(self.levels):
+            raise IndexError(
+                f"level {level} of a hierarchy with levels 0..{len(self.levels) - 1}, and -1: cells"
+            )
+        check_grade(grade)
+        return Cut(self.fine, self.graph, self.forest, self.forest.level(level), grade)
+
+    def above(self, cut: Cut) -> Hierarchy:
+        """The levels that are coarser than a cut somewhere, on its mesh: what multigrid on a cut needs.
+
+        Raises
+        ------
+        OptionError
+            If the cut is none of this hierarchy.
+        """
+        if cut.forest is not self.forest:
+            raise OptionError("the cut belongs to another hierarchy")
+        cells, levels, targets = first_of_each(cut.labels), [], []
+        for level, (labels, target) in enumerate(zip(self.levels, self.targets, strict=True)):
+            stays = cut.levels >= level
+            if not stays.all():
+                levels.append(
+                    by_first_cell(np.where(stays, self.graph.n + np.arange(cut.n_parts), labels[cells]))
+                )
+                targets.append(target)
+        mesh = cut.mesh if self.fine is not None else None
+        graph = mesh.graph if mesh is not None else self.graph.coarsen(cut.labels)
+        return Hierarchy(mesh, graph, levels, targets, True)

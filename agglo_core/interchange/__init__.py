@@ -11,6 +11,8 @@ Each function imports the other package when it is called.
 from __future__ import annotations
 
 from agglo_core.interchange.geojson import from_geojson, to_geojson
+from agglo_core.interchange.metis_read import graph_from_metis, parts_from_metis
+from agglo_core.interchange.metis_write import graph_to_metis, parts_to_metis
 from agglo_core.interchange.networkx_graphs import graph_from_networkx, graph_to_networkx
 from agglo_core.interchange.pyvista_grids import to_pyvista
 from agglo_core.interchange.shapely_in import mesh_from_shapely
@@ -18,10 +20,14 @@ from agglo_core.interchange.shapely_out import mesh_to_shapely
 
 __all__ = [
     "from_geojson",
+    "graph_from_metis",
     "graph_from_networkx",
+    "graph_to_metis",
     "graph_to_networkx",
     "mesh_from_shapely",
     "mesh_to_shapely",
+    "parts_from_metis",
+    "parts_to_metis",
     "to_geojson",
     "to_pyvista",
 ]

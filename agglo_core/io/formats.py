@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
 from agglo_core.errors import AggloError, FileError, PluginError
 from agglo_core.io.unread import why_unread
 from agglo_core.registry import Record, Registry, describe
+from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import shown
 from agglo_core.registry.records import unusable
 
@@ -18,6 +20,7 @@ __all__ = ["Formats", "KnownFormat"]
 
 T = TypeVar("T")
 _log = logging.getLogger("agglo")
+_HEAD = 512  # bytes by which a format may recognise a file
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,8 @@ class Formats:
     def first_accepted(self, path: Path, read: Callable[[KnownFormat], T]) -> T:
         """What ``read`` returns of the first format that claims the file and accepts it.
 
+        If none does, those that recognise its content are asked, whatever its name.
+
         Raises
         ------
         FileError
@@ -72,7 +77,7 @@ class Formats:
             If one misbehaves; no other is asked then.
         """
         refusals: list[tuple[str, AggloError]] = []
-        for known in self._claiming(path):
+        for known in chain(self._claiming(path), self._recognising(path)):
             try:
                 answer = read(self._with_options(known))
             except PluginError:
@@ -124,6 +129,19 @@ class Formats:
             else:
                 yield known
         yield from late
+
+    def _recognising(self, path: Path) -> Iterator[KnownFormat]:
+        """Those that do not claim the file by its name, but by how its content begins."""
+        with open(path, "rb") as stream:
+            head = stream.read(_HEAD)
+        for known, _ in self._survey():
+            if known is None or not known.has("recognises") or known.claims(path) or not head:
+                continue
+            with attributed(known.title):
+                recognised = known.tool.recognises(head)
+            if recognised:
+                _log.info("%s: by its content it is a file of %s", path, known.title)
+                yield known
 
     def _survey(self) -> Iterator[tuple[KnownFormat | None, str]]:
         """Each format, agglo's own first: what can be used, or None and why it cannot be."""

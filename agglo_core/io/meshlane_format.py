@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Meshlane", "OpenFoam"]
+__all__ = ["Meshlane"]
 
 _SUFFIXES = """
     .avs .bdf .cdb .cgns .dat .dato .e .ele .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
@@ -50,30 +50,3 @@ class Meshlane:
         from agglo_core.io.meshlane_write import write_foreign
 
         write_foreign(path, mesh, hierarchy)
-
-
-class OpenFoam:
-    """OpenFOAM cases by the package meshlane: the file, often empty, marks the folder of the case.
-
-    Parameters
-    ----------
-    merge_points : bool
-        Merge exactly equal points on reading.
-    allow_gaps : bool
-        Leave outer faces that lie on one another as they are.
-    """
-
-    suffixes: tuple[str, ...] = (".foam",)
-    lossless: bool = False
-    reads_empty: bool = True
-    last_resort: bool = True
-
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
-        self.merge_points = merge_points
-        self.allow_gaps = allow_gaps
-
-    def read(self, path: Path) -> Mesh:
-        """Return the mesh of the case; raises FileError or MeshError."""
-        from agglo_core.io.meshlane_read import read_foreign
-
-        return read_foreign(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)

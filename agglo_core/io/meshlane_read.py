@@ -67,7 +67,7 @@ def _check_end(path: Path) -> None:
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
     """Cells that meshlane finds, in a separate process; names of tags that are sets, and of data left out."""
-    size = _size(path)
+    size = path.stat().st_size
     seconds, memory = _SECONDS + size // _BYTES_PER_SECOND, _MEMORY + _MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory(prefix="agglo-") as folder:
         target = os.path.join(folder, "cells.npz")
@@ -94,14 +94,6 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
             reason = done.stdout.decode(errors="replace").strip()
             raise FileError(f"meshlane cannot read it: {reason[:300] or 'no reason given'}")
         return _load(target)
-
-
-def _size(path: Path) -> int:
-    """Bytes of a file; of an OpenFOAM case those of its mesh, as the file only marks the place."""
-    size = path.stat().st_size
-    if path.suffix.lower() != ".foam":
-        return size
-    return size + sum(file.stat().st_size for file in path.parent.glob("constant/polyMesh/*"))
 
 
 def _load(target: str) -> tuple[Soup, set[str], list[str]]:

@@ -37,6 +37,10 @@ class Npz:
         self.allow_gaps = allow_gaps
         self.compress = compress
 
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file begins as archives of arrays do."""
+        return head.startswith(b"PK\x03\x04") and b".npy" in head
+
     def read(self, path: Path) -> Mesh:
         """Return the mesh of an archive; raises FileError or MeshError."""
         return self.read_hierarchy(path)[0]

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
 __all__ = ["why_unread"]
 
-_POLYGONS = "polygons are read from .vtu, .vtk, .obj, .ply and .npz"
-_POLYHEDRA = "polyhedra are read from .vtu, .npz and OpenFOAM cases"
+_POLYGONS = "polygons are read from .vtu, .vtk, .obj, .off, .ply and .npz"
 _GMSH_POLYTOPES = ("34", "35")  # Gmsh's element types polygon and polyhedron
 _LINES = 2000  # looked at; what tells one layout from another is in the first few
 
@@ -24,26 +22,6 @@ def why_unread(path: Path) -> str | None:
         return None
 
 
-def _matlab(path: Path) -> str:
-    return (
-        "is a MATLAB file, which is not read yet, as every program names its variables in its own way; "
-        "scipy.io.loadmat and three lines make a mesh of it: see npz in docs/reference/formats.md"
-    )
-
-
-def _tetgen(path: Path) -> str | None:
-    """Polyhedra by their faces: the first line of numbers has two in ``.ele``, and cells have faces."""
-    lines = _numbers(path.with_suffix(".ele"))
-    head, cell, face = (next(lines, []) for _ in range(3))
-    by_faces = len(head) == 2 and len(cell) == 2 and len(face) > 2 and len(face) == 2 + int(face[1])
-    if not by_faces:
-        return None
-    return (
-        "holds polyhedra as lists of faces (REGN_FACE) under TetGen's suffixes, which are not read yet; "
-        f"{_POLYHEDRA}: make the mesh by Mesh.from_polyhedra(points, cells) and write that as .npz"
-    )
-
-
 def _ucd(path: Path) -> str | None:
     """AVS UCD: five counts, then the points from 1 on."""
     lines = _numbers(path)
@@ -54,18 +32,6 @@ def _ucd(path: Path) -> str | None:
         "is an AVS UCD file, which shares its suffix .inp with Abaqus and Ansys and is not read under it; "
         "rename it to .avs"
     )
-
-
-def _off(path: Path) -> str | None:
-    lines = _words(path, comments="#")
-    head = next(lines, [])
-    counts = head[1:] if len(head) > 1 else next(lines, [])
-    if not head[:1] or not head[0].endswith("OFF") or not counts or not counts[0].isdigit():
-        return None
-    faces = islice(lines, int(counts[0]), None)
-    if all(face[0] == "3" for face in islice(faces, _LINES)):
-        return None
-    return f"is an OFF file with other cells than triangles, which are not read from it yet; {_POLYGONS}"
 
 
 def _gmsh(path: Path) -> str | None:
@@ -89,31 +55,6 @@ def _gmsh_types(path: Path) -> Iterator[str]:
             next(islice(lines, int(words[3]) - 1, None), None)  # past the elements of the block
 
 
-def _foam(path: Path) -> str | None:
-    folder = path.parent / "constant" / "polyMesh"
-    if not folder.is_dir():
-        return f"is an OpenFOAM case without its mesh: there is no folder {folder}; blockMesh makes one"
-    zipped = sorted(each.name for each in folder.glob("*.gz"))
-    if zipped:
-        return (
-            f"is an OpenFOAM case with compressed files ({', '.join(zipped)}), which are not read yet; "
-            f"unpack them: gunzip {folder}/*.gz"
-        )
-    if any(
-        re.search(rb"format\s+binary", _head(file)) for file in sorted(folder.iterdir()) if file.is_file()
-    ):
-        return (
-            "is an OpenFOAM case in a binary form that is not read; "
-            "write it as text: writeFormat ascii in system/controlDict, then foamFormatConvert"
-        )
-    return None
-
-
-def _head(file: Path) -> bytes:
-    with open(file, "rb") as stream:
-        return stream.read(2000)
-
-
 def _words(path: Path, comments: str | None) -> Iterator[list[str]]:
     """The words of each line of a text, without comments and empty lines."""
     with open(path, encoding="utf-8", errors="replace") as lines:
@@ -128,11 +69,6 @@ def _numbers(path: Path) -> Iterator[list[str]]:
 
 
 _LOOKS = {
-    ".mat": _matlab,
-    ".node": _tetgen,
-    ".ele": _tetgen,
     ".inp": _ucd,
-    ".off": _off,
     ".msh": _gmsh,
-    ".foam": _foam,
 }

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from agglo_core.errors import FileError
 
-__all__ = ["DERIVED", "TYPES", "Document", "is_derived", "parse"]
+__all__ = ["DERIVED", "TYPES", "Document", "is_derived", "parse", "vtk_root"]
 
 DERIVED = 'agglo="derived"'
 """Attribute of our own DataArrays that follow from the mesh or its hierarchy; VTK passes over it."""
@@ -184,16 +184,7 @@ def parse(content: bytes) -> Document:
         For anything but a whole VTKFile of type UnstructuredGrid.
     """
     text, appended, raw = _split_appended(content)
-    if any(mark in text for mark in _DOCTYPES):  # where entities are declared that grow without end
-        raise FileError("it has a document type declaration, which no VTK file has; it is not read")
-    try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise FileError(f"not well-formed XML: {error}") from None
-    if root.tag != "VTKFile" or root.get("type") != "UnstructuredGrid":
-        raise FileError(
-            f"expected a VTKFile of type UnstructuredGrid, found {root.tag} of type {root.get('type')}"
-        )
+    root = vtk_root(text, "UnstructuredGrid")
     orders: dict[str, Literal["<", ">"]] = {"LittleEndian": "<", "BigEndian": ">"}
     order = orders.get(root.get("byte_order", "LittleEndian"))
     header = {"UInt32": "u4", "UInt64": "u8"}.get(root.get("header_type", "UInt32"))
@@ -205,6 +196,19 @@ def parse(content: bytes) -> Document:
     return Document(
         root, order, np.dtype(header).newbyteorder(order), _COMPRESSORS[compressor], appended, raw
     )
+
+
+def vtk_root(text: bytes, kind: str) -> ElementTree.Element:
+    """Root of the XML of a VTKFile of some type; FileError for anything else."""
+    if any(mark in text for mark in _DOCTYPES):  # where entities are declared that grow without end
+        raise FileError("it has a document type declaration, which no VTK file has; it is not read")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise FileError(f"not well-formed XML: {error}") from None
+    if root.tag != "VTKFile" or root.get("type") != kind:
+        raise FileError(f"expected a VTKFile of type {kind}, found {root.tag} of type {root.get('type')}")
+    return root
 
 
 def _split_appended(content: bytes) -> tuple[bytes, bytes | memoryview, bool]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, Mask, frozen_int
 from agglo_core.io.bridges import single_loops
+from agglo_core.io.plain_cells import half_faces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import (
     CORNERS,
@@ -66,7 +67,7 @@ def cells_of(mesh: Mesh) -> Cells:
     """
     if mesh.dim == 2:
         return _plane(mesh)
-    solids = _half_faces(mesh)
+    solids = half_faces(mesh)
     offsets, used = mesh.cell_vertices
     types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(used, np.int64)
     bent = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
@@ -115,28 +116,6 @@ def _bent(mesh: Mesh) -> Mask:
     corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
     bent[quads] = ~_convex(mesh.local_points[corners])
     return bent
-
-
-def _half_faces(mesh: Mesh) -> Polyhedra:
-    """Faces of every cell in the order of ``cell_faces``, each counter-clockwise seen from outside it."""
-    offsets, faces = mesh.cell_faces
-    loop_offsets = np.concatenate(([0], np.cumsum(np.diff(mesh.face_offsets)[faces])))
-    vertices = np.empty(loop_offsets[-1], np.int64)
-    for start in range(0, mesh.n_cells, _CHUNK):
-        stop = min(start + _CHUNK, mesh.n_cells)
-        cells = np.repeat(np.arange(start, stop), np.diff(offsets[start : stop + 1]))
-        first, last = loop_offsets[offsets[[start, stop]]]
-        vertices[first:last] = _seen_from(mesh, cells, faces[offsets[start] : offsets[stop]])
-    return Polyhedra(offsets, frozen_int(loop_offsets), frozen_int(vertices))
-
-
-def _seen_from(mesh: Mesh, cells: Int, faces: Int) -> Int:
-    """Vertices of the faces, one after the other, each counter-clockwise as seen from outside its cell."""
-    loop_offsets, places = gather(mesh.face_offsets, faces)
-    sizes = np.diff(loop_offsets)
-    ends = np.repeat(mesh.face_offsets[faces] + mesh.face_offsets[faces + 1] - 1, sizes)
-    inward = np.repeat(mesh.face_cells[faces, 0] != cells, sizes)
-    return frozen_int(mesh.face_vertices[np.where(inward, ends - places, places)])
 
 
 def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:

@@ -39,6 +39,10 @@ class Vtu:
         self.allow_gaps = allow_gaps
         self.compress = compress
 
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file begins as these do."""
+        return b"<VTKFile" in head and b"UnstructuredGrid" in head and b"PUnstructuredGrid" not in head
+
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a VTU file; raises FileError or MeshError."""
         from agglo_core.io.vtu_read import read_vtu

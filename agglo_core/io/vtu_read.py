@@ -18,7 +18,7 @@ from agglo_core.io.vtu_arrays import TYPES, Document, is_derived, parse
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate, gather, take_cells
 
-__all__ = ["read_vtu"]
+__all__ = ["Stored", "mesh_from_pieces", "read_vtu", "stored_pieces"]
 
 _VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
 _FEW = 1 << 15  # points below which nobody counts
@@ -33,20 +33,40 @@ def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh.
     """
-    document = parse(path.read_bytes())
+    return mesh_from_pieces(
+        stored_pieces(path.read_bytes()), merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
+    )
+
+
+class Stored(NamedTuple):
+    """What a file holds: its pieces, and the names of cell data that are no tags, one for each piece."""
+
+    pieces: list[Soup]
+    left_out: list[str]
+
+
+def stored_pieces(content: bytes) -> Stored:
+    """The pieces of a VTU file; raises FileError."""
+    document = parse(content)
     grid = document.root.find("UnstructuredGrid")
-    _check_places(grid.iterfind("Piece//DataArray") if grid is not None else ())
-    pieces = [_piece(document, piece) for piece in (grid.findall("Piece") if grid is not None else [])]
-    soup = _join([piece for piece in pieces if len(piece.types)] or pieces)
-    soup, ghosts = _without_ghosts(soup)
+    if grid is None:
+        return Stored([], [])
+    _check_places(grid.iterfind("Piece//DataArray"))
+    data = grid.iterfind("Piece/CellData/DataArray")
+    left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
+    return Stored([_piece(document, piece) for piece in grid.findall("Piece")], left)
+
+
+def mesh_from_pieces(stored: Stored, *, merge_points: bool, allow_gaps: bool, name: str) -> Mesh:
+    """Mesh of pieces, joined without the ghost cells that repeat each other; raises an AggloError."""
+    pieces, counts = zip(*map(_without_ghosts, stored.pieces), strict=True) if stored.pieces else ((), ())
+    soup = _join([piece for piece in pieces if len(piece.types)] or list(pieces))
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
-    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=weak, name=path.stem)
-    mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
-    data = grid.iterfind("Piece/CellData/DataArray") if grid is not None else ()
-    left = (each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each))
-    return note_left_out(mesh, left)
+    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=weak, name=name)
+    mesh = with_repairs(mesh, {"ghost cells dropped": sum(counts)})
+    return note_left_out(mesh, stored.left_out)
 
 
 def _check_places(elements: Iterable[ElementTree.Element]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.io.atomic import staging
 from agglo_core.io.level_values import (
     LevelValues,
@@ -19,6 +19,7 @@ from agglo_core.io.level_values import (
     check_level_values,
     under_free_names,
 )
+from agglo_core.io.plain_cells import used_points
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
 from agglo_core.io.vtu_arrays import DERIVED
 from agglo_core.io.vtu_cells import POLYHEDRON, Cells, cells_of
@@ -115,7 +116,7 @@ def _piece(mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[An
     cells, data = cells_of(mesh), dict(tags)
     if (cells.loops > 1).any():
         data[BRIDGES] = cells.loops
-    points, number = _used(mesh)
+    points, number = used_points(mesh)
     return Piece(points, _cell_arrays(cells, number), {}, data, derived, DERIVED)
 
 
@@ -124,15 +125,6 @@ def _coarse_piece(
 ) -> Piece:
     kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
     return _piece(coarse, kept, under_free_names(about_agglomerates(levels, level, coarse, values), taken))
-
-
-def _used(mesh: Mesh) -> tuple[Float, Int | None]:
-    """Points that faces use (a coarse mesh keeps all), and the new number of each point unless all stay."""
-    used = np.zeros(mesh.n_points, bool)
-    used[mesh.face_vertices] = True
-    if used.all():
-        return mesh.points, None
-    return frozen_float(mesh.points[used]), frozen_int(np.cumsum(used) - 1)
 
 
 def _cell_arrays(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:

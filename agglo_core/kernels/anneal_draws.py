@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 
 from agglo_core.kernels.anneal_state import COUNT
 from agglo_core.kernels.compiling import ONE, helper
 
-__all__ = ["EVERY", "drawn_loss", "drawn_move", "ramp", "window"]
+__all__ = ["Shares", "drawn_loss", "drawn_move", "most_draws", "share_seed"]
 
-EVERY = 128
-"""Draws between two changes of temperature, penalty and window."""
 
-_MANY, _WINDOW, _LEVELS, _SLIDE = 1536, 768, 80, 311
-"""More cells are annealed in windows of so many, which slide along the order of the cells: each is visited at
-so many temperatures, and begins so many cells further on each time."""
+class Shares(NamedTuple):
+    """Cells share by share, where each share starts ``(S + 1,)``, the share of each part ``(k,)``.
+
+    The parts of a share trade cells among themselves and know nothing of the others meanwhile, so that
+    several threads may work at them.
+    """
+
+    cells: Any
+    starts: Any
+    of_part: Any
+
 
 _STEP, _MIX, _LAST = (np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _HALF, _MIDDLE, _SHORT = np.uint64(30), np.uint64(27), np.uint64(31)
@@ -32,38 +40,32 @@ def _random(state):
 
 
 @helper
-def ramp(turn, moves, ramps):
-    """Temperature and penalty at this turn, each on its way from the first to the last by equal factors."""
-    hot, cold, soft, stiff = ramps
-    done = turn / moves
-    return hot * np.exp(np.log(cold / hot) * done), soft * np.exp(np.log(stiff / soft) * done)
+def most_draws(rounds):
+    """Draws for each cell in all rounds, or more; a round is a temperature, a penalty and draws."""
+    most = np.int64(0)
+    for r in range(rounds.shape[1]):
+        most += np.int64(rounds[2, r]) + 1
+    return most
 
 
 @helper
-def window(turn, moves, n):
-    """The first cell of those drawn from at this turn, and how many there are; they go on from the start."""
-    windows = n // _WINDOW if n > _MANY else 1
-    if windows == 1:
-        return np.uint64(0), np.uint64(n)
-    visit = turn // max(1, moves // (_LEVELS * windows))
-    w, slide = visit % windows, visit // windows * _SLIDE % _WINDOW
-    first = w * n // windows
-    return np.uint64(first + slide), np.uint64((w + 1) * n // windows - first)
+def share_seed(seed, s):
+    """Where the random numbers of a share begin."""
+    return np.uint64(seed) ^ np.uint64(s + 1) * _STEP
 
 
 @helper
-def drawn_move(state, span, cells, parts):
-    """A cell of the window, its part, and that of one of its neighbours: the same if nothing can move."""
+def drawn_move(state, s, shares, cells, parts):
+    """A cell of share s, its part, and that of one of its neighbours: the same if nothing can move."""
     state, bits = _random(state)
-    n = np.uint64(len(parts.labels))
-    i = span[0] + ((bits >> _WORD) * span[1] >> _WORD)
-    i = i - n if i >= n else i
-    begin, p = np.uint64(cells.indptr[i]), parts.labels[i]
-    beside = np.uint64(cells.indptr[i + ONE]) - begin
+    begin, count = np.uint64(shares.starts[s]), np.uint64(shares.starts[s + 1] - shares.starts[s])
+    i = np.uint64(np.uint32(shares.cells[begin + ((bits >> _WORD) * count >> _WORD)]))
+    first, p = np.uint64(cells.indptr[i]), parts.labels[i]
+    beside = np.uint64(cells.indptr[i + ONE]) - first
     if beside == 0 or parts.tally[p, COUNT] < 2.0:
         return state, np.int64(i), p, p
-    q = parts.labels[np.uint32(cells.indices[begin + ((bits & _LOW) * beside >> _WORD)])]
-    return state, np.int64(i), p, q
+    q = parts.labels[np.uint32(cells.indices[first + ((bits & _LOW) * beside >> _WORD)])]
+    return state, np.int64(i), p, (q if shares.of_part[q] == s else p)
 
 
 @helper

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.anneal_draws import EVERY, drawn_loss, drawn_move, ramp, window
+from agglo_core.kernels.anneal_draws import drawn_loss, drawn_move, most_draws, share_seed
 from agglo_core.kernels.anneal_state import (
     COUNT,
     DIAMETER,
@@ -83,21 +83,25 @@ def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
 
 
 @kernel(allocates=False)
-def anneal(cells, parts, work, how, ramps, moves, seed):
-    """Draw ``moves`` cells and let each go to the part of a random neighbour, as the temperature allows.
+def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
+    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
 
-    ``ramps`` are the first and last temperature and penalty. No part is emptied or disconnected. Returns how
-    many cells moved. Turns are the stamps of searches, so that the room of ``part_state`` serves once.
+    ``rounds`` are temperatures, penalties, and draws for each cell ``(3, R)``. No part is emptied or
+    disconnected. Returns how many cells moved. ``stamp`` and what follows mark searches, so that the room of
+    ``part_state`` serves once: for each cell as many as draws in all rounds, and one more a round.
     """
-    n, state, moved = len(parts.labels), np.uint64(seed), 0
-    span, heat, penalty = window(0, moves, n), 1.0, 1.0
-    for turn in range(moves):
-        if turn % EVERY == 0:
-            span, (heat, penalty) = window(turn, moves, n), ramp(turn, moves, ramps)
-        state, i, p, q = drawn_move(state, span, cells, parts)
-        if p == q:
-            continue
-        state, loss = drawn_loss(state, heat)
-        least = _of_part(p, parts, how, penalty) + _of_part(q, parts, how, penalty) + loss
-        moved += _tried(i, p, q, least, how, penalty, cells, parts, work, turn)
+    moved, most = 0, most_draws(rounds)
+    for s in range(start, stop):
+        state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
+        mark = stamp + most * shares.starts[s]
+        for r in range(rounds.shape[1]):
+            heat, penalty = rounds[0, r], rounds[1, r]
+            for _ in range(np.int64(rounds[2, r] * count)):
+                mark += 1
+                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                if p == q:
+                    continue
+                state, loss = drawn_loss(state, heat)
+                least = _of_part(p, parts, how, penalty) + _of_part(q, parts, how, penalty) + loss
+                moved += _tried(i, p, q, least, how, penalty, cells, parts, work, mark)
     return moved

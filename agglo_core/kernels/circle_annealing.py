@@ -15,7 +15,7 @@ from agglo_core.kernels.anneal_circles import (
     outline,
     touches,
 )
-from agglo_core.kernels.anneal_draws import EVERY, drawn_loss, drawn_move, ramp, window
+from agglo_core.kernels.anneal_draws import drawn_loss, drawn_move, most_draws, share_seed
 from agglo_core.kernels.anneal_state import (
     COUNT,
     DIAMETER,
@@ -132,17 +132,21 @@ def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, sta
 
 
 @kernel(allocates=False)
-def anneal_circles(cells, edges, parts, circles, work, how, ramps, moves, seed):
-    """Draw ``moves`` cells as ``anneal`` does; the ratios of circles take the place of the other one."""
-    n, state, moved = len(parts.labels), np.uint64(seed), 0
-    span, heat, penalty = window(0, moves, n), 1.0, 1.0
-    for turn in range(moves):
-        if turn % EVERY == 0:
-            span, (heat, penalty) = window(turn, moves, n), ramp(turn, moves, ramps)
-        state, i, p, q = drawn_move(state, span, cells, parts)
-        if p == q:
-            continue
-        state, loss = drawn_loss(state, heat)
-        least = _of_part(p, parts, circles, how, penalty) + _of_part(q, parts, circles, how, penalty) + loss
-        moved += _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, turn)
+def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, how, rounds, seed, stamp):
+    """Draw cells as ``anneal`` does; the ratios of circles take the place of the other one."""
+    moved, most = 0, most_draws(rounds)
+    for s in range(start, stop):
+        state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
+        mark = stamp + most * shares.starts[s]
+        for r in range(rounds.shape[1]):
+            heat, penalty = rounds[0, r], rounds[1, r]
+            for _ in range(np.int64(rounds[2, r] * count)):
+                mark += 1
+                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                if p == q:
+                    continue
+                state, loss = drawn_loss(state, heat)
+                least = _of_part(p, parts, circles, how, penalty) + _of_part(q, parts, circles, how, penalty)
+                rest = cells, parts, edges, circles, work, mark
+                moved += _tried(i, p, q, least + loss, how, penalty, *rest)
     return moved

@@ -54,17 +54,30 @@ def permute_graph(indptr, indices, interface, order, offsets):
 
     Edges between blocks, and to nodes left out, are dropped.
     """
-    position = np.full(len(indptr) - 1, -1, np.int32)
-    room = 0
-    for i in range(len(order)):
-        node = np.uint64(order[i])
+    n, missing, room, m = len(indptr) - 1, 0, 0, np.uint64(0)
+    position = np.full(n, -1, np.int32)
+    for i in range(np.uint64(len(order))):
+        node = np.uint64(np.uint32(order[i]))
         position[node] = i
+    for k in range(n):
+        missing += position[k] < 0
+    whole = len(order) == n and missing == 0 and len(offsets) == 2
+    if whole:
+        room = len(indices)
+    for i in range(0 if whole else len(order)):
+        node = np.uint64(order[i])
         room += indptr[node + ONE] - indptr[node]
     new_indptr = np.zeros(len(order) + 1, np.int64)
-    new_indices = np.empty(room, np.int32)
-    new_interface = np.empty(room)
-    m = 0
-    for b in range(len(offsets) - 1):
+    new_indices, new_interface = np.empty(room, np.int32), np.empty(room)
+    for i in range(np.uint64(len(order) if whole else 0)):  # no edge is dropped: rows, then their places
+        node = np.uint64(np.uint32(order[i]))
+        for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
+            new_indices[m], new_interface[m] = indices[h], interface[h]
+            m += ONE
+        new_indptr[i + ONE] = m
+    for h in range(m):
+        new_indices[h] = position[np.uint32(new_indices[h])]
+    for b in range(0 if whole else len(offsets) - 1):
         start, stop = offsets[b], offsets[b + 1]
         for i in range(start, stop):
             node = np.uint64(order[i])
@@ -72,7 +85,7 @@ def permute_graph(indptr, indices, interface, order, offsets):
                 j = position[np.uint32(indices[h])]
                 new_indices[m] = j
                 new_interface[m] = interface[h]
-                m += (start <= j) & (j < stop)  # no branch: it would be mispredicted half the time
+                m += np.uint64((start <= j) & (j < stop))  # no branch: it would be mispredicted
             new_indptr[i + 1] = m
     return new_indptr, new_indices[:m], new_interface[:m]
 

@@ -4,27 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.kernels.compiling import helper, kernel
+from agglo_core.kernels.compiling import ONE, helper, kernel
 from agglo_core.kernels.graphs import flood
 
 __all__ = ["broken_parts", "extend_parts", "lone_cells"]
 
+_TOGETHER = np.int64(1024)
+"""Cells that are listed at a time: what was read of them is in the cache when it is read again."""
 
-@kernel(allocates=False)
-def lone_cells(start, stop, indptr, indices, labels, lone):
-    """List the cells start..stop − 1 with no neighbour of their label before them; returns how many.
+_CROWD = np.uint64(16)
+"""Cells with so many neighbours would be read again and again."""
 
-    The first cell of a part is one of them, and so is that of each of its components.
-    """
-    count = 0
-    for i in range(start, stop):
-        own, joined = labels[i], False
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
-            joined |= (j < i) & (labels[j] == own)  # no branch: it would be mispredicted half the time
-        lone[count] = i
-        count += not joined
-    return count
+
+@helper
+def _near_earlier(x, indptr, indices, labels):
+    """Whether a neighbour of cell x with its label has one before x; neighbours with a crowd do not count."""
+    own, met = labels[x], False
+    for h in range(np.uint64(indptr[x]), np.uint64(indptr[x + ONE])):
+        j = np.uint64(np.uint32(indices[h]))
+        same, begin, end = labels[j] == own, np.uint64(indptr[j]), np.uint64(indptr[j + ONE])
+        for g in range(begin, end if end - begin < _CROWD else begin):
+            i = np.uint32(indices[g])
+            met |= same & (i < x) & (labels[i] == own)  # no branch: it would be mispredicted half the time
+    return met
 
 
 @helper
@@ -33,49 +35,76 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
 
     The search gives up once that is negative. Marks of other searches differ from x.
     """
-    own, done, filled, met = labels[x], 0, 1, False
-    queue[0], marks[x] = x, x
+    own, done, filled, met, mark = labels[x], np.uint64(0), ONE, False, np.int32(x)
+    queue[0], marks[x] = mark, mark
     while done < filled and not met:
-        i = queue[done]
-        done += 1
-        left -= indptr[i + 1] - indptr[i]
+        i = np.uint64(np.uint32(queue[done]))
+        done += ONE
+        begin, end = np.uint64(indptr[i]), np.uint64(indptr[i + ONE])
+        left -= np.int64(end - begin)
         if left < 0:
             break
-        for h in range(indptr[i], indptr[i + 1]):
-            j = indices[h]
+        for h in range(begin, end):
+            j = np.uint32(indices[h])
             same = labels[j] == own
             met |= same & (j < x)
             queue[filled] = j  # kept only if it is new; branches would be mispredicted half the time
-            filled += same & (marks[j] != x)
-            marks[j] = x
+            filled += np.uint64(same & (marks[j] != mark))
+            marks[j] = mark
     return met, left
+
+
+@kernel
+def lone_cells(start, stop, indptr, indices, labels, count, lone):
+    """List the cells start..stop − 1 that are not connected with one of their label before them; how many.
+
+    Listed are also those that are the first there of one of the ``count`` labels, and those of which it is
+    not known, as the searches had read as many edges as there are.
+    """
+    n, left, kept, seen = len(labels), len(indices), np.uint64(0), np.zeros(count, np.bool_)
+    marks, queue = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
+    for first in range(start, stop, _TOGETHER):
+        listed = kept
+        for i in range(np.uint64(first), np.uint64(min(first + _TOGETHER, stop))):
+            own, joined = labels[i], False
+            for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+                j = np.uint32(indices[h])
+                joined |= (j < i) & (labels[j] == own)  # no branch: it would be mispredicted half the time
+            lone[listed] = i
+            listed += np.uint64(not joined)
+        for k in range(kept, listed):
+            x = np.uint64(np.uint32(lone[k]))
+            own = np.uint32(labels[x])
+            met = seen[own] and _near_earlier(x, indptr, indices, labels)
+            if not met and seen[own] and left >= 0:
+                met, left = _meets_earlier(x, indptr, indices, labels, marks, queue, left)
+            seen[own] = True
+            lone[kept] = x
+            kept += np.uint64(not met)
+    return np.int64(kept)
 
 
 @kernel
 def broken_parts(lone, indptr, indices, labels, asked):
     """Which of the parts ``asked (k,)`` are not connected; ``lone`` are all cells told by ``lone_cells``.
 
-    A part is connected if each of its cells but the first is with one before it. Lone cells look for one,
-    which is near in a good numbering. Should they read more edges than there are, the parts are flooded.
+    A part is connected if each of its cells but the first is with one before it. Of which that is not known
+    are flooded: nearly always none, in a good numbering.
     """
-    n, left = len(labels), len(indices)
-    marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
+    n, doubtful = len(labels), False
     seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)
-    for x in lone:
-        own = labels[x]
-        if not seen[own]:
-            seen[own] = True
-        elif asked[own] and not broken[own]:
-            met, left = _meets_earlier(x, indptr, indices, labels, marks, nodes, left)
-            if left < 0:
-                break
-            broken[own] = not met
-    if left >= 0:
+    for k in range(len(lone)):
+        own = np.uint32(labels[np.uint32(lone[k])])
+        broken[own] |= seen[own] & asked[own]
+        doubtful |= broken[own]
+        seen[own] = True
+    if not doubtful:
         return broken
-    for p in range(len(asked)):
-        seen[p] = False
+    marks, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
     for i in range(n):
-        marks[i] = labels[i] if asked[labels[i]] else -1
+        marks[i] = labels[i] if broken[labels[i]] else -1
+    for p in range(len(asked)):
+        seen[p], broken[p] = False, False
     for seed in range(n):
         own = labels[seed]
         if marks[seed] >= 0:

@@ -28,14 +28,13 @@ def point_room(m):
 @helper
 def load_piece(graph, cells, lo, hi, own):
     """Fill the point room, ``own[0]``; returns the largest extent of the centroids along an axis."""
-    _, _, _, centroids, measures, weights, _, _ = graph
+    centroids, weights = graph[3], graph[5]
     local, shares, scales = own[0]
-    n, first, start, total, measure = hi - lo, cells[lo], np.uint64(lo), 0.0, 0.0
+    n, first, start, total = hi - lo, cells[lo], np.uint64(lo), 0.0
     for k in range(np.uint64(n)):
         i = np.uint32(cells[start + k])
         shares[k] = weights[i]
         total += weights[i]
-        measure += measures[i]
     extent = 0.0
     for c in range(centroids.shape[1]):
         low, high, origin = 0.0, 0.0, centroids[first, c]
@@ -44,7 +43,7 @@ def load_piece(graph, cells, lo, hi, own):
             local[c, k] = place
             low, high = min(low, place), max(high, place)
         extent = max(extent, high - low)
-    scales[0], scales[1], scales[2] = centre_points(n, centroids.shape[1], local, shares, total, measure)
+    scales[0], scales[1], scales[2] = centre_points(n, centroids.shape[1], local, shares, total, total)
     return extent
 
 

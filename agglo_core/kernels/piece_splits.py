@@ -18,7 +18,6 @@ from agglo_core.kernels.widths import is_wider
 
 __all__ = [
     "SAMPLED",
-    "broken_pieces",
     "cells_beside",
     "is_chosen",
     "is_narrow",
@@ -156,38 +155,6 @@ def tagged_components(cells, indptr, indices, tag, parent):
     for c in range(len(cells)):
         count -= join_before(cells[c], 0, indptr, indices, tag, parent)[0]
     return count
-
-
-@kernel
-def broken_pieces(slices, cells, indptr, indices, tag, leaf, reached):
-    """Which pieces ``(lo, hi, …)`` have parts that are not connected; ``reached (n,)`` is a work array."""
-    broken, largest = np.empty(len(slices), np.bool_), np.int64(0)
-    for s in range(len(slices)):
-        largest = max(largest, slices[s, 1] - slices[s, 0])
-    queue = np.empty(largest + 1, np.int32)
-    for s in range(len(slices)):
-        lo, hi, parts = slices[s, 0], slices[s, 1], 0
-        for k in range(lo, hi):
-            reached[cells[k]] = 0
-            parts += leaf[k]
-        for k in range(lo, hi if parts > 1 else lo):  # one that was not split has no tag of its own
-            seed = cells[k]
-            if reached[seed]:
-                continue
-            own, done, filled = tag[seed], np.uint64(0), ONE
-            reached[seed], queue[0] = 1, seed
-            parts -= 1
-            while done < filled:
-                i = np.uint32(queue[done])
-                done += ONE
-                for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
-                    j = np.uint32(indices[h])
-                    same = tag[j] == own
-                    queue[filled] = j  # kept only if new; a branch would be mispredicted half the time
-                    filled += np.uint64(same and not reached[j])
-                    reached[j] |= same
-        broken[s] = parts < 0
-    return broken
 
 
 @helper

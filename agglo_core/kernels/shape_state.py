@@ -99,31 +99,28 @@ def part_tally(labels, count, centroids, weights, measures, floor):
 
 
 @kernel
-def interface_cells(given, parts, tally, starts):
-    """Inertia and interface of each block ``(B, 2)``, and which cells the first sweep looks at.
+def interface_cells(given, parts, tally, block, count):
+    """Inertia and interface of each block ``(count, 2)``, and which cells the first sweep looks at.
 
-    These have 0 in ``due (n,)``, others −1. The parts of a block are numbered from ``starts[b]`` on.
+    These have 0 in ``due (n,)``, others −1. The block of each part is ``block (k,)``.
     """
-    n, solid, several = len(parts), given.centroids.shape[1] > 2, len(starts) > 2
-    blocks, due, owner = np.zeros((len(starts) - 1, 2)), np.empty(n, np.int8), np.empty(len(tally), np.int32)
-    for b in range(len(blocks)):
-        for p in range(starts[b], starts[b + 1]):
-            owner[p] = b
+    n, solid, several = len(parts), given.centroids.shape[1] > 2, count > 1
+    blocks, due = np.zeros((count, 2)), np.empty(n, np.int8)
     for i in range(np.uint64(n)):
         home, length, others = np.uint32(parts[i]), 0.0, np.int64(0)
-        block = np.uint32(owner[home])
+        own = np.uint32(block[home])
         for h in range(np.uint64(given.indptr[i]), np.uint64(given.indptr[i + ONE])):
             q = np.uint32(parts[np.uint32(given.indices[h])])
             other = np.int64(q != home)
             if several:
-                other &= owner[q] == block
+                other &= block[q] == own
             others += other
             length += given.interface[h] * other  # no branch: it would be mispredicted
         square = (given.centroids[i, 0] - tally[home, CENTRE]) ** 2
         square += (given.centroids[i, 1] - tally[home, CENTRE + 1]) ** 2
         square += (given.centroids[i, 2] - tally[home, CENTRE + 2]) ** 2 if solid else 0.0
-        blocks[block, 0] += given.weights[i] * square
-        blocks[block, 1] += 0.5 * length
+        blocks[own, 0] += given.weights[i] * square
+        blocks[own, 1] += 0.5 * length
         due[i] = 0 if others else -1
     return blocks, due
 

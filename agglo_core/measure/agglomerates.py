@@ -43,6 +43,8 @@ class Level:
         unless asked for), ``values`` lacks it.
     objectives : mapping of name to float
         Objectives of the partition that were chosen.
+    better : mapping of name to "high" or "low"
+        What the metrics say of their values.
     """
 
     target: Mapping[str, Any]
@@ -51,6 +53,7 @@ class Level:
     values: Mapping[str, Float]
     metrics: Sequence[str] = RATIOS
     objectives: Mapping[str, float] = field(default_factory=dict)
+    better: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def line(self) -> dict[str, Any]:
@@ -170,6 +173,7 @@ def measure_levels(
     """
     chosen, shown = _chosen(mesh, registry, metrics)
     measured = {**chosen.metrics, **built_metrics(["components"], registry)}
+    better = {name: getattr(metric.tool, "better", "high") for name, metric in chosen.metrics.items()}
     levels = []
     with followed(progress, verbose) as listen, phase(listen, "measuring") as tell:
         for place, (labels, target) in enumerate(zip(hierarchy.levels, hierarchy.targets, strict=True)):
@@ -182,7 +186,7 @@ def measure_levels(
                 **_measured(mesh, coarse, labels, measured, own),
             }
             objectives = {each.name: each.value(hierarchy.graph, labels) for each in chosen.objectives}
-            levels.append(Level(target, labels, coarse, values, shown, objectives))
+            levels.append(Level(target, labels, coarse, values, shown, objectives, better))
     return levels
 
 

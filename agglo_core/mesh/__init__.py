@@ -4,10 +4,12 @@ from agglo_core.mesh.checks import box_centre, check_labels
 from agglo_core.mesh.diameters import compared_diameters, diameters_of, wide_parts
 from agglo_core.mesh.loops import Loops
 from agglo_core.mesh.polytopal import Mesh
+from agglo_core.mesh.simplification import Simplification
 
 __all__ = [
     "Loops",
     "Mesh",
+    "Simplification",
     "box_centre",
     "check_labels",
     "compared_diameters",

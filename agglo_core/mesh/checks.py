@@ -15,6 +15,7 @@ from agglo_core.errors import MeshError
 __all__ = [
     "box_centre",
     "check_extent",
+    "check_faces",
     "check_indices",
     "check_labels",
     "check_offsets",
@@ -59,6 +60,20 @@ def check_points(points: ArrayLike) -> Float:
         bad = np.flatnonzero(~finite.all(axis=1))
         raise MeshError(f"point {bad[0]} is not finite: {array[bad[0]].tolist()} ({len(bad)} such points)")
     return array
+
+
+def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
+    """Raise MeshError if the arrays of a mesh do not fit together."""
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {points.shape}")
+    if cells.ndim != 2 or cells.shape[1] != 2:
+        raise MeshError(f"face_cells must have shape (n_faces, 2), not {cells.shape}")
+    if len(offsets) != len(cells) + 1 or offsets[-1] != len(vertices):
+        raise MeshError("face_offsets do not match face_cells and face_vertices")
+    if len(vertices) and (vertices.min() < 0 or vertices.max() >= len(points)):
+        raise MeshError(f"face_vertices must lie in 0..{len(points) - 1}")
+    if len(cells) and (cells[:, 0].min() < 0 or cells[:, 1].min() < -1):
+        raise MeshError("every face needs an owner cell, and a neighbour cell or -1")
 
 
 def check_extent(points: Float) -> None:

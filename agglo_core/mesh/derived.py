@@ -135,6 +135,13 @@ class Derived:
         return frozen_float(np.linalg.norm(self._face_vectors, axis=1))
 
     @cached_property
+    def face_centroids(self) -> Float:
+        """Centroids of the faces ``(n_faces, d)``, in 2-D the midpoints of the edges."""
+        if self.dim == 3:
+            return frozen_float(self._face_moments[1] + self.origin)
+        return frozen_float(self.points.take(self.face_pairs, axis=0).mean(axis=1))
+
+    @cached_property
     def face_normals(self) -> Float:
         """Unit normals outward from the owner ``(n_faces, d)``; 0 for faces of no measure."""
         length = self.face_measures[:, None]

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import MeshError, OptionError
-from agglo_core.mesh.checks import check_labels, check_tags, note_repairs
+from agglo_core.errors import OptionError
+from agglo_core.mesh.checks import check_faces, check_labels, check_tags, note_repairs
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
 from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
-from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.elsewhere import Interchange
 from agglo_core.mesh.polygons import Faces, build_polygons
 from agglo_core.mesh.polyhedra import build_polyhedra
 from agglo_core.mesh.renumbering import renumbered_arrays
+from agglo_core.mesh.simplification import Simplification, recorded
+from agglo_core.mesh.simplify import simplify
+from agglo_core.mesh.tagging import Tagged
 
 __all__ = ["Mesh"]
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh(Derived):
+class Mesh(Derived, Interchange, Tagged):
     """A polygonal (d = 2) or polyhedral (d = 3) mesh, face by face.
 
     Build one with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
@@ -48,6 +50,8 @@ class Mesh(Derived):
         What was normalised when the mesh was built.
     name : str
         For reports.
+    simplification : Simplification, optional
+        What :meth:`simplified` changed, if the mesh was made by it.
     """
 
     points: Float
@@ -58,22 +62,13 @@ class Mesh(Derived):
     face_tags: Mapping[str, Int] = field(default_factory=dict)
     repairs: Mapping[str, int] = field(default_factory=dict)
     name: str = ""
+    simplification: Simplification | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", frozen_float(self.points))
         for key in ("face_offsets", "face_vertices", "face_cells"):
             object.__setattr__(self, key, frozen_int(getattr(self, key)))
-        if self.points.ndim != 2 or self.points.shape[1] not in (2, 3):
-            raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {self.points.shape}")
-        if self.face_cells.ndim != 2 or self.face_cells.shape[1] != 2:
-            raise MeshError(f"face_cells must have shape (n_faces, 2), not {self.face_cells.shape}")
-        if len(self.face_offsets) != self.n_faces + 1 or self.face_offsets[-1] != len(self.face_vertices):
-            raise MeshError("face_offsets do not match face_cells and face_vertices")
-        vertices, cells = self.face_vertices, self.face_cells
-        if len(vertices) and (vertices.min() < 0 or vertices.max() >= self.n_points):
-            raise MeshError(f"face_vertices must lie in 0..{self.n_points - 1}")
-        if len(cells) and (cells[:, 0].min() < 0 or cells[:, 1].min() < -1):
-            raise MeshError("every face needs an owner cell, and a neighbour cell or -1")
+        check_faces(self.points, self.face_offsets, self.face_vertices, self.face_cells)
         object.__setattr__(self, "cell_tags", check_tags("cell", self.cell_tags, self.n_cells))
         object.__setattr__(self, "face_tags", check_tags("face", self.face_tags, self.n_faces))
 
@@ -157,22 +152,6 @@ class Mesh(Derived):
         tags = {key: np.array(values) for key, values in (cell_tags or {}).items()}
         return cls(**faces._asdict(), cell_tags=tags, name=name)
 
-    @classmethod
-    def from_shapely(
-        cls,
-        polygons: Iterable[Any],
-        *,
-        cell_tags: Mapping[str, ArrayLike] | None = None,
-        tolerance: float = 0.0,
-        strict: bool = False,
-        name: str = "",
-    ) -> Mesh:
-        """Mesh whose cell i is polygon i; see :func:`agglo_core.interchange.mesh_from_shapely`."""
-        made: Mesh = made_by("agglo_core.interchange:mesh_from_shapely")(
-            polygons, cell_tags=cell_tags, tolerance=tolerance, strict=strict, name=name
-        )
-        return made
-
     def __repr__(self) -> str:
         name = f"{self.name!r}, " if self.name else ""
         return f"Mesh({name}{self.dim}-D, {self.n_cells} cells, {self.n_faces} faces, {self.n_points} points)"
@@ -255,6 +234,38 @@ class Mesh(Derived):
         known = {**self.repairs, **note_repairs(repairs)}
         return Mesh(points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
 
+    def simplified(self, tolerance: float = 0.0) -> Mesh:
+        """This mesh with fewer faces: straight runs of edges between the same two cells as one edge.
+
+        In 3-D flat patches of faces become one face, if it is a single loop. Nothing but rounding changes.
+        With a tolerance (2-D) interfaces are straightened: vertices at which nothing else ends go if they are
+        within that part of the diameter of the smaller cell from the new edge. The boundary of the domain
+        stays, and so does the total measure. Cells stay polygons without crossings and keep half their
+        measure: interfaces that would break that keep more vertices. Such a mesh is no coarsening of the one
+        before, and says so: ``simplification.exact`` is False.
+
+        Faces with different tags stay apart. Cells keep their numbers, points and faces get new ones:
+        ``simplification`` has the old ones, counts, and the change of each cell's measure.
+
+        Raises
+        ------
+        OptionError
+            If the tolerance is not a number from 0 to 0.5, or not 0 in 3-D.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> mesh = samples.squares(4).coarsen([0, 0, 1, 1] * 4).simplified()
+        >>> mesh.n_faces, mesh.simplification.faces_saved
+        (7, 13)
+        """
+        fewer = simplify(self, self.face_tags, tolerance)
+        faces = fewer.face_offsets, fewer.face_vertices, self.face_cells[fewer.leads]
+        tags = {name: values[fewer.leads] for name, values in self.face_tags.items()}
+        known = {**self.repairs, **note_repairs(fewer.repairs)}
+        made = Mesh(self.points[fewer.points], *faces, self.cell_tags, tags, known, self.name)
+        return replace(made, simplification=recorded(self, made, fewer, tolerance))
+
     def renumbered(self, cells: ArrayLike) -> Mesh:
         """This mesh with its cells in another order, faces as the cells meet them, points as the faces do.
 
@@ -281,16 +292,6 @@ class Mesh(Derived):
             self.repairs,
             self.name,
         )
-
-    # -- interchange ---------------------------------------------------------------------------
-    def to_shapely(self) -> NDArray[np.object_]:
-        """Each cell as a valid Polygon or MultiPolygon ``(n_cells,)``, holes and pinches included."""
-        cells: NDArray[np.object_] = made_by("agglo_core.interchange:mesh_to_shapely")(self)
-        return cells
-
-    def to_pyvista(self, hierarchy: Any = None) -> Any:
-        """``pyvista.UnstructuredGrid`` with tags, and labels of every level of a hierarchy, as cell data."""
-        return made_by("agglo_core.interchange:to_pyvista")(self, hierarchy)
 
     def check_labels(self, labels: ArrayLike) -> Int:
         """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""

@@ -183,8 +183,8 @@ _RECORDS = (
     ),
     Kind(
         "constraint",
-        "says which cells may not share a part, or when a piece is done",
-        ("forbidden", "admissible", "finished"),
+        "says which cells may not share a part, or what a part may and should hold",
+        ("forbidden", "admissible", "incomplete", "for_mesh"),
         ("3d", "pickles"),
         ("general", "constraint_masks", "whole", "history", "without_trace", "promises"),
     ),

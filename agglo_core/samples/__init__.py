@@ -16,6 +16,7 @@ from agglo_core.samples.by_name import from_spec, names
 from agglo_core.samples.clouds import random_triangles, voronoi
 from agglo_core.samples.paper_grids import paper
 from agglo_core.samples.regular import disconnected, hexagons, ring, squares, strip, triangles
+from agglo_core.samples.solid_clouds import random_tetrahedra, voronoi_solids
 from agglo_core.samples.solids import boxes, tetrahedra
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "hexagons",
     "names",
     "paper",
+    "random_tetrahedra",
     "random_triangles",
     "ring",
     "squares",
@@ -34,4 +36,5 @@ __all__ = [
     "tetrahedra",
     "triangles",
     "voronoi",
+    "voronoi_solids",
 ]

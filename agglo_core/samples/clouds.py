@@ -8,7 +8,7 @@ from agglo_core.arrays import Float
 from agglo_core.mesh import Mesh
 from agglo_core.samples.regular import check_size
 
-__all__ = ["delaunay_mesh", "random_triangles", "voronoi", "voronoi_mesh"]
+__all__ = ["delaunay_mesh", "merge_close", "random_triangles", "voronoi", "voronoi_mesh"]
 
 _SNAP = 1e-10
 """Points this close (relative to the unit square) are one; rounding leaves 1e-13 or so."""
@@ -71,7 +71,7 @@ def voronoi_mesh(seeds: Float, name: str) -> Mesh:
         corners, owners = _cell_corners(seeds, 1.0)
     for side in (0.0, 1.0):
         corners[np.abs(corners - side) < _SNAP] = side
-    points, vertices = _merge_close(corners)
+    points, vertices = merge_close(corners)
     pairs = np.unique(np.stack((owners, vertices), axis=1), axis=0)
     spoke = points[pairs[:, 1]] - seeds[pairs[:, 0]]
     order = np.lexsort((np.arctan2(spoke[:, 1], spoke[:, 0]), pairs[:, 0]))
@@ -99,8 +99,8 @@ def _cell_corners(seeds: Float, near: float) -> tuple[Float, Float]:
     return plane[corner[kept]], ours[kept]
 
 
-def _merge_close(corners: Float) -> tuple[Float, Float]:
-    """Distinct points and the number of each corner's point; corners within ``_SNAP`` are one."""
+def merge_close(corners: Float) -> tuple[Float, Float]:
+    """Return distinct points and the number of each corner's point; corners within ``_SNAP`` are one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

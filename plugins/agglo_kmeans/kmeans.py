@@ -10,17 +10,18 @@ from scipy.spatial import cKDTree
 
 from agglo_core.authoring import (
     ConnectivityFixer,
+    Float,
     Graph,
     Int,
     InterfaceRefiner,
     OptionError,
+    PartSearch,
     PieceGrowth,
     SizeGoal,
     Target,
     UInt64,
     curve_order,
     frozen_int,
-    round_parts,
     to_nobody,
 )
 
@@ -40,9 +41,20 @@ class KMeans:
     iterations : int
         Lloyd steps of the k-way ``partition``.
     effort : "fast", "good" or "best", optional
-        Anneal the k-way partition for round parts of even width, within the size if there is one: about
-        .02, .1 or 1 s for 300 cells. What the bisections find is returned where that is rounder. Depends on
-        the seed, and on how the mesh is turned.
+        Anneal the k-way partition: about 5, 50 or 500 ms for 300 cells, more for roundness. What the
+        bisections find is returned where nothing better is found. Depends on the seed, and on how the mesh
+        is turned.
+    objective : "solver" or "roundness"
+        What annealed parts are to be: of small moments of inertia with short interfaces, which solvers
+        want; or round and of even width, with few parts of a given size.
+    seconds : float, optional
+        When annealing ends, by a clock on the wall, for each level and connected component: the best so far
+        is returned, which then differs from run to run.
+    balance : float, optional
+        With an effort, and a number of parts: how far sizes of parts may be from their mean, relatively, if
+        that is more than a cell; 0 makes numbers of cells differ by at most 1.
+    size : "cells", "measure" or "weights"
+        What is balanced.
 
     Raises
     ------
@@ -50,17 +62,24 @@ class KMeans:
         If an option is anything else.
     """
 
-    def __init__(self, iterations: int = 8, effort: Literal["fast", "good", "best"] | None = None) -> None:
+    def __init__(
+        self,
+        iterations: int = 8,
+        effort: Literal["fast", "good", "best"] | None = None,
+        objective: Literal["solver", "roundness"] = "solver",
+        seconds: float | None = None,
+        balance: float | None = None,
+        size: Literal["cells", "measure", "weights"] = "cells",
+    ) -> None:
         if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 0:
             raise OptionError(f"kmeans: iterations must be a whole number, 0 or more, given {iterations!r}")
-        if effort not in (None, "fast", "good", "best"):
-            raise OptionError(f"kmeans: effort must be fast, good or best, given {effort!r}")
-        self.iterations, self.effort = iterations, effort
+        self.iterations = iterations
+        self.search = PartSearch.checked("kmeans", effort, objective, seconds, balance, size)
 
     @property
     def final_parts(self) -> bool:
         """Whether refiners and polish are to leave the k-way partition as it is."""
-        return self.effort is not None
+        return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Side of each node ``(n,)``; ``seeds`` are not used."""
@@ -78,13 +97,13 @@ class KMeans:
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
         """Labels ``(n,)`` of a direct k-means with ``target.parts`` means.
 
-        The means start as equal-weight runs of a space-filling curve; a few Lloyd steps follow. Some
+        The means start as equal-mass runs of a space-filling curve; a few Lloyd steps follow. Some
         labels may be left unused. ``seed`` is used only with an ``effort``; then, if the target has a size,
         the number of parts is free.
         """
-        if self.effort is None:
+        if self.search is None:
             return self._lloyd(graph, target.parts or 1)
-        return round_parts(graph, target, seed, self.effort, self._lloyd, self._bisected)
+        return self.search.parts(graph, target, seed, self._lloyd, self._bisected)
 
     def _bisected(self, graph: Graph, target: Target) -> Int:
         """Labels that the bisections find for a connected graph."""
@@ -96,14 +115,19 @@ class KMeans:
 
     def _lloyd(self, graph: Graph, k: int) -> Int:
         """Labels of about k parts after some Lloyd steps."""
-        weights = graph.weights if graph.weights.all() else graph.weights + (graph.weights.mean() or 1.0)
+        weights, mass = _positive(graph.weights), _positive(graph.mass)
         order = curve_order(graph.centroids)
-        rank = np.cumsum(weights[order]) - 0.5 * weights[order]
+        rank = np.cumsum(mass[order]) - 0.5 * mass[order]
         labels = np.empty(graph.n, np.int64)
-        labels[order] = np.minimum((rank / weights.sum() * k).astype(np.int64), k - 1)
+        labels[order] = np.minimum((rank / mass.sum() * k).astype(np.int64), k - 1)
         for _ in range(self.iterations):
             used, labels = np.unique(labels, return_inverse=True)
             total = np.bincount(labels, weights, minlength=len(used))
             means = [np.bincount(labels, weights * x) / total for x in graph.centroids.T]
             labels = cKDTree(np.stack(means, axis=1)).query(graph.centroids)[1]
         return frozen_int(labels)
+
+
+def _positive(weights: Float) -> Float:
+    """The weights, or all of them larger by their mean if some are 0."""
+    return weights if weights.all() else weights + (weights.mean() or 1.0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from agglo_core.authoring import Float, Graph, Int, OptionError, Target, UInt64
+from agglo_core.authoring import Float, Graph, Int, OptionError, PartSearch, Target, UInt64
 
 if TYPE_CHECKING:
     import pymetis
@@ -30,8 +30,8 @@ class Metis:
         Of :meth:`partition`: k-way refinement, or repeated bisection (4 to 5 times faster, and its
         parts are not kept connected). Bisections are always multilevel recursive bisections.
     vertex_weights, edge_weights : bool
-        Balance the weights of the nodes (by default measures) instead of their number; minimise the
-        interface cut instead of the number of edges.
+        Balance the weights of the nodes (in a run by count what its ``balance`` says) instead of their
+        number; minimise the interface cut instead of the number of edges.
     ufactor : int in 1..10^6, optional
         Allowed imbalance in thousandths. Default: 300 for k-way (parts round themselves off at the
         cost of balance), METIS' own for bisections.
@@ -39,6 +39,16 @@ class Metis:
         k-way only: force connected parts.
     niter, ncuts : int in 1..10^4
         Refinement sweeps per level; partitions tried, the best is kept.
+    effort : "fast", "good" or "best", optional
+        Anneal the k-way partition, from the parts of METIS; then a size may be asked for, too.
+    objective : "solver" or "roundness"
+        What annealed parts are to be: see ``kmeans``.
+    seconds : float, optional
+        When annealing ends.
+    balance : float, optional
+        How far sizes of annealed parts may be from their mean, relatively.
+    size : "cells", "measure" or "weights"
+        What is balanced.
 
     Raises
     ------
@@ -55,6 +65,11 @@ class Metis:
         contig: bool = True,
         niter: int = 10,
         ncuts: int = 1,
+        effort: Literal["fast", "good", "best"] | None = None,
+        objective: Literal["solver", "roundness"] = "solver",
+        seconds: float | None = None,
+        balance: float | None = None,
+        size: Literal["cells", "measure", "weights"] = "cells",
     ) -> None:
         if algorithm not in ("kway", "recursive"):
             raise OptionError(f"metis: algorithm must be 'kway' or 'recursive', not {algorithm!r}")
@@ -69,6 +84,12 @@ class Metis:
         self.algorithm, self.contig = algorithm, contig
         self.vertex_weights, self.edge_weights = vertex_weights, edge_weights
         self.ufactor, self.niter, self.ncuts = ufactor, niter, ncuts
+        self.search = PartSearch.checked("metis", effort, objective, seconds, balance, size)
+
+    @property
+    def final_parts(self) -> bool:
+        """Whether refiners and polish are to leave the k-way partition as it is."""
+        return self.search is not None
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Bisect each block; return sides ``(n,)``, both in every block of at least two nodes."""
@@ -88,13 +109,20 @@ class Metis:
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
         """Partition one connected graph into ``target.parts`` parts (at most one per node).
 
-        METIS may leave labels unused: it returns fewer parts than asked for when parts are few cells.
+        METIS may leave labels unused: it returns fewer parts than asked for when parts are few cells. With an
+        effort its parts are what a search starts from, and meet the target.
 
         Raises
         ------
         OptionError
-            If ``target.parts`` is not given: METIS knows nothing of sizes.
+            If ``target.parts`` is not given, and no effort: METIS knows nothing of sizes.
         """
+        if self.search is not None:
+            return self.search.parts(graph, target, seed, lambda own, k: self._direct(own, Target(k), seed))
+        return self._direct(graph, target, seed)
+
+    def _direct(self, graph: Graph, target: Target, seed: int) -> Int:
+        """Labels ``(n,)`` that METIS finds."""
         if target.parts is None or target.parts < 1:
             raise OptionError(f"metis: partition needs a positive number of parts, not {target.parts!r}")
         parts = min(target.parts, graph.n)
@@ -120,7 +148,8 @@ class Metis:
 
     def _weights(self, level: Graph) -> tuple[Int | None, Int | None]:
         """Integer weights of nodes ``(n,)`` and edges ``(m,)``, or None where they do not count."""
-        nodes = _integers(level.weights, level.offsets) if self.vertex_weights else None
+        own = level.weights if level.mass is level.measures else level.mass
+        nodes = _integers(own, level.offsets) if self.vertex_weights else None
         edges = _integers(level.interface, level.indptr[level.offsets]) if self.edge_weights else None
         return nodes, edges
 

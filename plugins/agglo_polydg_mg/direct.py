@@ -26,7 +26,6 @@ from agglo_core.authoring import (
     two_norm,
 )
 from agglo_polydg_mg.advice import Kind, advice_of_direct
-from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.direct_backends import AUTO, BACKENDS, Solves, chosen_backend
 from agglo_polydg_mg.operators import FineSystem, fine_system
 from agglo_polydg_mg.option_checks import require_count, require_fraction
@@ -117,7 +116,7 @@ class Direct:
         if not isinstance(problem, Diffusion) or hierarchy.fine is None:
             return "linear"
         how = self.discretisation
-        return plan_for(problem, fine, Basis(hierarchy.fine, how.degree, how.scaled_basis), Wishes()).kind
+        return plan_for(problem, fine, how.basis(hierarchy.fine), Wishes()).kind
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
         """The inverse ``(n, n)`` of the system's matrix; takes several right-hand sides ``(n, k)`` at once.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,7 +20,7 @@ from agglo_core.authoring import (
     System,
     frozen_float,
 )
-from agglo_polydg_mg.assembly import Lifted, cell_means, discretise, lifted, load
+from agglo_polydg_mg.assembly import Lifted, cell_means, lifted, load
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces
 from agglo_polydg_mg.evaluate import evaluate
@@ -32,6 +32,7 @@ from agglo_polydg_mg.quadrature import sample
 from agglo_polydg_mg.residual_measure import ResidualMeasure
 from agglo_polydg_mg.sampling import samples_of
 from agglo_polydg_mg.scaling import factor_for, times
+from agglo_polydg_mg.straight_sides import with_straight_sides
 from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = ["PolyDG", "corrections"]
@@ -70,8 +71,12 @@ class PolyDG:
         require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:
-        """Basis of the space on a mesh; a mesh in 3-D is a MeshError."""
-        return Basis(mesh, self.degree, self.scaled_basis)
+        """Basis of the space on a mesh; a mesh in 3-D is a MeshError.
+
+        With the sharp penalty edges that continue one another between two cells are one side.
+        """
+        seen = with_straight_sides(mesh) if self.penalty == "sharp" else mesh
+        return Basis(seen, self.degree, self.scaled_basis)
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
         """Raise MeshError for a mesh in 3-D, OptionError for boundary data that do not fit."""
@@ -80,8 +85,7 @@ class PolyDG:
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
         """Matrix and right-hand side on a mesh; see :func:`~agglo_polydg_mg.assembly.discretise`."""
-        asked = _diffusion(problem)
-        return discretise(mesh, self.degree, asked, penalty=self.penalty, scaled_basis=self.scaled_basis)
+        return self.lifted(problem, mesh).system
 
     def lifted(
         self, problem: Problem, mesh: Mesh, basis: Basis | None = None, units: UnitForms | None = None
@@ -92,7 +96,8 @@ class PolyDG:
         problem before.
         """
         asked, basis = _diffusion(problem), basis or self.basis(mesh)
-        return lifted(mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units)
+        found = lifted(basis.mesh, self.degree, asked, penalty=self.penalty, basis=basis, units=units)
+        return found if basis.mesh is mesh else found._replace(system=replace(found.system, mesh=mesh))
 
     def coarse_operator(self, problem: Problem, mesh: Mesh, labels: Int) -> Any:
         """Matrix on agglomerates, rediscretised: their own penalty, the means of κ over their cells."""

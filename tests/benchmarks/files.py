@@ -47,6 +47,7 @@ class Way(NamedTuple):
     suffix: str
     write: Write
     read: Read
+    dims: tuple[int, ...] = (2, 3)
 
 
 def ways() -> Iterator[Way]:
@@ -55,11 +56,15 @@ def ways() -> Iterator[Way]:
     yield Way("agglo npz", ".npz", write, read)
     yield Way("agglo vtu, compress", ".vtu", lambda file, mesh: write(file, mesh, compress=True), read)
     yield Way("agglo npz, compress", ".npz", lambda file, mesh: write(file, mesh, compress=True), read)
+    yield Way("agglo typ2", ".typ2", write, read, (2,))
+    yield Way("agglo mat", ".mat", write, read)
+    yield Way("agglo OpenFOAM", ".foam", write, read, (3,))
+    yield Way("agglo RF", ".ele", write, read, (3,))
     yield Way("numpy.savez", ".npz", numpy_write, lambda file: list(np.load(file).values()))
     if importlib.util.find_spec("meshio"):
         import meshio
 
-        yield Way("meshio vtu", ".vtu", meshio_write, meshio.read)
+        yield Way("meshio vtu", ".vtu", meshio_write, meshio.read, (2,))
 
 
 def numpy_write(file: Path, mesh: Mesh) -> None:
@@ -90,7 +95,8 @@ def load(arrays: Path) -> Mesh:
 
 def measure(way: Way, action: str, arrays: Path, file: Path) -> tuple[float, float]:
     """CPU seconds of writing or reading the file, and the bytes by which this process grew at its highest."""
-    warm = file.with_name(f"warm{way.suffix}")
+    warm = file.parent / "warm" / f"warm{way.suffix}"  # a folder of its own: cases of OpenFOAM share theirs
+    warm.parent.mkdir(exist_ok=True)
     with np.load(arrays) as given:
         plane = given["points"].shape[1] == 2
     solids = samples.tetrahedra(4)
@@ -115,20 +121,27 @@ def resident(line: str) -> float:
     return 1024.0 * float(STATUS.read_text().split(f"{line}:")[1].split()[0])
 
 
+def size_of(way: Way, file: Path) -> int:
+    """Bytes of a file, and of those that belong to it."""
+    beside = {".foam": "constant/**/*", ".ele": f"{file.stem}.node"}.get(way.suffix)
+    more = file.parent.glob(beside) if beside else ()
+    return file.stat().st_size + sum(each.stat().st_size for each in more if each.is_file())
+
+
 def compare(name: str, mesh: Mesh, repeats: int) -> None:
     """Print the table of all ways for a mesh; each call has a process of its own."""
     found: dict[str, list[list[float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         arrays = Path(folder) / "arrays.npz"
         numpy_write(arrays, mesh)
-        known = [way for way in ways() if mesh.dim == 2 or way.write is not meshio_write]
+        known = [way for way in ways() if mesh.dim in way.dims]
         for _, (place, way) in product(range(repeats), enumerate(known)):
             file = Path(folder) / f"{place}{way.suffix}"
             row: list[float] = []
             for action in ("write", "read"):
                 command = [sys.executable, __file__, "--one", way.name, action, str(arrays), str(file)]
                 row += json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
-            found.setdefault(way.name, []).append([file.stat().st_size / 1e6, *row])
+            found.setdefault(way.name, []).append([size_of(way, file) / 1e6, *row])
     print(f"\n{name}: {mesh.n_cells} cells, least of {repeats}, one thread")
     print(f"{'':22}{'MB':>8}{'write s':>10}{'MB/s':>8}{'B/cell':>8}{'read s':>10}{'MB/s':>8}{'B/cell':>8}")
     for name, rows in found.items():

@@ -61,7 +61,10 @@ def from_above(mesh: Mesh, kind: str, **how: Any) -> list[Int]:
 
 def ways(effort: str) -> dict[str, Callable[[Mesh, str], list[Int]]]:
     """How levels are made."""
-    annealed: dict[str, Any] = {"method": "kway", "bisector": ("kmeans", {"effort": effort})}
+    annealed: dict[str, Any] = {
+        "method": "kway",
+        "bisector": ("kmeans", {"effort": effort, "objective": "roundness"}),
+    }
 
     def plain(mesh: Mesh, kind: str, **how: Any) -> list[Int]:
         return list(agglo.agglomerate(mesh, **targets(mesh, kind), **how).levels)

@@ -34,9 +34,9 @@ SMALL = 2**0.5 / 4
 METHODS: dict[str, dict[str, Any]] = {
     "recursive": {"bisector": "kmeans"},
     "k-way": {"bisector": "kmeans", "method": "kway"},
-    "fast": {"bisector": ("kmeans", {"effort": "fast"}), "method": "kway"},
-    "good": {"bisector": ("kmeans", {"effort": "good"}), "method": "kway"},
-    "best": {"bisector": ("kmeans", {"effort": "best"}), "method": "kway"},
+    "fast": {"bisector": ("kmeans", {"effort": "fast", "objective": "roundness"}), "method": "kway"},
+    "good": {"bisector": ("kmeans", {"effort": "good", "objective": "roundness"}), "method": "kway"},
+    "best": {"bisector": ("kmeans", {"effort": "best", "objective": "roundness"}), "method": "kway"},
     "METIS": {"bisector": "metis", "method": "kway", "polish": False},
 }
 

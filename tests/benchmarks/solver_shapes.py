@@ -3,6 +3,7 @@
     python tests/benchmarks/solver_shapes.py [--cells N ...] [--per-part N ...] [--seeds N] [--penalty P]
     python tests/benchmarks/solver_shapes.py --tried
     python tests/benchmarks/solver_shapes.py --times
+    python tests/benchmarks/solver_shapes.py --balance
 
 On fresh random meshes, at equal numbers of parts. On the mesh of the parts: L2 and DG errors of
 u = sin πx sin πy by PolyDG of degree 1 and 2, and the condition number of its matrix scaled by block Jacobi
@@ -11,7 +12,7 @@ solver, the same with its recipe ``patches``, and the paper's with inherited ope
 k-means, L the interface. Geometric means over the meshes, divided by those of METIS k-way (contiguous,
 weights of cells and faces, the better of two imbalances for each figure). ``--tried`` compares other weights
 of the interface in the polish and further polishes instead, without iterations; ``--times`` prints CPU
-seconds over those of METIS k-way.
+seconds over those of METIS k-way, ``--balance`` what parts of equal numbers of cells are like.
 """
 
 from __future__ import annotations
@@ -53,13 +54,16 @@ SINE = Diffusion(
     exact=lambda x: np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1]),
 )
 UNIT = Diffusion(source=1.0)
-BARE: Mapping[str, Any] = {"method": "kway", "refiners": (), "polish": False}
+BARE: Mapping[str, Any] = {"method": "kway", "refiners": (), "polish": False, "balance": "measure"}
 METHODS: dict[str, Mapping[str, Any]] = {
     "METIS k-way, 3 %": {"bisector": ("metis", {"ufactor": 30}), **BARE},
     "METIS k-way, 30 %": {"bisector": ("metis", {"ufactor": 300}), **BARE},
     "METIS recursive": {"bisector": ("metis", {"algorithm": "recursive"}), **BARE},
     "kmeans": {"bisector": "kmeans"},
     "kmeans k-way": {"bisector": "kmeans", "method": "kway"},
+    "effort fast": {"bisector": ("kmeans", {"effort": "fast"}), "method": "kway"},
+    "effort good": {"bisector": ("kmeans", {"effort": "good"}), "method": "kway"},
+    "effort best": {"bisector": ("kmeans", {"effort": "best"}), "method": "kway"},
 }
 _AGAIN = ("compactness", "compactness")
 TRIED: dict[str, tuple[Mapping[str, Any], float]] = {
@@ -199,6 +203,38 @@ def show_times(seeds: int) -> None:
             print(f"{family + ' ' + str(cells):<26}{ratios}", flush=True)
 
 
+def show_balance(seeds: int) -> None:
+    """Print the objective ``solver`` and the sizes of parts that are to have equal numbers of cells."""
+    fresh = int(np.random.SeedSequence().generate_state(1)[0]) % 10**6
+    print(f"{'cells, parts, tolerance; method':<56}{'F':>9}{'least':>9}{'most':>9}{'CPU s':>9}")
+    for parts, tolerance in ((256, 0.0), (64, 0.0), (64, 0.05)):
+        even = {"tolerance": tolerance}
+        good = {"effort": "good"}
+        ways: dict[str, Mapping[str, Any]] = {
+            "METIS": {
+                "bisector": ("metis", {"ufactor": max(1, round(1000 * tolerance))}),
+                **BARE,
+                "balance": "cells",
+            },
+            "k-way, balance": {"method": "kway", "post_refiners": ["compactness", ("balance", even)]},
+            "k-way, balance, fm": {"method": "kway", "post_refiners": [("balance", even), ("fm", even)]},
+            "good, no balance": {"method": "kway", "bisector": ("kmeans", good)},
+            "good, balance": {"method": "kway", "bisector": ("kmeans", {**good, "balance": tolerance})},
+        }
+        ways["METIS"]["bisector"][1]["vertex_weights"] = False
+        for name, way in ways.items():
+            rows = []
+            for seed in range(seeds):
+                mesh = samples.voronoi(4096, seed=fresh + seed)
+                _ = mesh.graph
+                start = time.process_time()
+                labels = partition(mesh, parts, way)
+                taken, cells = time.process_time() - start, np.bincount(labels)
+                rows.append((OBJECTIVES["solver"].value(mesh.graph, labels), cells.min(), cells.max(), taken))
+            title = f"Voronoi 4096, {parts}, {tolerance}; {name}"
+            print(f"{title:<56}{''.join(f'{x:9.3f}' for x in np.mean(rows, axis=0))}", flush=True)
+
+
 def main() -> None:
     """Read the arguments, print the tables."""
     parser = argparse.ArgumentParser(
@@ -210,11 +246,15 @@ def main() -> None:
     parser.add_argument("--penalty", default="sharp", help="sharp, paper or a number")
     parser.add_argument("--no-solvers", action="store_true", help="leave out the iterations")
     parser.add_argument("--tried", action="store_true", help="other weights and polishes")
+    parser.add_argument("--balance", action="store_true", help="print balanced parts alone")
     parser.add_argument("--times", action="store_true", help="print the times alone")
     options = parser.parse_args()
     logging.getLogger("agglo").setLevel(logging.ERROR)
     for method in METHODS.values():
         partition(samples.squares(8), 4, method)  # compiles
+    if options.balance:
+        show_balance(options.seeds)
+        return
     if options.times:
         show_times(options.seeds)
         return

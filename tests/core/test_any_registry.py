@@ -185,7 +185,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
-ELSEWHERE = {"new_run", "chosen", "columns"}
+ELSEWHERE = {"new_run", "chosen", "columns", "members"}
 """Those that are only ever called by the above, or by a command, which has the program's registry."""
 
 

@@ -16,7 +16,7 @@ import pytest
 from command_line import Agglo
 
 from agglo_core import Hierarchy, Mesh, samples, write
-from agglo_core.agglomeration import pipeline
+from agglo_core.agglomeration import one_call
 from agglo_core.cli import main
 from agglo_core.cli.arguments import parse_spec
 from agglo_core.errors import MeshError, OptionError
@@ -213,13 +213,13 @@ def test_levels_that_are_none_are_noted(agglo: Agglo) -> None:
 
 
 def test_runs_are_warmed_up_before_the_clock(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes, real = [], pipeline.agglomerate
+    sizes, real = [], one_call.agglomerate
 
     def recorded(mesh: Mesh, **arguments: Any) -> Hierarchy:
         sizes.append((mesh.n_cells, "kmeans" in str(arguments["bisector"])))
         return real(mesh, **arguments)
 
-    monkeypatch.setattr(pipeline, "agglomerate", recorded)
+    monkeypatch.setattr(one_call, "agglomerate", recorded)
     two = ["--bisector", "kmeans", "--bisector", "inertial"]
     assert agglo("run", "squares:n=3", *two, "--parts", "2", "--quiet").code == 0
     assert sizes == [(16, True), (9, True), (16, False), (9, False)]

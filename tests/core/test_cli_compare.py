@@ -120,6 +120,23 @@ def test_one_failing_run_is_a_line(agglo: Agglo, stubborn: None) -> None:
     assert not Path("other.html").exists()
 
 
+def test_runs_are_weighed_in_a_picture(agglo: Agglo, stubborn: None) -> None:
+    pytest.importorskip("matplotlib")
+    ask = ["squares:n=8", "--bisectors", "stubborn,kmeans,inertial", "--parts", "4", "--pareto", "out.svg"]
+    code, out, _ = agglo("compare", *ask)
+    assert code == 3
+    assert "wrote out.svg" in out
+    text = Path("out.svg").read_text()
+    assert "not shown: stubborn" in text
+    code, out, _ = agglo("compare", "boxes:n=3", "--bisectors", "kmeans,inertial", "--pareto", "solid.png")
+    assert (code, "wrote solid.png" in out) == (0, True)
+    assert Path("solid.png").read_bytes().startswith(b"\x89PNG")
+    code, _, err = agglo("compare", "squares:n=4", "--metrics", "interface", "--pareto", "none.png")
+    assert code == 3
+    assert "there is no metric that all runs have" in err
+    assert not Path("none.png").exists()
+
+
 def test_run_writes_a_report(agglo: Agglo) -> None:
     code, out, _ = agglo(
         "run", "ring:n=24", "--bisector", "kmeans", "--bisector", "inertial", "--report", "o.html"
@@ -151,6 +168,8 @@ WRONG: dict[str, tuple[list[str], str]] = {
     "a negative size": (["compare", "squares:n=4", "--bisectors", "kmeans", "--h-star", "-1"], "-1"),
     "more parts than cells": (["compare", "squares:n=2", "--bisectors", "kmeans", "--parts", "5"], "5"),
     "not a web page": (["compare", "squares:n=4", "--report", "out.vtu"], "reports end in .html"),
+    "not a picture": (["compare", "squares:n=4", "--pareto", "out.html"], "pictures end in"),
+    "no folder for the picture": (["compare", "squares:n=4", "--pareto", "absent/out.png"], "absent"),
     "not a web page of run": (["run", "squares:n=4", "--report", "out.txt"], "reports end in .html"),
     "no folder for the page": (["run", "squares:n=4", "--report", "absent/out.html"], "absent"),
 }

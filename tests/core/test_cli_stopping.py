@@ -119,14 +119,14 @@ def test_interrupts_are_found_behind_other_errors(fail: Fail) -> None:
 
 def test_an_interrupted_run_is_no_failed_one(monkeypatch: pytest.MonkeyPatch) -> None:
     from agglo_core import samples
-    from agglo_core.agglomeration import pipeline
+    from agglo_core.agglomeration import one_call
 
     errors: list[Exception] = [OptionError("in the warm-up"), OptionError("plain")]
 
     def agglomerate(*_: object, **__: object) -> None:
         raise errors.pop(0)
 
-    monkeypatch.setattr(pipeline, "agglomerate", agglomerate)
+    monkeypatch.setattr(one_call, "agglomerate", agglomerate)
     assert attempt(samples.squares(2), "mine", {}).error == "plain"
     stop = caused(PluginError("it raised SystemError"), SystemError(), KeyboardInterrupt())
     assert isinstance(stop, PluginError)

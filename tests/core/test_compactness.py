@@ -17,9 +17,10 @@ from hypothesis import strategies as st
 from agglo_core import Graph, Mesh, OptionError, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.cli.arguments import agglomeration_options
-from agglo_core.components import shape_polish
+from agglo_core.components import part_strips
 from agglo_core.components.compactness import CompactnessRefiner
-from agglo_core.components.shape_polish import directions, slices
+from agglo_core.components.part_strips import slices
+from agglo_core.components.shape_polish import directions
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
@@ -168,7 +169,7 @@ def test_the_kernels_do_what_their_twin_does(
     limit = 0.95 * float(graph.part_diameters(labels).max()) if sized else np.inf
     target = Target(h_star=limit) if sized else Target(parts=k)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shape_polish, "_WIDTH", width)  # 1: blocks of few parts have several slices
+        patch.setattr(part_strips, "_WIDTH", width)  # 1: blocks of few parts have several slices
         found = CompactnessRefiner(floor).refine_parts(graph, labels, block, target)
         np.testing.assert_array_equal(found, SlowPolish(graph, labels, block, floor, limit).run())
 

@@ -126,30 +126,6 @@ def test_bad_answers_are_named(output, message):
         agglo.agglomerate(samples.squares(6), constraints=[Answer(output)], n_parts=4)
 
 
-class Admits:
-    def admissible(self, graph, labels):
-        return np.ones(labels.max() + 1, bool)
-
-
-class Finishes:
-    def finished(self, graph, pieces):
-        return np.ones(pieces.max() + 1, bool)
-
-
-class Both(Line, Finishes):
-    pass
-
-
-@pytest.mark.parametrize(
-    ("constraint", "method"), [(Admits(), "admissible"), (Finishes(), "finished"), (Both(), "finished")]
-)
-def test_what_is_not_supported_is_refused(constraint, method):
-    name = type(constraint).__name__
-    expected = rf"constraint {name} has {method}: so far agglomerate supports only forbidden"
-    with pytest.raises(OptionError, match=expected):
-        agglo.agglomerate(samples.squares(4), constraints=[constraint], n_parts=4)
-
-
 @pytest.mark.parametrize(
     ("constraints", "message"),
     [

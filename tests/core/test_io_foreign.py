@@ -150,7 +150,7 @@ def test_losses_are_refused(tmp_path: Path) -> None:
         np.stack((x.ravel(), y.ravel()), axis=1), corner[:, None] + np.array([0, 1, 5, 4])
     )
     ring = grid.coarsen([0, 0, 0, 0, 1, 0, 0, 0, 0])
-    for mesh, name in ((pentagon, "p.mesh"), (triangle, "t.off"), (triangle, "t.mesh"), (ring, "r.vtk")):
+    for mesh, name in ((pentagon, "p.mesh"), (triangle, "t.stl"), (triangle, "t.mesh"), (ring, "r.vtk")):
         with pytest.raises(FileError, match=rf"{name}: .*\.vtu and \.npz"):
             write(tmp_path / name, mesh)
     assert os.listdir(tmp_path) == []

@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "packaging": set(),
     "mesh": EVERYBODY | {"kernels"},
     "graph": EVERYBODY | {"kernels", "mesh"},
-    "hierarchy": EVERYBODY | {"graph", "mesh"},
+    "hierarchy": EVERYBODY | {"graph", "kernels", "mesh"},
     "problems": EVERYBODY | {"hierarchy", "mesh", "registry"},
     "multigrid": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "problems", "registry"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},

@@ -196,7 +196,7 @@ def test_a_picture_of_a_solid_costs_no_result(agglo: Agglo, command: str, flag: 
 
 def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr("agglo_core.agglomeration.pipeline.agglomerate", raising(AssertionError("it ran")))
+    monkeypatch.setattr("agglo_core.agglomeration.one_call.agglomerate", raising(AssertionError("it ran")))
     os.mkfifo("a.png")
     for command in ("run", "solve"):
         done = agglo(command, "squares:n=4", "--plot", "a.png")

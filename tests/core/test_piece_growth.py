@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
+from agglo_core.arrays import frozen_int
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.piece_splits import (
     SAMPLED,
-    broken_pieces,
     cells_beside,
     is_chosen,
     piece_room,
@@ -230,20 +230,18 @@ def test_cells_of_equal_weight_cannot_stand_for_all() -> None:
         assert units_of(np.random.default_rng(0).random((4096, 2)), weights)[2] == 0.0
 
 
-@settings(max_examples=40, deadline=None)
-@given(SEEDS)
-def test_pieces_with_parts_that_are_not_connected(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    graph = lumpy_graph(40, 2, seed)
-    cells, slices = rng.permutation(40).astype(np.int32), np.array([[0, 15], [15, 31], [31, 40]])
-    leaf, tag = np.zeros(40, bool), np.full(40, -2, np.int32)
-    for lo, hi in slices[:2]:
-        leaf[[lo, (lo + hi) // 2]] = True
-        tag[cells[lo : (lo + hi) // 2]], tag[cells[(lo + hi) // 2 : hi]] = 2 * lo, 2 * hi - 1
-    leaf[31] = True  # not split
-    found = broken_pieces(slices, cells, graph.indptr, graph.indices, tag, leaf, np.ones(40, np.int32))
-    net = nx.from_scipy_sparse_array(graph.to_scipy())
-    net.remove_edges_from([(i, j) for i, j in net.edges if tag[i] != tag[j]])
-    for broken, (lo, hi) in zip(found[:2], slices[:2], strict=True):
-        assert broken == (nx.number_connected_components(net.subgraph(cells[lo:hi])) > 2)
-    assert not found[2]
+def test_tiny_pieces_of_which_parts_broke_are_split_with_care() -> None:
+    mended = 0
+    for seed in range(20):
+        graph = lumpy_graph(300, 2, seed)
+        pieces = frozen_int(graph.components())
+        quotas = frozen_int(np.maximum(np.bincount(pieces) // 6, 1))
+        growth = KMeans().grow(graph, pieces, [InterfaceRefiner()], ConnectivityFixer())
+        labels, depths = growth.split(quotas, np.zeros(len(quotas), np.uint64), lambda *_: None)
+        network = nx.from_scipy_sparse_array(graph.to_scipy())
+        parts = [np.flatnonzero(labels == p) for p in range(quotas.sum())]
+        assert all(nx.is_connected(network.subgraph(cells.tolist())) for cells in parts)
+        assert [cells[0] for cells in parts] == sorted(cells[0] for cells in parts)
+        assert depths[:, 0].sum() == quotas.sum() - len(quotas)  # what was taken back is not counted
+        mended += depths[:, 2].sum()
+    assert mended > 0

@@ -28,7 +28,9 @@ MESHES = {
 
 
 def kway(mesh, effort: str = "fast", **options):
-    return agglomerate(mesh, bisector=("kmeans", {"effort": effort}), method="kway", **options)
+    return agglomerate(
+        mesh, bisector=("kmeans", {"effort": effort, "objective": "roundness"}), method="kway", **options
+    )
 
 
 def connected(graph: Graph, labels: np.ndarray) -> bool:
@@ -171,8 +173,8 @@ def test_without_effort_and_in_recursions_nothing_changes() -> None:
 
 
 def test_the_command_line_takes_the_effort(agglo) -> None:
-    done = agglo("run", "voronoi:100,seed=2", "--bisector", "kmeans:effort=fast", "--method", "kway",
-                 "--h-star", "0.4", "--json")  # fmt: skip
+    done = agglo("run", "voronoi:100,seed=2", "--bisector", "kmeans:effort=fast,objective=roundness",
+                 "--method", "kway", "--h-star", "0.4", "--json")  # fmt: skip
     assert done.code == 0, done.err
     assert agglo("run", "voronoi:100", "--bisector", "kmeans:effort=most", "--method", "kway").code != 0
 
@@ -228,7 +230,9 @@ def test_roundness_of_squares_by_hand() -> None:
 def test_a_dent_is_filled() -> None:
     graph = samples.squares(4).graph  # 4 x 4 cells in columns, from below
     dented = frozen_int([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 1])
-    after = AnnealRefiner().refine(graph, dented, np.zeros(1, np.uint64), Target(parts=2))
+    after = AnnealRefiner(objective="roundness").refine(
+        graph, dented, np.zeros(1, np.uint64), Target(parts=2)
+    )
     assert OBJECTIVES["interface"].value(graph, after) == 1.0
     assert np.bincount(after).tolist() == [8, 8]
 
@@ -243,7 +247,7 @@ def test_the_refiner_keeps_parts_connection_and_size_and_never_worsens(name, par
     widest = graph.part_diameters(labels).max()
     target = Target(h_star=1.1 * widest) if sized else Target(parts=parts)
     seeds = np.arange(level.n_blocks, dtype=np.uint64) + np.uint64(seed)
-    after = AnnealRefiner(moves=100).refine(level, given_labels, seeds, target)
+    after = AnnealRefiner(100, "roundness").refine(level, given_labels, seeds, target)
     assert set(after.tolist()) == set(labels.tolist())
     moved = np.empty(graph.n, np.int64)
     moved[order] = after
@@ -252,12 +256,19 @@ def test_the_refiner_keeps_parts_connection_and_size_and_never_worsens(name, par
     assert objective.value(level, after) <= objective.value(level, given_labels) + 1e-12
     if sized:
         assert graph.part_diameters(moved).max() <= 1.1 * widest * (1 + 1e-9)
-    np.testing.assert_array_equal(after, AnnealRefiner(moves=100).refine(level, given_labels, seeds, target))
+    np.testing.assert_array_equal(
+        after, AnnealRefiner(100, "roundness").refine(level, given_labels, seeds, target)
+    )
 
 
 def test_the_refiner_betters_the_polish_and_follows_the_seed() -> None:
     mesh = samples.voronoi(256, seed=4)
-    results = [agglomerate(mesh, n_parts=20, post_refiners=["anneal"], seed=s).levels[0] for s in (1, 2)]
+    results = [
+        agglomerate(mesh, n_parts=20, post_refiners=[("anneal", {"objective": "roundness"})], seed=s).levels[
+            0
+        ]
+        for s in (1, 2)
+    ]
     assert (results[0] != results[1]).any()
     plain = agglomerate(mesh, n_parts=20).levels[0]
     for labels in results:
@@ -271,7 +282,9 @@ def test_weights_say_what_is_pursued() -> None:
     labels = agglomerate(mesh, n_parts=20, polish=False).levels[0]
 
     def after(**options: float) -> np.ndarray:
-        return AnnealRefiner(**options).refine(mesh.graph, labels, np.ones(1, np.uint64), Target(parts=20))
+        return AnnealRefiner(objective="roundness", **options).refine(
+            mesh.graph, labels, np.ones(1, np.uint64), Target(parts=20)
+        )
 
     even, discs = (
         quality(mesh, after(**o), metrics=("UF", "CR")) for o in ({"roundness": 0.2}, {"evenness": 0.2})
@@ -287,4 +300,4 @@ def test_weights_say_what_is_pursued() -> None:
 )  # fmt: skip
 def test_bad_options_of_the_refiner_are_refused(options: dict[str, object]) -> None:
     with pytest.raises(OptionError, match=r"moves|roundness|evenness"):
-        AnnealRefiner(**options)
+        AnnealRefiner(objective="roundness", **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ from docs.guide import Block, blocks
 RUNNER = Path(__file__).with_name("guide.py")
 DOCS = Path(__file__).parents[2] / "docs"
 GUIDES = sorted([*DOCS.glob("how-to/*.md"), *DOCS.glob("tutorial/*.md"), *DOCS.glob("tutorial*.md")])
+CODES = DOCS / "how-to" / "from-and-to-your-code.md"
 PLUGIN = DOCS / "how-to" / "write-a-plugin.md"
 
 OFFLINE_PIP = {
@@ -81,6 +83,22 @@ def test_the_first_plugin_takes_less_than_thirty_lines() -> None:
 def test_nothing_in_the_guide_to_plugins_is_left_unrun() -> None:
     assert {block.language for block in blocks(PLUGIN)} <= {"python", "toml", "sh", "output"}
     assert all(block.path for block in blocks(PLUGIN) if block.language == "toml")
+
+
+def test_what_was_not_executed_for_other_codes_says_so() -> None:
+    for block in blocks(CODES):
+        executed = block.words[0] in ("python", "sh", "output") and "no-run" not in block.words
+        assert executed != ("not executed here" in block.text.split("\n")[0]), block.line
+
+
+def test_the_table_of_other_codes_leads_to_its_sections() -> None:
+    text = CODES.read_text(encoding="utf-8")
+    titles = re.findall(r"^## (.+)$", text, re.MULTILINE)
+    slugs = {re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in titles}
+    links = re.findall(r"^\| \[[^]]+\]\(#([^)]+)\)", text, re.MULTILINE)
+    assert len(links) == 17
+    assert slugs - set(links) == {"any-code-a-list"}
+    assert set(links) <= slugs
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from pathlib import Path
 import meshlane
 import numpy as np
 from core.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
+from fuzz.field_corpus import field_files
+from fuzz.graph_corpus import graph_files
 
 import agglo_gnn
 from agglo_core import Hierarchy, Mesh, agglomerate, samples, write
@@ -33,6 +35,8 @@ def valid_files() -> dict[str, list[bytes]]:
         ".toml": [text.encode() for text in _RUNS.split("---")],
         ".problem.toml": [text.encode() for text in _PROBLEMS.split("---")],
         ".safetensors": [_WEIGHTS.read_bytes()],
+        **field_files(),
+        **graph_files(),
         ".geojson": [json.dumps(to_geojson(*each)).encode() for each in _hierarchies() if each[0].dim == 2],
     }
 

@@ -11,6 +11,7 @@ from contextlib import suppress
 
 import numpy as np
 from fuzz.bombs import bombs
+from fuzz.several import SEVERAL
 
 from agglo_core import AggloError, Mesh
 
@@ -31,6 +32,8 @@ def damaged(rng: Rng, suffix: str, content: bytes) -> bytes:
         return content if rng.random() < 0.5 else _renumber(rng, content)
     if suffix == ".npz" and rng.random() < 0.75:
         return (_damaged_member if rng.random() < 0.4 else _damaged_values)(rng, content)
+    if suffix in SEVERAL:
+        return _damaged_member(rng, content)
     for _ in range(rng.choice([1, 1, 1, 2, 3])):
         content = _CHANGES[rng.integers(len(_CHANGES))](rng, content)
     return content

@@ -2,7 +2,7 @@
 
 ``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``
 
-Mesh files, the TOML files of runs and problems, model files and GeoJSON. Each damaged file must be read, or
+Mesh files, graphs, the TOML files of runs and problems, model files, GeoJSON. Each must be read, or
 refused by an AggloError that names it and is no PluginError, within 10 s and 200 MB beyond what valid files
 take. A mesh that is read goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the
 others (``--every``), in a process of its own: exit code 0 with the files, or 2 with none of them and no
@@ -34,19 +34,23 @@ import numpy as np
 from fuzz.bombs import bombs
 from fuzz.corpus import valid_files
 from fuzz.damage import damaged
+from fuzz.graph_corpus import PLACES, graph_files
 from fuzz.memory import ALLOWED, Memory, restrict
+from fuzz.several import lay_out
 
 from agglo_core import AggloError, Mesh, OptionError, Pipeline, PluginError, samples
 from agglo_core.cli import main
-from agglo_core.interchange import from_geojson
+from agglo_core.interchange import from_geojson, graph_from_metis, parts_from_metis
 from agglo_core.io import read_hierarchy
 from agglo_core.problems import read_problem
 from agglo_gnn.fast import FastGNN
 
 SECONDS = 10  # of processor time
 _WAIT = 12
-MESHES = (".vtu", ".npz", ".msh")
-SUFFIXES = (*MESHES, ".toml", ".problem.toml", ".safetensors", ".geojson")
+FIELD = (".typ1", ".typ2", ".mat", ".foam", ".hedra", ".ele", ".off", ".obj", ".pvtu")
+MESHES = (".vtu", ".npz", ".msh", *FIELD)
+GRAPHS = (".graph", ".xyz", ".part.4")
+SUFFIXES = (*MESHES, *GRAPHS, ".toml", ".problem.toml", ".safetensors", ".geojson")
 
 
 class Verdict(NamedTuple):
@@ -113,6 +117,14 @@ def _read(file: Path, suffix: str) -> None:
         Pipeline.from_toml(file).run(_mesh())
     elif suffix == ".problem.toml":
         read_problem(file, _mesh())
+    elif suffix == ".graph":
+        graph_from_metis(file, PLACES)
+    elif suffix == ".xyz":
+        whole = file.with_name("whole.graph")
+        whole.write_bytes(graph_files()[".graph"][0])
+        graph_from_metis(whole, file)
+    elif suffix == ".part.4":
+        parts_from_metis(file)
     elif suffix == ".safetensors":
         FastGNN(weights=file)
     else:
@@ -197,7 +209,7 @@ def fuzz(
                 rng = np.random.default_rng([seed, *suffix.encode(), i])
                 content = damaged(rng, suffix, valid[suffix][i % len(valid[suffix])])
                 file = Path(folder) / f"m{suffix}"
-                file.write_bytes(content)
+                lay_out(file, content)
                 memory.watch()
                 verdict = judge(file, command=i % every == every - 1)
                 grown = memory.growth()
@@ -217,7 +229,7 @@ def _warm_up(suffix: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
         for content in valid_files()[suffix][: 2 if suffix == ".msh" else 12]:  # .msh: a process for each
-            file.write_bytes(content)
+            lay_out(file, content)
             judge(file, command=False)
     _largest_child()
 

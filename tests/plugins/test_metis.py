@@ -177,3 +177,58 @@ def test_nothing_is_printed_about_parts_that_a_node_fills_alone(algorithm, parts
         assert labels.min() >= 0
         assert labels.max() < parts
     assert capfd.readouterr() == ("", "")
+
+
+def connected(graph, labels):
+    return len(np.unique(graph.components(labels))) == labels.max() + 1
+
+
+@pytest.mark.parametrize("objective", ["solver", "roundness"])
+def test_an_effort_searches_from_the_parts_of_metis(objective):
+    mesh = agglo.samples.voronoi(600, seed=8)
+    score = agglo.graph.objectives.OBJECTIVES[objective].value
+    options = {"effort": "fast", "objective": objective}
+    plain, annealed = (
+        agglo.agglomerate(mesh, bisector=("metis", o), method="kway", n_parts=37, polish=False).levels[0]
+        for o in ({}, options)
+    )
+    assert annealed.max() == 36
+    assert connected(mesh.graph, annealed)
+    assert score(mesh.graph, annealed) < 0.95 * score(mesh.graph, plain)
+
+
+def test_with_an_effort_sizes_and_balance_may_be_asked_for():
+    mesh = agglo.samples.random_triangles(200, seed=8)
+    for objective in ("solver", "roundness"):
+        options = {"effort": "fast", "objective": objective}
+        labels = agglo.agglomerate(mesh, bisector=("metis", options), method="kway", h_star=0.3).levels[0]
+        assert mesh.graph.part_diameters(labels).max() <= 0.3 * (1 + 1e-9)
+        assert connected(mesh.graph, labels)
+    even = {"effort": "fast", "balance": 0.0}
+    cells = np.bincount(
+        agglo.agglomerate(mesh, bisector=("metis", even), method="kway", n_parts=20).levels[0]
+    )
+    assert cells.max() - cells.min() <= 1
+
+
+def test_parts_of_metis_compete_with_what_annealing_finds():
+    mesh = agglo.samples.voronoi(500, seed=3)
+    score = agglo.graph.objectives.OBJECTIVES["solver"].value
+    seen = []
+
+    class Noted(Metis):
+        def _direct(self, graph, target, seed):
+            seen.append(super()._direct(graph, target, seed))
+            return seen[-1]
+
+    labels = Noted(effort="fast", seconds=1e-9).partition(mesh.graph, Target(parts=25), 1)
+    assert len(seen) == 1
+    assert score(mesh.graph, labels) <= score(mesh.graph, seen[0]) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(
+    "options", [{"effort": "most"}, {"seconds": 1.0}, {"effort": "fast", "objective": "cut"}]
+)
+def test_bad_options_of_an_effort_are_refused(options):
+    with pytest.raises(agglo.OptionError, match=r"metis: (effort|objective)"):
+        Metis(**options)

@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import Agglo
+from scipy.stats import spearmanr
 
 from agglo_core import samples
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_paper.store import Unit
 from agglo_paper.study.ranks import Measured, correlations, costs, relative
-from agglo_paper.study.study_build import Size, sources
 from agglo_paper.study.study_page import page
 from agglo_paper.study.study_partitions import RECIPES, Growth, Recipe, Scattered, Shaken, chosen
+from agglo_paper.study.study_plan import Size, sources
+from agglo_paper.study.study_tables import Group
 from agglo_paper.study.study_work import measured
 
 TINY = ["--meshes", "1", "--cells", "80", "--partitions", "4", "--degrees", "1"]
@@ -55,7 +57,10 @@ def test_usual_and_random_partitions_take_turns_and_come_again_with_other_seeds(
     found = chosen(60)
     assert len(set(found)) == len(found) == 60
     assert [RECIPES[name].usual for name, _ in found[:4]] == [True, False, True, False]
-    assert {name for name, seed in found if seed == 0} == set(USABLE)
+    annealed = {name for name in USABLE if name.endswith("annealed")}
+    assert {name for name, seed in found if seed == 0} == set(USABLE) - annealed
+    assert len(annealed) == 1
+    assert {name for name, seed in chosen(60, annealed=True) if seed == 0} == set(USABLE)
     assert all(RECIPES[name].seeded for name, seed in found if seed > 0)
 
 
@@ -166,6 +171,32 @@ def test_wrong_degrees_are_refused(agglo: Agglo, wrong: str) -> None:
 def test_the_page_of_one_degree_names_all_that_was_measured() -> None:
     result = measured("squares:n=8", 4, "kmeans", 0, [1])
     rows = [Measured("squares:n=8", name, 0, result) for name in ("kmeans", "branches", "shaken")]
-    found = page(rows, 4, [1], "agglo study shapes")
+    group = Group("", "", rows, ["L2", "paper κ = 1"], [1])
+    found = page("shapes", [group], {"parts": 4, "degrees": "1"}, "agglo study shapes", {})
     assert found.tables[0].rows == []  # nothing differs
     assert len(found.tables[-1].rows) == 3
+
+
+def test_what_the_number_of_parts_explains_can_be_taken_out() -> None:
+    metrics = {"parts": [1, 2, 3, 4, 5, 6], "UF": [1, 2, 3, 4, 6, 5], "J": [2, 1, 4, 3, 6, 5]}
+    steps = [2, 1, 4, 3, 6, 5]
+    rows = [
+        Measured(
+            "a",
+            "kmeans",
+            k,
+            {
+                "metrics": {name: values[k] for name, values in metrics.items()},
+                "better": dict.fromkeys(metrics, "low"),
+                "outcomes": {"steps": steps[k]},
+            },
+        )
+        for k in range(6)
+    ]
+    found = correlations(rows, metrics, ["steps"], given="parts")
+    assert math.isnan(found["parts"][0])
+    assert found["J"][0] == pytest.approx(1.0)
+    table = {name: spearmanr(metrics[name], steps).statistic for name in metrics}
+    uf = spearmanr(metrics["UF"], metrics["parts"]).statistic
+    slow = (table["UF"] - uf * table["parts"]) / math.sqrt((1 - uf**2) * (1 - table["parts"] ** 2))
+    assert found["UF"][0] == pytest.approx(slow)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.case import Case
 from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_cases import bands, tagged
+from agglo_core.conformance.mesh_cases import bands, marked
 from agglo_core.conformance.own_components import own_components
 from agglo_core.conformance.questions import answer, in_words, questions
 from agglo_core.conformance.subject import Subject
@@ -21,11 +19,11 @@ from agglo_core.graph import Graph
 
 @law("constraint")
 def masks(subject: Subject) -> None:
-    """It answers in booleans: one for each CSR entry, for each part, for each piece."""
+    """It answers in booleans: one for each CSR entry, or for each part."""
     for case in questions(subject):
-        graph, labels = case.given
+        mesh, labels = case.given
         parts = int(labels.max()) + 1
-        wanted = {"forbidden": len(graph.indices), "admissible": parts, "finished": parts}
+        wanted = {"forbidden": len(mesh.graph.indices), "admissible": parts, "incomplete": parts}
         for method, given in answer(subject, subject.build(), case).items():
             require(
                 isinstance(given, np.ndarray) and given.shape == (wanted[method],) and given.dtype == bool,
@@ -34,12 +32,14 @@ def masks(subject: Subject) -> None:
             )
 
 
-@law("constraint", when=lambda subject: subject.has("forbidden"))
+@law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
 def both_directions(subject: Subject) -> None:
     """What it forbids of a cell and its neighbour it forbids of the neighbour and the cell."""
     for case in questions(subject):
-        graph = case.given[0]
-        pairs = _pairs(graph, answer(subject, subject.build(), case)["forbidden"])
+        given = answer(subject, subject.build(), case)
+        if "forbidden" not in given:
+            continue
+        pairs = _pairs(case.given[0].graph, given["forbidden"])
         one_way = np.flatnonzero(pairs != pairs.T)
         require(
             not len(one_way),
@@ -52,13 +52,11 @@ def both_directions(subject: Subject) -> None:
 def numbering_ignored(subject: Subject) -> None:
     """Renumbering the cells changes nothing."""
     for mesh in (small_meshes.grid(9, 7, jitter=0.25), small_meshes.mixed()):
-        here = tagged(mesh)
+        here = marked(mesh)
         moved, order = small_meshes.changed(here, "renumbered")
         labels = bands(mesh, 4)
-        asked = Case(mesh.name, (here.graph, labels))
-        tags = {name: values[order] for name, values in here.cell_tags.items()}
-        moved = replace(moved, cell_tags=tags)
-        again = Case(f"{mesh.name}, renumbered", (moved.graph, frozen_int(labels[order])))
+        asked = Case(mesh.name, (here, labels))
+        again = Case(f"{mesh.name}, renumbered", (moved, frozen_int(labels[order])))
         one, two = (_taken(subject, case) for case in (asked, again))
         for method in one.keys() & two.keys():
             same = np.array_equal(one[method], two[method])
@@ -71,25 +69,71 @@ def numbering_ignored(subject: Subject) -> None:
             )
 
 
-@law("constraint", when=lambda subject: subject.has("forbidden"))
+@law("constraint", when=lambda subject: subject.has("forbidden") or subject.has("for_mesh"))
 def constraint_kept(subject: Subject) -> None:
     """In a run under it every part is connected without the edges it forbids."""
-    from agglo_core.agglomeration.pipeline import agglomerate
+    from agglo_core.agglomeration.one_call import agglomerate
 
-    graph = tagged(small_meshes.grid(9, 7, jitter=0.2)).graph
+    mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
     tool = subject.build()
     try:
         chosen = {"bisector": "inertial", "constraints": [tool], "registry": own_components()}
-        labels = agglomerate(graph, n_parts=12, **chosen).levels[0]  # type: ignore[arg-type]
+        labels = agglomerate(mesh, n_parts=12, **chosen).levels[0]  # type: ignore[arg-type]
     except AggloError as error:
         raise Broken(f"a run under it failed: {error}") from error
-    seen = answer(subject, tool, Case("the parts of a run", (graph, labels)))
-    pieces = int(graph.without_edges(seen["forbidden"]).components(labels).max()) + 1
+    seen = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
+    if "forbidden" not in seen:
+        return
+    pieces = int(mesh.graph.without_edges(seen["forbidden"]).components(labels).max()) + 1
     parts = int(labels.max()) + 1
     require(
         pieces == parts,
         f"the {parts} parts of a run are {pieces} without the edges it forbids: always forbid the same",
     )
+
+
+@law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))
+def pieces_admissible(subject: Subject) -> None:
+    """A single cell is admissible, and so is each half of a part that is: splitting comes to an end."""
+    for case in questions(subject):
+        mesh, labels = case.given
+        given = answer(subject, subject.build(), case)
+        if "admissible" not in given:
+            continue
+        cells = Case(f"{case.name}, cell by cell", (mesh, frozen_int(np.arange(mesh.n_cells))))
+        require(
+            bool(answer(subject, subject.build(), cells)["admissible"].all()),
+            f"on {cells.name}: a cell is not admissible, and cannot be split",
+        )
+        halves = bands(mesh, 2)
+        number = np.unique(2 * labels + halves, return_inverse=True)[1]
+        finer = Case(f"{case.name}, parts halved", (mesh, frozen_int(number)))
+        above = np.empty(int(number.max()) + 1, np.int64)
+        above[number] = labels
+        good = answer(subject, subject.build(), finer)["admissible"]
+        require(
+            bool((good | ~given["admissible"][above]).all()),
+            f"on {finer.name}: a piece of an admissible part is not",
+        )
+
+
+@law("constraint", when=lambda subject: subject.has("admissible") or subject.has("for_mesh"))
+def parts_admissible(subject: Subject) -> None:
+    """In a run under it every part is admissible."""
+    from agglo_core.agglomeration.one_call import agglomerate
+
+    mesh = marked(small_meshes.grid(9, 7, jitter=0.2))
+    tool = subject.build()
+    try:
+        labels = agglomerate(
+            mesh, n_parts=21, bisector="inertial", constraints=[tool], registry=own_components()
+        ).levels[0]
+    except AggloError as error:
+        raise Broken(f"a run under it failed: {error}") from error
+    given = answer(subject, tool, Case("the parts of a run", (mesh, labels)))
+    if "admissible" in given:
+        honest = bool(given["admissible"].all())
+        require(honest, "a part of a run is not admissible: it must always answer alike")
 
 
 def _pairs(graph: Graph, mask: Mask) -> Int:

@@ -111,23 +111,31 @@ def broken_files_refused(subject: Subject) -> None:
 
 @law("format", when=_writes)
 def files_left_alone(subject: Subject) -> None:
-    """Reading leaves the file as it was; writing makes that file and others with its stem, and no more."""
+    """Reading leaves the file as it was; writing makes it, others with its stem, its ``folders``, no more."""
     for case in questions(subject):
         with _folder(case) as folder:
             (folder / "other.txt").write_text("not yours")
             path = folder / f"mesh{case.given[1]}"
             subject.build().write(path, case.given[0])
-            names = sorted(each.name for each in folder.iterdir() if not each.name.startswith("mesh"))
+            own = getattr(subject.build(), "folders", ())
+            found = [each for each in folder.iterdir() if not (each.is_dir() and each.name in own)]
+            names = sorted(each.name for each in found if not each.name.startswith("mesh"))
             untouched = (folder / "other.txt").read_text() == "not yours"
             require(
                 path.is_file() and names == ["other.txt"] and untouched,
                 f"on {case.name}: beside {path.name} there is now {', '.join(names)}: write the file you are "
                 "given, and others only under names that begin with its stem",
             )
-            before = {each: (each.read_bytes(), os.stat(each).st_mtime_ns) for each in folder.iterdir()}
+            before = _contents(folder)
             subject.build().read(path)
-            after = {each: (each.read_bytes(), os.stat(each).st_mtime_ns) for each in folder.iterdir()}
+            after = _contents(folder)
             require(before == after, f"on {case.name}: reading changed the folder: open files with 'r' alone")
+
+
+def _contents(folder: Path) -> dict[Path, tuple[bytes, int]]:
+    """What is in all files of a folder, and when they were changed."""
+    files = [each for each in folder.rglob("*") if each.is_file()]
+    return {each: (each.read_bytes(), os.stat(each).st_mtime_ns) for each in files}
 
 
 def _attribute(subject: Subject, name: str) -> bool:

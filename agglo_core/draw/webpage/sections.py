@@ -28,8 +28,8 @@ def own_sections() -> str:
 def sections_of_plugins(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> str:
     """Every component of kind ``section`` that can be used, each in a ``<section>`` of its own.
 
-    Titles are escaped, fragments stay as they are. One that fails becomes a note in its place and a
-    warning in the log, which name the plugin.
+    Titles are escaped, fragments stay as they are; where a fragment is empty there is no section. One that
+    fails becomes a note in its place and a warning in the log, which name the plugin.
     """
     return "\n".join(_theirs(mesh, runs, registry))
 
@@ -48,4 +48,6 @@ def _theirs(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> Iterat
             why = f"{describe(record)} is left out of the report: {raised(error)}"
             logging.getLogger("agglo").warning("%s", why)
             title, fragment = record.name, f'<p class="hint">{html.escape(why)}</p>'
+        if not fragment.strip():
+            continue
         yield f'<section class="theirs">\n<h2>{html.escape(title)}</h2>\n{fragment}\n</section>'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from agglo_core.authoring import Float
 from agglo_paper.study.study_partitions import RECIPES
 
 __all__ = ["Measured", "correlations", "costs", "relative"]
+
+_SAME: Final = 1e-6
+"""Of the variance: where less is left once the ranks of a metric are taken out, it was that metric."""
 
 
 @dataclass(frozen=True)
@@ -40,26 +43,33 @@ class Measured:
 
 
 def correlations(
-    rows: Sequence[Measured], metrics: Iterable[str], outcomes: Sequence[str]
+    rows: Sequence[Measured], metrics: Iterable[str], outcomes: Sequence[str], given: str = ""
 ) -> dict[str, list[float]]:
     """Spearman's rank correlation of each metric with each outcome, the mean over the meshes.
 
-    1 where a worse value always goes with a worse outcome; NaN where either never changes.
+    1 where a worse value always goes with a worse outcome; NaN where either never changes. ``given`` names a
+    metric whose part in both is taken out: a partial correlation.
     """
     meshes = _by_mesh(rows)
     found = {}
     for metric in metrics:
         badness = [np.array([row.badness(metric) for row in own]) for own in meshes]
         found[metric] = [
-            _mean(
-                [
-                    _spearman(x, np.array([row.outcome(name) for row in own]))
-                    for x, own in zip(badness, meshes, strict=True)
-                ]
-            )
+            _mean([_correlation(x, own, name, given) for x, own in zip(badness, meshes, strict=True)])
             for name in outcomes
         ]
     return found
+
+
+def _correlation(x: Float, rows: Sequence[Measured], outcome: str, given: str) -> float:
+    y = np.array([row.outcome(outcome) for row in rows])
+    plain = _spearman(x, y)
+    if not given:
+        return plain
+    z = np.array([row.badness(given) for row in rows])
+    xz, yz = _spearman(x, z), _spearman(y, z)
+    rest = (1.0 - xz**2) * (1.0 - yz**2)
+    return (plain - xz * yz) / float(np.sqrt(rest)) if rest > _SAME else float("nan")
 
 
 def relative(rows: Sequence[Measured], outcomes: Sequence[str]) -> dict[str, list[float]]:

@@ -1,8 +1,8 @@
-"""The figure of the study: outcomes against metrics, a dot for each partition."""
+"""The figure of a study: outcomes against metrics, a dot for each partition."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,23 +14,28 @@ from agglo_paper.study.ranks import Measured
 
 __all__ = ["draw"]
 
-_METRICS: Final = {"UF": "mean UF", "CR": "mean CR", "J": "mean J", "compactness": "energy of k-means"}
+_METRICS: Final = {
+    "UF": "mean UF",
+    "CR": "mean CR",
+    "isoperimetric": "mean isoperimetric quotient",
+    "J": "mean J",
+    "compactness": "energy of k-means",
+}
+_COLUMNS: Final = 4
 
 
-def draw(rows: Sequence[Measured], degree: int, path: Path) -> None:
-    """Iterations (above) and L2 errors (below), over the best of each mesh; usual methods are filled."""
-    outcomes = {
-        "iterations, patches": f"patches κ = 1 p{degree}",
-        "iterations, the paper's": f"paper κ = 1 p{degree}",
-        f"L2 error, p = {degree}": f"L2 p{degree}",
-    }
-    with picture((2.6 * len(_METRICS), 2.4 * len(outcomes)), path) as figure:
-        panels = figure.subplots(len(outcomes), len(_METRICS), squeeze=False, sharex="col", sharey="row")
+def draw(rows: Sequence[Measured], outcomes: Mapping[str, str], path: Path) -> None:
+    """Outcomes by their labels, over the best of each mesh, in a row each; usual methods are filled."""
+    known = rows[0].result["metrics"]
+    metrics = [name for name in _METRICS if name in known and (name != "isoperimetric" or "CR" not in known)]
+    metrics = metrics[:_COLUMNS]
+    with picture((2.6 * len(metrics), 2.4 * len(outcomes)), path) as figure:
+        panels = figure.subplots(len(outcomes), len(metrics), squeeze=False, sharex="col", sharey="row")
         for line, (label, outcome) in zip(panels, outcomes.items(), strict=True):
-            for axis, metric in zip(line, _METRICS, strict=True):
+            for axis, metric in zip(line, metrics, strict=True):
                 _dots(axis, rows, metric, outcome)
             line[0].set_ylabel(f"{label}, over the best", fontsize=7)
-        for axis, metric in zip(panels[-1], _METRICS, strict=True):
+        for axis, metric in zip(panels[-1], metrics, strict=True):
             axis.set_xlabel(_METRICS[metric], fontsize=7)
         panels[0, 0].legend(fontsize=5)
 

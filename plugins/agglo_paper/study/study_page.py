@@ -1,129 +1,85 @@
-"""The page of the study: which metric tells what about a partition, and what bad shapes cost."""
+"""The pages of the studies: what was done, in words, and the tables of each group."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
-import numpy as np
-
-from agglo_paper.record import Cell, Page, Row, Table
+from agglo_paper.record import Page
 from agglo_paper.store import versions
-from agglo_paper.study.ranks import Measured, correlations, costs, relative
-from agglo_paper.study.study_work import ERRORS, SOLVERS, TOLERANCE
+from agglo_paper.study.study_tables import Group, tables
+from agglo_paper.study.study_work import TOLERANCE
 
-__all__ = ["page"]
+__all__ = ["TITLES", "page"]
 
-_COEFFICIENTS: Final = ("κ = 1", "κ jumps")
-_INTRO: Final = """\
+TITLES: Final = {
+    "shapes": "What shapes are for",
+    "levels": "What shapes are for: four levels",
+    "solids": "What shapes are for: in space",
+}
+_SHAPES: Final = """\
 What the shapes of agglomerates do to solutions. Partitions of {meshes} in {parts} parts each, \
 {partitions} of every mesh, from excellent to bad: by the usual methods, and by random points, \
 growth, stretching and shaking. Of each: iterations to {tolerance:g} of two levels, with fractions, \
 by the default solver `polydg_mg`, by its recipe `patches` and by the paper's `polydg_mg_paper` \
 (with inherited operators; 500 at most), for κ = 1 and for κ that jumps by 1,000 between the squares \
 of a 5 × 5 chessboard; and the errors in L2 and in the DG norm of PolyDG on the mesh of the parts \
-against sin πx sin πy. Degrees: p = {degrees}.
-
+against sin πx sin πy. Degrees: p = {degrees}. Other pages: [four levels](levels.md), [three \
+dimensions](solids.md)."""
+_LEVELS: Final = """\
+As [two levels](shapes.md), but with the mesh and three levels of agglomerates, the parts of \
+{per_part} cells on average. Nested partitions of {meshes}, {partitions} of every mesh and kind, \
+from excellent to bad. At equal numbers of parts, {parts}; and at equal sizes h*, the diagonals of \
+squares of as many mean cells: there the number of parts is free, and no part but a single cell is \
+wider. Iterations to {tolerance:g}, with fractions, by the default solver `polydg_mg`, by its recipe \
+`patches` and by the paper's `polydg_mg_paper` (with inherited operators; 500 at most), for κ = 1 \
+and for κ that jumps by 1,000 between the squares of a 5 × 5 chessboard. Degrees: p = {degrees}."""
+_SOLIDS: Final = """\
+As [in the plane](shapes.md), but in space, where there is **no PolyDG**: it is written for the \
+plane. Finite volumes take its place, −∇·(κ∇u) = 1 with u = 0 on the boundary, one unknown in each \
+cell and two-point fluxes; so nothing here is about polynomials of degree 1 or more, and iterations \
+are those of algebraic multigrid on a matrix of that kind. Partitions of {meshes}, {partitions} of \
+every mesh and kind, from excellent to bad: one level of parts of {two} cells on average (two levels \
+with the mesh), or three of {four} (four levels with the mesh). At equal numbers of parts; and at \
+equal sizes h*, the diagonals of cubes of as many mean cells, where the number of parts is free. \
+Iterations to {tolerance:g}, with fractions (500 at most), for κ = 1 and for κ that jumps by 1,000 \
+between the cubes of a 5 × 5 × 5 chessboard, by: *default*, `polydg_mg:recipe=agglomerates`, which \
+makes a classical level before those of the agglomerates (left alone it does without agglomerates); \
+*smoothed*, `multigrid`, smoothed aggregation; *constants*, `multigrid:transfer=injection`, \
+functions constant on the parts; *paper*, `polydg_mg_paper` with its smoother. *approximation* is \
+the least error in L2 of linear functions on the parts of the finest level against sin πx sin πy sin \
+πz, in the middle of the cells."""
+_RANKS: Final = """\
 A correlation is Spearman's, of ranks, mesh by mesh, and stands for the mean over the meshes. 1: \
 whenever one of two partitions is worse by the metric, so is what it leads to; 0: the metric tells \
 nothing. Metrics are means over the parts; `compactness` (the energy of k-means), `interface`, \
-`shape` (what the polish pursues), `balance`, `diameter` (the largest), `cut` and `normalised_cut` \
-are numbers of the whole partition. – : all partitions lead to the same, as with the default solver \
-where its recipe does without agglomerates.
+`shape` (what the polish pursues), `roundness`, `balance`, `diameter` (the largest), `cut` and \
+`normalised_cut` are numbers of the whole partition. – : all partitions lead to the same, as with \
+the default solver where its recipe does without agglomerates."""
+_SEVERAL: Final = """\
+Metrics are means over the levels, too, and numbers of the whole partition geometric means. At equal \
+sizes `parts` is the number of parts on all levels together: as an outcome, what a size costs; as a \
+metric, of which fewer are better. More parts are a finer space, so with a size given bad \
+partitions, which need many parts, take few iterations. Tables in which the number of parts is taken \
+out have partial correlations: what a metric tells of partitions in as many parts."""
+_INTROS: Final = {
+    "shapes": (_SHAPES, _RANKS),
+    "levels": (_LEVELS, _RANKS, _SEVERAL),
+    "solids": (_SOLIDS, _RANKS, _SEVERAL),
+}
 
-Made by `{command}` with {versions}."""
 
-
-def page(rows: Sequence[Measured], parts: int, degrees: Sequence[int], command: str) -> Page:
-    """The page ``shapes``, made by a command line."""
-    sources = list(dict.fromkeys(row.source for row in rows))
-    per_mesh = len(rows) // len(sources)
-    intro = _INTRO.format(
-        meshes=", ".join(f"`{each}`" for each in sources),
-        parts=parts,
-        partitions=per_mesh,
+def page(
+    what: str, groups: Sequence[Group], facts: Mapping[str, Any], command: str, figures: Mapping[str, str]
+) -> Page:
+    """The page of a study; ``facts`` are what its words mention besides the partitions."""
+    first = groups[0]
+    intro = "\n\n".join((*_INTROS[what], "Made by `{command}` with {versions}.")).format(
+        meshes=", ".join(f"`{each}`" for each in first.sources),
+        partitions=len(first.rows) // len(first.sources),
         tolerance=TOLERANCE,
-        degrees=", ".join(map(str, degrees)),
         command=command,
         versions=", ".join(f"{name} {version}" for name, version in versions().items()),
+        **facts,
     )
-    usual = [row for row in rows if row.usual]
-    tables = [
-        _summary("all", f"All {per_mesh} partitions of a mesh, degrees together", rows, degrees),
-        _summary("usual", f"The usual methods alone, {len(usual) // len(sources)} of a mesh", usual, degrees),
-        *(_of_degree(rows, degree) for degree in degrees),
-        _costs(rows, degrees),
-        _recipes(rows, degrees),
-    ]
-    caption = "Errors and iterations against UF, CR, J and the energy of k-means"
-    return Page("shapes", "What shapes are for", intro, tables, {"shapes.svg": caption})
-
-
-def _kinds() -> list[str]:
-    """What is measured, without the degree."""
-    return [*(f"{name} {what}" for name in SOLVERS for what in _COEFFICIENTS), *ERRORS]
-
-
-def _metrics(rows: Sequence[Measured]) -> list[str]:
-    return [] if not rows else list(rows[0].result["metrics"])
-
-
-def _summary(name: str, title: str, rows: Sequence[Measured], degrees: Sequence[int]) -> Table:
-    """Correlations, the mean over the degrees; the best metrics come first."""
-    names = _metrics(rows)
-    columns: dict[str, dict[str, float]] = {metric: {} for metric in names}
-    for kind in _kinds():
-        found = correlations(rows, names, [f"{kind} p{degree}" for degree in degrees])
-        for metric, values in found.items():
-            known = [each for each in values if np.isfinite(each)]
-            columns[metric][kind] = float(np.mean(known)) if known else float("nan")
-    note = "mean of the rank correlations over degrees and meshes; the metrics in the order of their means"
-    return Table(name, title, _ranked(columns), 2, "metric", [note])
-
-
-def _of_degree(rows: Sequence[Measured], degree: int) -> Table:
-    kinds, names = _kinds(), _metrics(rows)
-    found = correlations(rows, names, [f"{kind} p{degree}" for kind in kinds])
-    columns = {metric: dict(zip(kinds, values, strict=True)) for metric, values in found.items()}
-    return Table(f"p{degree}", f"All partitions, p = {degree}", _ranked(columns), 2, "metric")
-
-
-def _ranked(columns: dict[str, dict[str, float]]) -> list[Row]:
-    """A row for each metric that is defined somewhere, those that tell most first."""
-
-    def mean(metric: str) -> float:
-        known = [each for each in columns[metric].values() if np.isfinite(each)]
-        return float(np.mean(known)) if known else -np.inf
-
-    names = sorted((name for name in columns if np.isfinite(mean(name))), key=mean, reverse=True)
-    return [Row(name, {kind: Cell(each) for kind, each in columns[name].items()}) for name in names]
-
-
-def _costs(rows: Sequence[Measured], degrees: Sequence[int]) -> Table:
-    outcomes = [f"{kind} p{degree}" for degree in degrees for kind in _kinds()]
-    found = [
-        (
-            f"{who}, p = {degree}",
-            {kind: Cell(values[outcomes.index(f"{kind} p{degree}")]) for kind in _kinds()},
-        )
-        for who, values in costs(rows, outcomes).items()
-        for degree in degrees
-    ]
-    return Table("costs", "What bad shapes cost", [Row(*each) for each in found], 2, "partitions")
-
-
-def _recipes(rows: Sequence[Measured], degrees: Sequence[int]) -> Table:
-    """How each recipe does, over the best partition of each mesh, degrees together."""
-    kinds = _kinds()
-    found = relative(rows, [f"{kind} p{degree}" for kind in kinds for degree in degrees])
-    table = {
-        recipe: np.exp(np.log(values).reshape(len(kinds), len(degrees)).mean(axis=1)).tolist()
-        for recipe, values in found.items()
-    }
-    ordered = sorted(table, key=lambda recipe: float(np.log(table[recipe]).mean()))
-    lines = [
-        Row(recipe, {kind: Cell(each) for kind, each in zip(kinds, table[recipe], strict=True)})
-        for recipe in ordered
-    ]
-    note = "over the best partition of each mesh: geometric means over meshes, seeds and degrees"
-    return Table("recipes", "How the partitions do", lines, 2, "partition", [note])
+    return Page(what, TITLES[what], intro, [each for group in groups for each in tables(group)], figures)

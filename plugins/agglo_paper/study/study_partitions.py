@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, count, islice, zip_longest
 from types import MappingProxyType
@@ -156,7 +156,11 @@ class Recipe:
 
     def labels(self, mesh: Mesh, parts: int, seed: int) -> Int:
         """Part of each cell ``(n_cells,)``: exactly ``parts`` connected ones."""
-        return agglomerate(mesh, n_parts=parts, seed=seed, **self.options).levels[0]
+        return self.levels(mesh, {"n_parts": parts}, seed)[0]
+
+    def levels(self, mesh: Mesh, target: Mapping[str, Any], seed: int) -> Sequence[Int]:
+        """Nested levels of connected parts, finest first, by ``n_parts`` or ``h_star``."""
+        return agglomerate(mesh, seed=seed, **target, **self.options).levels
 
 
 _BARE: Final = MappingProxyType({"refiners": (), "polish": False})
@@ -196,16 +200,22 @@ _RANDOM: Final = (
     _random("random points, 20 steps", Scattered(20)),
     _random("shaken 12 times", Shaken(12)),
 )
-RECIPES: Final = MappingProxyType({each.name: each for each in (*_USUAL, *_RANDOM)})
+_ANNEALED: Final = Recipe(
+    "kmeans k-way, annealed",
+    {"bisector": ("kmeans", {"effort": "good", "objective": "roundness"}), "method": "kway"},
+    seeded=True,
+)
+RECIPES: Final = MappingProxyType({each.name: each for each in (*_USUAL, *_RANDOM, _ANNEALED)})
 """All recipes by name."""
 
 
-def chosen(number: int) -> list[tuple[str, int]]:
+def chosen(number: int, annealed: bool = False) -> list[tuple[str, int]]:
     """So many names of recipes that can be used here, each with a seed: usual and random ones by turns.
 
-    First all with seed 0, then those that hang on the seed with 1, 2, …
+    First all with seed 0, then those that hang on the seed with 1, 2, … ``annealed``: with annealed parts.
     """
-    usual, others = ([each for each in all_ if not each.problem] for all_ in (_USUAL, _RANDOM))
+    first_ones = (_USUAL[0], _ANNEALED, *_USUAL[1:]) if annealed else _USUAL
+    usual, others = ([each for each in all_ if not each.problem] for all_ in (first_ones, _RANDOM))
     first = [each for pair in zip_longest(usual, others) for each in pair if each is not None]
     again = [each for each in first if each.seeded]
 

@@ -22,7 +22,20 @@ from agglo_core.authoring import (
 )
 from agglo_paper.study.study_partitions import RECIPES
 
-__all__ = ["ERRORS", "SOLVERS", "TOLERANCE", "measured"]
+__all__ = [
+    "ERRORS",
+    "MOST",
+    "SOLVERS",
+    "TOLERANCE",
+    "coefficients",
+    "iterations",
+    "loaded",
+    "measured",
+    "metrics_of",
+    "plane_solver",
+    "problems",
+    "unit_box",
+]
 
 TOLERANCE: Final = 1e-6
 SOLVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
@@ -33,7 +46,7 @@ SOLVERS: Final[Mapping[str, tuple[str, Mapping[str, Any]]]] = {
 """Solvers by what the page calls them: name and options. Inherited operators converge for any κ."""
 ERRORS: Final = {"L2": "l2", "DG": "dg"}
 _DIRECT: Final = ("direct", {"penalty": "sharp", "scaled_basis": True})
-_MOST: Final = 500  # iterations, which stand for a solver that has not converged
+MOST: Final = 500  # iterations, which stand for a solver that has not converged
 _CONTRAST: Final = 1e3
 _SQUARES: Final = 5  # of equal κ along each side; no multiple of two: halvings would meet their borders
 _NONE: Final = ("cells", "components", "diameter_ratio")  # alike in all, or in need of a size
@@ -47,25 +60,27 @@ def measured(
     ``metrics`` are means over the parts, and objectives of the whole; ``better`` says which way. ``outcomes``
     are iterations, with a fraction, by solver, degree and coefficient, and the errors on the coarse mesh.
     """
-    mesh = _loaded(source)
+    mesh = loaded(source)
     labels = RECIPES[recipe].labels(mesh, parts, seed)
-    metrics, better = _metrics(mesh, labels)
+    metrics, better = metrics_of(mesh, labels)
     outcomes: dict[str, float] = {}
     for degree in degrees:
         outcomes |= _errors(mesh.coarsen(labels), degree)
-        for what, problem in _problems(mesh).items():
+        for what, problem in problems(mesh).items():
             for name in SOLVERS:
-                outcomes[f"{name} {what} p{degree}"] = _iterations(mesh, labels, name, degree, problem)
+                tool = plane_solver(name, degree)
+                outcomes[f"{name} {what} p{degree}"] = iterations(mesh, [labels], tool, problem)
     return {"metrics": metrics, "better": better, "outcomes": outcomes}
 
 
 @lru_cache(maxsize=2)
-def _loaded(source: str) -> Mesh:
+def loaded(source: str) -> Mesh:
     """The mesh; units of one mesh follow one another."""
     return load_mesh(source)
 
 
-def _metrics(mesh: Mesh, labels: Int) -> tuple[dict[str, float], dict[str, str]]:
+def metrics_of(mesh: Mesh, labels: Int) -> tuple[dict[str, float], dict[str, str]]:
+    """Means of all metrics and values of all objectives, and which way each is better."""
     values: dict[str, float] = {}
     better: dict[str, str] = {}
     for record in default().list():
@@ -82,23 +97,23 @@ def _metrics(mesh: Mesh, labels: Int) -> tuple[dict[str, float], dict[str, str]]
     return values, better
 
 
-def _unit(mesh: Mesh) -> tuple[Float, float]:
+def unit_box(mesh: Mesh) -> tuple[Float, float]:
     """Corner and longest side of the box around the mesh."""
     used = mesh.points[mesh.face_vertices]
     low = used.min(axis=0)
     return low, float((used.max(axis=0) - low).max())
 
 
-def _problems(mesh: Mesh) -> dict[str, Diffusion]:
-    """−∇·(κ∇u) = 1 with κ = 1, and with one that jumps between the squares of a chessboard."""
-    low, side = _unit(mesh)
+def coefficients(mesh: Mesh) -> dict[str, Float]:
+    """κ of each cell: 1, and one that jumps between the squares of a chessboard."""
+    low, side = unit_box(mesh)
     field = np.floor(_SQUARES * (mesh.cell_centroids - low) / side).astype(int).sum(axis=1) % 2
-    return {"κ = 1": Diffusion(), "κ jumps": Diffusion(kappa=np.where(field == 1, _CONTRAST, 1.0))}
+    return {"κ = 1": np.ones(mesh.n_cells), "κ jumps": np.where(field == 1, _CONTRAST, 1.0)}
 
 
 def _errors(coarse: Mesh, degree: int) -> dict[str, float]:
     """Errors of PolyDG on the mesh of the parts against sin πx sin πy, x and y over the longest side."""
-    low, side = _unit(coarse)
+    low, side = unit_box(coarse)
 
     def exact(points: Float) -> Float:
         sines: Float = np.sin(np.pi * (points - low) / side).prod(axis=1)
@@ -116,16 +131,26 @@ def _errors(coarse: Mesh, degree: int) -> dict[str, float]:
     return {f"{word} p{degree}": found[key] for word, key in ERRORS.items()}
 
 
-def _iterations(mesh: Mesh, labels: Int, solver: str, degree: int, problem: Diffusion) -> float:
-    """Iterations of two levels until the residual is small enough, the last one in part."""
-    name, options = SOLVERS[solver]
-    tool = default().build(
-        "solver", name, degree=degree, tolerance=TOLERANCE, max_iterations=_MOST, **options
-    )
-    solution = tool.solve(problem, Hierarchy(mesh, mesh.graph, [labels], [{}], nested=True))
+def problems(mesh: Mesh) -> dict[str, Diffusion]:
+    """−∇·(κ∇u) = 1 with each of the coefficients."""
+    constant, jumping = coefficients(mesh).items()
+    return {constant[0]: Diffusion(), jumping[0]: Diffusion(kappa=jumping[1])}
+
+
+def plane_solver(name: str, degree: int) -> Any:
+    """One of :data:`SOLVERS`."""
+    kind, options = SOLVERS[name]
+    limits = {"tolerance": TOLERANCE, "max_iterations": MOST}
+    return default().build("solver", kind, degree=degree, **limits, **options)
+
+
+def iterations(mesh: Mesh, levels: Sequence[Int], tool: Any, problem: Any) -> float:
+    """Iterations of a solver with levels until the residual is small enough, the last one in part."""
+    targets: list[dict[str, Any]] = [{} for _ in levels]
+    solution = tool.solve(problem, Hierarchy(mesh, mesh.graph, list(levels), targets, nested=True))
     fallen = np.log(np.maximum(solution.residuals / solution.residuals[0], 1e-300))
     wanted = np.log(TOLERANCE)
     if not (fallen <= wanted).any():
-        return float(_MOST)
+        return float(MOST)
     last = int(np.argmax(fallen <= wanted))
     return float(last - 1 + (wanted - fallen[last - 1]) / (fallen[last] - fallen[last - 1]))

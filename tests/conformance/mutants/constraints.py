@@ -25,6 +25,13 @@ class Regions:
         return tags[_rows(graph)] != tags[graph.indices]
 
 
+class AtMostNine:
+    """No part of more than nine cells."""
+
+    def admissible(self, graph, labels):
+        return np.bincount(labels) <= 9
+
+
 class AtLeastTwo:
     """No part of a single cell."""
 
@@ -32,11 +39,22 @@ class AtLeastTwo:
         return np.bincount(labels) >= 2
 
 
-class Small:
-    """Pieces of at most eight cells are done."""
+class Moody(AtMostNine):
+    """Admits at random what it has not seen before."""
 
-    def finished(self, graph, pieces):
-        return np.bincount(pieces) <= 8
+    def __init__(self):
+        self.asked = 0
+
+    def admissible(self, graph, labels):
+        self.asked += 1
+        return super().admissible(graph, labels) & (self.asked % 2 == 1)
+
+
+class Small:
+    """Parts of at most eight cells should join others."""
+
+    def incomplete(self, graph, labels):
+        return np.bincount(labels) <= 8
 
 
 class OtherTag(Regions):
@@ -50,8 +68,8 @@ class ZerosAndOnes(Regions):
 
 
 class OnePerCell(Small):
-    def finished(self, graph, pieces):
-        return super().finished(graph, pieces)[pieces]
+    def incomplete(self, graph, labels):
+        return super().incomplete(graph, labels)[labels]
 
 
 class OneWay(Regions):
@@ -83,7 +101,7 @@ class HoldsARule(Regions):
 
 CORRECT = [
     (Regions, {"3d": True, "pickles": True}),
-    (AtLeastTwo, {"3d": True, "pickles": True}),
+    (AtMostNine, {"3d": True, "pickles": True}),
     (Small, {"3d": True, "pickles": True}),
 ]
 
@@ -94,6 +112,8 @@ MUTANTS = [
     Mutant("both_directions", OneWay, "stands in the graph twice"),
     Mutant("numbering_ignored", ByNumber, "not cell numbers"),
     Mutant("constraint_kept", ForbidsAll, "too few parts"),
+    Mutant("pieces_admissible", AtLeastTwo, "cannot be split"),
+    Mutant("parts_admissible", Moody, "always answer alike"),
     Mutant("space_served_or_refused", PlaneConstraint, "only for 2-D"),
     Mutant("pickles", HoldsARule, "no lambdas", {"pickles": True}),
 ]

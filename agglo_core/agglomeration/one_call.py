@@ -1,0 +1,175 @@
+""":func:`agglomerate`: a run in one call."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Literal, TypeVar
+
+from numpy.typing import ArrayLike
+
+from agglo_core.agglomeration.goals import Numbers
+from agglo_core.agglomeration.pipeline import Choice, Method, Pipeline
+from agglo_core.agglomeration.rules import Balance, Marks, Names
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.progress import Listener
+from agglo_core.registry import Registry
+
+__all__ = ["agglomerate"]
+
+_T = TypeVar("_T")
+
+
+def agglomerate(
+    mesh: Mesh | Graph,
+    *,
+    bisector: Choice | None = None,
+    h_star: Numbers | None = None,
+    h_factor: Numbers | None = None,
+    n_parts: Numbers | None = None,
+    cells_per_part: Numbers | None = None,
+    method: Method | None = None,
+    nested: bool | None = None,
+    refiners: Sequence[Choice] | None = None,
+    fixer: Choice | None = None,
+    merge: bool | None = None,
+    polish: bool | None = None,
+    post_refiners: Sequence[Choice] | None = None,
+    seed: int | None = None,
+    config: str | os.PathLike[str] | None = None,
+    constraints: Sequence[Choice] | None = None,
+    regions: Names | ArrayLike | None = None,
+    barriers: Marks | None = None,
+    where: Marks | None = None,
+    boundary_rules: Literal["ridges"] | None = None,
+    weights: str | ArrayLike | None = None,
+    balance: Balance | None = None,
+    max_cells: int | None = None,
+    min_cells: int | None = None,
+    max_measure: float | None = None,
+    min_measure: float | None = None,
+    metric: ArrayLike | None = None,
+    lines: bool | None = None,
+    registry: Registry | None = None,
+    allow_code: bool = False,
+    progress: Listener | None = None,
+    verbose: bool = False,
+    threads: int | None = None,
+) -> Hierarchy:
+    """Agglomerate a mesh or graph into a hierarchy of coarse levels (paper, Algorithm 1).
+
+    Parameters
+    ----------
+    mesh : Mesh or Graph
+    bisector, fixer : str, (str, options) or component object, optional
+        Default ``"kmeans"`` and ``"connectivity"``.
+    h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
+        One kind of target, a level for each value: largest diameter, the same in units of the mesh
+        size h0, exact number of parts, mean number of cells. Default ``h_factor=(2, 4, 8)``.
+    method : "recursive" or "kway", optional
+    nested : bool, optional
+        Default True.
+    refiners : sequence of components, optional
+        Default ``("interface",)``; ``()`` for none.
+    merge : bool, optional
+        Size targets: merge neighbouring parts while their union meets the target. Default False.
+    polish : bool, optional
+        Whether ``post_refiners`` work on each finished level. Default True.
+    post_refiners : sequence of components, optional
+        Moves that make a part miss its size are undone. Default ``("compactness",)``.
+    seed : int, optional
+        Default 0.
+    config : path, optional
+        TOML file with these names as keys; arguments given here take precedence.
+    constraints : sequence of components, optional
+        Rules of your own, in place of or besides those that follow. Default ``()``.
+    regions : str, sequence of str or (n,) array, optional
+        No part holds cells of two regions: of different values of a cell tag, or of several.
+    barriers : str, sequence of str, mapping of str to values, or (n_faces,) bool, optional
+        Fractures, faults, walls: no part lies on both sides of such a face, not even around its end. A name
+        stands for all faces where that tag is not zero, ``"name=3"`` for those where it is 3.
+    where : str, sequence of str, mapping or (n,) bool, optional
+        Only these cells are agglomerated, all others stay single at every level.
+    boundary_rules : "ridges", optional
+        Cells are joined only with cells on the same boundary patches; those at corners stay single.
+    weights : str or (n,) array, optional
+        What counts are shared out by: the name of cell data, or numbers.
+    balance : "cells", "measure" or "weights", optional
+        What counts are shared out by; by default weights if given, else cells.
+    max_cells, max_measure : int, float, optional
+        No part has more, single cells excepted.
+    min_cells, min_measure : int, float, optional
+        Smaller parts join a neighbour where nothing forbids it; ``statistics`` say how many are left.
+    metric : (d, d) or (n, d, d) float, optional
+        Symmetric positive definite tensor, one or one for each cell, in which diameters, distances and
+        interfaces are measured: parts are long where it makes lengths short. Sizes are meant in it, too.
+    lines : bool, optional
+        Keep lines of strongly coupled cells, as in boundary layers: a part consists of whole lines, or of
+        some cells of one. Default False.
+    registry : Registry, optional
+        Where names are looked up, and whose plugins follow the run; by default the installed ones.
+    allow_code : bool, optional
+        Whether options in ``config`` may name code, which is then imported and run. Default False.
+    progress : callable, optional
+        Told of each phase, and how much of it is done: an :class:`~agglo_core.progress.Progress`, at most
+        20 times a second. What it raises ends the run and passes through unchanged.
+    verbose : bool, optional
+        Show the same on stderr: a bar on a terminal, else lines.
+    threads : int, optional
+        How many threads may work at a time; the result does not depend on it. Default: the environment
+        variable ``AGGLO_THREADS``, else 1.
+
+    Returns
+    -------
+    Hierarchy
+        Every part connected; in size mode with ``diam <= h_star``, except single cells that are
+        larger (counted in ``statistics``).
+
+    Raises
+    ------
+    OptionError
+        If targets or options make no sense, or contradict the constraints.
+    PluginError
+        If a component is missing, unusable, or misbehaves.
+    """
+    if not isinstance(mesh, Mesh | Graph):
+        raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
+    base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=allow_code)
+    counts = n_parts is not None or cells_per_part is not None
+    sizes = h_star is not None or h_factor is not None
+    own = counts or sizes  # a target given replaces those of the file
+    return Pipeline(
+        bisector=_given(bisector, base.bisector),
+        refiners=_given(refiners, base.refiners),
+        fixer=_given(fixer, base.fixer),
+        method=_given(method, base.method),
+        nested=_given(nested, base.nested),
+        merge=_given(merge, base.merge and not counts),
+        polish=_given(polish, base.polish),
+        post_refiners=_given(post_refiners, base.post_refiners),
+        seed=_given(seed, base.seed),
+        h_star=h_star if own else base.h_star,
+        h_factor=h_factor if own else base.h_factor,
+        n_parts=n_parts if own else base.n_parts,
+        cells_per_part=cells_per_part if own else base.cells_per_part,
+        constraints=_given(constraints, base.constraints),
+        regions=_given(regions, base.regions),
+        barriers=_given(barriers, base.barriers),
+        where=_given(where, base.where),
+        boundary_rules=_given(boundary_rules, base.boundary_rules),
+        weights=_given(weights, None if sizes else base.weights),
+        balance=_given(balance, None if sizes else base.balance),
+        max_cells=_given(max_cells, base.max_cells),
+        min_cells=_given(min_cells, base.min_cells),
+        max_measure=_given(max_measure, base.max_measure),
+        min_measure=_given(min_measure, base.min_measure),
+        metric=_given(metric, base.metric),
+        lines=_given(lines, base.lines),
+    ).run(mesh, registry, progress, verbose, threads)
+
+
+def _given(argument: _T | None, otherwise: _T) -> _T:
+    return otherwise if argument is None else argument

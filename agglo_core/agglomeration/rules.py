@@ -1,0 +1,209 @@
+"""What users ask of parts by keyword, and the constraints that these words stand for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.agglomeration.choices import Choice, chosen
+from agglo_core.agglomeration.marked import marked, values_of
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elsewhere import made_by
+from agglo_core.registry import Registry
+from agglo_core.registry.attribution import Member, attributed
+
+__all__ = ["BALANCES", "Balance", "Marks", "Names", "Rules", "imbalance"]
+
+Balance = Literal["cells", "measure", "weights"]
+BALANCES = ("cells", "measure", "weights")
+Names = str | Sequence[str]
+Marks = Names | Mapping[str, Any] | ArrayLike
+"""Tags, tags with the values that count, or an array."""
+
+_TIE = 1e-4
+"""Share of the measure in masses: of sides of as many cells the larger one is the same on any axes."""
+
+_BOUNDS = ("max_cells", "min_cells", "max_measure", "min_measure")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """Constraints, also by keyword: see :func:`~agglo_core.agglomerate`.
+
+    Attributes
+    ----------
+    constraints : sequence of Choice
+        Components of that kind.
+    regions : str, sequence of str or (n,) array, optional
+        No part holds cells of two regions: of different values of a cell tag, or of several.
+    barriers : str, sequence of str, mapping of str to values, or (n_faces,) bool, optional
+        No part lies on both sides of a face that is marked.
+    where : str, mapping or (n,) bool, optional
+        Only these cells are agglomerated, all others stay single.
+    boundary_rules : "ridges", optional
+        Cells on several boundary patches are joined with cells on the same ones only, or not at all.
+    weights : str or (n,) array, optional
+        What counts are shared out by: the name of cell data, or numbers.
+    balance : "cells", "measure" or "weights", optional
+        What counts are shared out by; by default the weights if given, else cells.
+    max_cells, min_cells : int, optional
+    max_measure, min_measure : float, optional
+    metric : (d, d) or (n, d, d) float, optional
+        In which diameters, distances and interfaces are measured.
+    lines : bool
+        Whether lines of strongly coupled cells are kept, and coarsened along themselves first.
+    """
+
+    constraints: Sequence[Choice] = ()
+    regions: Names | ArrayLike | None = None
+    barriers: Marks | None = None
+    where: Marks | None = None
+    boundary_rules: Literal["ridges"] | None = None
+    weights: str | ArrayLike | None = None
+    balance: Balance | None = None
+    max_cells: int | None = None
+    min_cells: int | None = None
+    max_measure: float | None = None
+    min_measure: float | None = None
+    metric: ArrayLike | None = None
+    lines: bool = False
+
+    def check_rules(self) -> None:
+        """Raise OptionError for values that mean nothing on any mesh."""
+        if isinstance(self.constraints, str) or not isinstance(self.constraints, Sequence):
+            raise OptionError(f"constraints must be a sequence of components, given {self.constraints!r}")
+        if self.boundary_rules not in (None, "ridges"):
+            raise OptionError(f"boundary_rules must be 'ridges', given {self.boundary_rules!r}")
+        if self.balance not in (None, *BALANCES):
+            raise OptionError(f"balance is one of {', '.join(BALANCES)}; given {self.balance!r}")
+        if self.weights is not None and self.balance not in (None, "weights"):
+            raise OptionError(f"weights are given, but balance is {self.balance!r}")
+        self._bounds()
+        if not isinstance(self.lines, bool):
+            raise OptionError(f"lines must be true or false, given {self.lines!r}")
+        if self.lines and not (self.max_cells is None and self.max_measure is None):
+            raise OptionError("lines and a largest part cannot be had together: a line may be larger")
+
+    def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
+        """The constraints of a run on this mesh, those of keywords first."""
+        found = [Member(tool, f"constraint {name!r}") for name, tool in self._by_keyword(mesh, graph)]
+        for each in self.constraints:
+            found.append(_on_mesh(chosen("constraint", each, registry)[0], mesh))
+        return found
+
+    def balanced(self, graph: Graph, *, counts: bool) -> Graph:
+        """The graph with the masses by which counts are shared out; sizes share out nothing.
+
+        Raises
+        ------
+        OptionError
+            If a size is asked for, and weights or a balance were given.
+        """
+        if not counts:
+            word = "weights" if self.weights is not None else "balance"
+            if getattr(self, word) is not None:
+                raise OptionError(f"{word} shares out a number of parts; with sizes it means nothing")
+            return graph
+        if self.balance == "measure":
+            return graph
+        mass = self.mass(graph)
+        total = float(graph.measures.sum())
+        share = graph.measures * (_TIE * mass.sum() / total) if total > 0 else 0.0
+        return graph.with_mass(mass + share)
+
+    def mass(self, graph: Graph) -> Float:
+        """What counts are shared out by ``(n,)``."""
+        if self.weights is not None:
+            given: Float = _weights(self.weights, graph)
+            return given
+        if self.balance == "weights":
+            return graph.weights
+        return graph.measures if self.balance == "measure" else frozen_float(np.ones(graph.n))
+
+    def _by_keyword(self, mesh: Mesh | Graph, graph: Graph) -> list[tuple[str, Any]]:
+        made: list[tuple[str, Any]] = []
+        if self.regions is not None:
+            made.append(("regions", _regions(self.regions)))
+        if self.barriers is not None:
+            made.append(("barriers", _component("barriers:Barriers")(_pairs(mesh, self.barriers))))
+        if self.where is not None:
+            alone = ~marked("where", self.where, graph.data, graph.n, "cell")
+            made.append(("where", _component("regions:SingleCells")(alone)))
+        if self.boundary_rules is not None:
+            made.append(
+                ("boundary_rules", _component("ridges:Ridges")().for_mesh(_faces(mesh, "boundary_rules")))
+            )
+        if any(getattr(self, name) is not None for name in _BOUNDS):
+            made.append((" and ".join(n for n in _BOUNDS if getattr(self, n) is not None), self._bounds()))
+        return made
+
+    def _bounds(self) -> Any:
+        return _component("bounds:Bounds")(self.max_cells, self.min_cells, self.max_measure, self.min_measure)
+
+
+def imbalance(mass: Float, labels: Int) -> float:
+    """Mass of the heaviest part over the mean; 1 if there is none."""
+    of_parts = np.bincount(labels, mass)
+    mean = float(of_parts.mean())
+    return float(of_parts.max()) / mean if mean > 0 else 1.0
+
+
+def _component(name: str) -> Callable[..., Any]:
+    return made_by(f"agglo_core.components.{name}")
+
+
+def _regions(given: Names | ArrayLike) -> Any:
+    make = _component("regions:Regions")
+    if isinstance(given, str) or (isinstance(given, Sequence) and all(isinstance(e, str) for e in given)):
+        return make(given if isinstance(given, str) else tuple(given))
+    values = np.asarray(given)
+    if values.dtype.kind not in "iubU":
+        raise OptionError(f"regions must be names of cell tags, integers or booleans, not {values.dtype}")
+    return make(values=values)
+
+
+def _pairs(mesh: Mesh | Graph, barriers: Marks) -> Any:
+    """Both cells of each inner face of a barrier."""
+    faces = _faces(mesh, "barriers")
+    chosen = marked("barriers", barriers, faces.face_tags, faces.n_faces, "face")
+    return faces.face_cells[chosen & (faces.face_cells[:, 1] >= 0)]
+
+
+def _faces(mesh: Mesh | Graph, word: str) -> Mesh:
+    if not isinstance(mesh, Mesh):
+        raise OptionError(f"{word} needs a mesh: a graph has no faces")
+    return mesh
+
+
+def _weights(given: str | ArrayLike, graph: Graph) -> Any:
+    values = values_of("weights", given, graph.data, graph.n, "cell") if isinstance(given, str) else given
+    weights = np.asarray(values)
+    if weights.shape != (graph.n,) or weights.dtype.kind not in "iufb":
+        raise OptionError(
+            f"weights must be {graph.n} numbers, one for each cell; given shape {weights.shape} "
+            f"of {weights.dtype}"
+        )
+    if not (np.isfinite(weights) & (weights >= 0)).all():
+        cell = int(np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))[0])
+        raise OptionError(f"weights must be finite and not negative; cell {cell} has {weights[cell]}")
+    return frozen_float(weights)
+
+
+def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:
+    """The constraint for this mesh, if it wants to see it."""
+    if not callable(getattr(member.tool, "for_mesh", None)):
+        return member
+    if not isinstance(mesh, Mesh):
+        raise OptionError(f"{member.title} needs a mesh: a graph has no faces")
+    with attributed(member.title):
+        tool = member.tool.for_mesh(mesh)
+    if not any(callable(getattr(tool, name, None)) for name in ("forbidden", "admissible", "incomplete")):
+        raise PluginError(f"{member.title}: for_mesh returned {tool!r:.60}, which is not a constraint")
+    return Member(tool, member.title)

@@ -1,0 +1,148 @@
+"""Lengths in a metric: the graph of a mesh mapped to where they are ordinary ones.
+
+Whatever measures diameters, distances of centroids or interfaces then does so in the metric, and parts are
+long where the metric makes lengths short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+
+__all__ = ["in_metric"]
+
+_SYMMETRY = 1e-9
+
+
+def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
+    """The graph with the geometry that the mesh has in a metric.
+
+    A length is √(xᵀ M x). One tensor for all cells is a linear map, and exact. If there is one for each cell
+    there may be no such map: then that is taken which comes nearest along the edges of the graph, by least
+    squares.
+
+    Parameters
+    ----------
+    metric : (d, d) or (n, d, d) float
+        Symmetric positive definite.
+
+    Raises
+    ------
+    OptionError
+        If it is of another shape, or not symmetric positive definite.
+    """
+    roots = _roots(metric, graph)
+    centroids, points = _mapped(graph, roots)
+    size = np.broadcast_to(np.linalg.det(roots), graph.n)
+    interface, boundary = _interfaces(mesh, graph, roots)
+    measures = frozen_float(size * graph.measures)
+    return replace(
+        graph,
+        centroids=centroids,
+        points=points,
+        interface=interface,
+        boundary=boundary,
+        measures=measures,
+        weights=measures if graph.weights is graph.measures else graph.weights,
+        origin=np.zeros(graph.dim),
+    )
+
+
+def _roots(metric: ArrayLike, graph: Graph) -> Float:
+    """Symmetric square roots, ``(d, d)`` or ``(n, d, d)``."""
+    tensors = np.asarray(metric)
+    d = graph.dim
+    if tensors.shape not in ((d, d), (graph.n, d, d)) or tensors.dtype.kind not in "iuf":
+        raise OptionError(
+            f"metric must have shape ({d}, {d}), or ({graph.n}, {d}, {d}) for a tensor in each cell; "
+            f"given {tensors.shape} of {tensors.dtype}"
+        )
+    flat = tensors.reshape(-1, d, d).astype(float)
+    uneven = abs(flat - flat.transpose(0, 2, 1)).max(axis=(1, 2)) > _SYMMETRY * abs(flat).max(axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(np.isfinite(flat), flat, 0.0))
+    bad = np.flatnonzero(uneven | ~np.isfinite(flat).all(axis=(1, 2)) | (values[:, 0] <= 0))
+    if len(bad):
+        where = "" if tensors.ndim == 2 else f" of cell {bad[0]}"
+        raise OptionError(f"the metric{where} is not symmetric positive definite: {flat[bad[0]].tolist()}")
+    roots: Float = (vectors * np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return roots[0] if tensors.ndim == 2 else roots
+
+
+def _mapped(graph: Graph, roots: Float) -> tuple[Float, Float]:
+    """Centroids and points where lengths of the metric are ordinary ones."""
+    if roots.ndim == 2:
+        return graph.centroids @ roots, graph.points @ roots
+    centroids = _nearest_map(graph, roots)
+    cells = np.repeat(np.arange(graph.n), np.diff(graph.vertex_offsets))
+    corners = graph.points[graph.vertices] - graph.centroids[cells]
+    there = centroids[cells] + np.einsum("nij,nj->ni", roots[cells], corners)
+    count = np.maximum(np.bincount(graph.vertices, minlength=len(graph.points)), 1)
+    columns = [np.bincount(graph.vertices, x, len(graph.points)) / count for x in there.T]
+    return centroids, np.stack(columns, axis=1)
+
+
+def _nearest_map(graph: Graph, roots: Float) -> Float:
+    """Places ``(n, d)`` of the centroids whose differences are nearest to those of the metric.
+
+    Edges count by their interface over the distance, as in a discretised gradient.
+    """
+    rows, columns = np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices.astype(np.int64)
+    apart = graph.centroids[rows] - graph.centroids[columns]
+    distance = np.linalg.norm(apart, axis=1)
+    weight = np.where(distance > 0, graph.interface / np.where(distance > 0, distance, 1.0), 0.0)
+    weight += 1e-9 * (weight.max(initial=0.0) or 1.0)
+    wanted = 0.5 * np.einsum("nij,nj->ni", roots[rows] + roots[columns], apart) * weight[:, None]
+    first = np.unique(graph.components(), return_index=True)[1]
+    held = np.zeros(graph.n)
+    held[first] = weight.max(initial=1.0)
+    diagonal = np.bincount(rows, weight, graph.n) + held
+    everywhere = np.arange(graph.n)
+    matrix = sparse.coo_array(
+        (np.concatenate((-weight, diagonal)), (np.append(rows, everywhere), np.append(columns, everywhere)))
+    )
+    right = np.stack([np.bincount(rows, x, graph.n) for x in wanted.T], axis=1)
+    right += held[:, None] * np.einsum("nij,nj->ni", roots, graph.centroids)
+    solved: Float = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(right)
+    return solved
+
+
+def _interfaces(mesh: Mesh | Graph, graph: Graph, roots: Float) -> tuple[Float, Float]:
+    """Measures of what cells share, ``(m,)``, and of their outer faces, ``(n,)``, in the metric.
+
+    A face of the vector S has the measure |det R R⁻¹ S|, R the mean of the roots on both sides. Without a
+    mesh interfaces stand across the line between the centroids, and outer faces grow as the cell does.
+    """
+    rows, columns = np.repeat(np.arange(graph.n), np.diff(graph.indptr)), graph.indices.astype(np.int64)
+    if not isinstance(mesh, Mesh):
+        apart = graph.centroids[columns] - graph.centroids[rows]
+        normals = apart / np.maximum(np.linalg.norm(apart, axis=1), 1e-300)[:, None]
+        vectors = graph.interface[:, None] * normals
+        grown = np.linalg.det(roots) ** ((graph.dim - 1) / graph.dim)
+        return _measured(roots, rows, columns, vectors), graph.boundary * grown
+    one, other = mesh.face_cells.T
+    vectors = mesh.face_normals * mesh.face_measures[:, None]
+    size = _measured(roots, one, np.where(other < 0, one, other), vectors)
+    inner = other >= 0
+    outer = np.bincount(one[~inner], size[~inner], graph.n)
+    low, high = np.minimum(one, other)[inner], np.maximum(one, other)[inner]
+    pairs, place = np.unique(low * graph.n + high, return_inverse=True)
+    total = np.bincount(place, size[inner], len(pairs))
+    keys = np.minimum(rows, columns) * graph.n + np.maximum(rows, columns)
+    return frozen_float(total[np.searchsorted(pairs, keys)]), frozen_float(outer)
+
+
+def _measured(roots: Float, one: Int, other: Int, vectors: Float) -> Float:
+    """Measures ``(f,)`` of faces between two cells, or of one and itself."""
+    mean = roots if roots.ndim == 2 else 0.5 * (roots[one] + roots[other])
+    turned = np.linalg.solve(np.broadcast_to(mean, (len(vectors), *mean.shape[-2:])), vectors[:, :, None])
+    size: Float = np.linalg.norm(turned[:, :, 0], axis=1) * np.linalg.det(mean)
+    return size

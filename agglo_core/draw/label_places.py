@@ -1,0 +1,144 @@
+"""Where the labels of dots go, so that none lies on another or on a dot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float
+
+__all__ = ["label_places", "overlaps", "stair_boxes", "ties"]
+
+_TURNS: Final = (0, 12, 4, 20, 8, 16, 2, 22, 10, 14, 6, 18, 1, 23, 11, 13, 3, 21, 9, 15, 5, 19, 7, 17)
+"""Twenty-fourths of a turn: beside the dot first, then aslant, above and below."""
+_ATTEMPTS: Final = 8
+_FAR: Final = 0.4
+
+
+def label_places(dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None = None) -> Float:
+    """Lower left corners ``(n, 2)`` of labels, each as near to its dot as there is room.
+
+    Labels are placed one after the other, those of the most crowded dots first; the nearest place wins that
+    lies in the frame and meets neither a dot nor a line nor a label. A label for which there is none takes
+    the place where it meets the least, unless all find one in another order.
+
+    Parameters
+    ----------
+    dots : (n, 2) float
+    sizes : (n, 2) float
+        Width and height of each label.
+    frame : (2,) float
+        Width and height of the picture; its lower left corner is 0.
+    gap : float
+        Radius of a dot, and room between things.
+    lines : (m, 4) float, optional
+        Boxes, by lower left and upper right corner, that labels keep clear of, too.
+    """
+    least, best = np.inf, np.zeros((len(dots), 2))
+    for order in _orders(dots):
+        found, shared = _one_by_one(order, dots, sizes, np.asarray(frame), gap, lines)
+        if shared < least or not np.isfinite(least):
+            least, best = shared, found
+        if least == 0.0:
+            break
+    return frozen_float(best)
+
+
+def overlaps(boxes: Float, others: Float) -> Float:
+    """Area ``(n,)`` that each of some boxes ``(n, 4)`` shares with others ``(m, 4)``.
+
+    A box is its lower left and its upper right corner.
+    """
+    ends = np.minimum(boxes[:, None, 2:], others[:, 2:])
+    sides = np.maximum(ends - np.maximum(boxes[:, None, :2], others[:, :2]), 0.0)
+    area: Float = sides.prod(axis=2).sum(axis=1)
+    return area
+
+
+def stair_boxes(corners: Float, width: float) -> Float:
+    """Boxes ``(n - 1, 4)`` around the lines between corners ``(n, 2)`` that follow one another."""
+    low, high = np.minimum(corners[:-1], corners[1:]), np.maximum(corners[:-1], corners[1:])
+    return frozen_float(np.concatenate([low - width / 2, high + width / 2], axis=1))
+
+
+def ties(dots: Float, sizes: Float, places: Float, gap: float) -> dict[int, Float]:
+    """End at the label of each line between a dot and its label, where it takes one to see whose it is.
+
+    That is where a label is far from its dot, or not much farther from another one.
+    """
+    found = {}
+    for own, (place, size) in enumerate(zip(places, sizes, strict=True)):
+        ends = np.clip(dots, place, place + size)
+        away = np.linalg.norm(ends - dots, axis=1)
+        others = np.delete(away, own)
+        if away[own] > 2.2 * gap or others.min(initial=np.inf) < away[own] + 1.5 * gap:
+            found[own] = ends[own]
+    return found
+
+
+def _orders(dots: Float) -> Iterator[Int]:
+    """The most crowded dots first, then some other orders."""
+    away = np.linalg.norm(dots[:, None] - dots[None, :], axis=2)
+    nearness = (1.0 / (away + 1e-3 * (away.max(initial=0.0) or 1.0))).sum(axis=1)
+    first = np.argsort(-nearness, kind="stable")
+    yield first
+    rng = np.random.default_rng(0)
+    for _ in range(_ATTEMPTS - 1):
+        yield rng.permutation(first)
+
+
+def _one_by_one(
+    order: Int, dots: Float, sizes: Float, frame: Float, gap: float, lines: Float | None
+) -> tuple[Float, float]:
+    """Places in an order, and the area that something lies on something else."""
+    circles = np.concatenate([dots - gap, dots + gap], axis=1)
+    taken = circles if lines is None else np.concatenate([circles, lines])
+    labels, found, total = np.empty((0, 4)), np.zeros((len(dots), 2)), 0.0
+    for own in order:
+        apart = np.linalg.norm(dots - dots[own], axis=1) > 2.2 * gap  # nothing leads away from dots on dots
+        barred = np.concatenate([circles[apart], labels])
+        found[own], shared = _corner(dots[own], sizes[own], frame, (taken, barred), gap)
+        total += shared
+        box = np.concatenate([found[own], found[own] + sizes[own]])
+        taken = np.concatenate([taken, box[None], _thread(dots[own], box, gap)])
+        labels = np.concatenate([labels, box[None]])
+    return found, total
+
+
+def _thread(dot: Float, box: Float, gap: float) -> Float:
+    """Small boxes ``(n, 4)`` on the way from a dot to its label: no other label may lie there."""
+    end = np.clip(dot, box[:2], box[2:])
+    beads = max(1, round(float(np.linalg.norm(end - dot)) / (0.5 * gap)))
+    way = dot + np.linspace(0.0, 1.0, beads + 1)[1:, None] * (end - dot)
+    return np.concatenate([way - 0.1 * gap, way + 0.1 * gap], axis=1)
+
+
+def _corner(
+    dot: Float, size: Float, frame: Float, others: tuple[Float, Float], gap: float
+) -> tuple[Float, float]:
+    """Corner of the nearest free place, and what it overlaps.
+
+    ``others`` is what the label, and what the way to it, may not meet.
+    """
+    boxes = _candidates(dot, size, gap, _FAR * float(frame.max()))
+    boxes = boxes[(boxes[:, :2] >= 0.0).all(axis=1) & (boxes[:, 2:] <= frame).all(axis=1)]
+    shared = 1e3 * overlaps(boxes, others[0])  # rather a line across a label than one on another
+    best, least = dot, np.inf
+    for place in np.argsort(shared, kind="stable"):
+        if shared[place] >= least:
+            break
+        found = float(shared[place] + overlaps(_thread(dot, boxes[place], gap), others[1]).sum())
+        if found < least:
+            best, least = boxes[place, :2], found
+    return best, least
+
+
+def _candidates(dot: Float, size: Float, gap: float, far: float) -> Float:
+    """Boxes ``(n, 4)`` of a label in growing rings around its dot, those to be preferred first."""
+    angles = np.pi * np.array(_TURNS) / 12.0
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rings = np.arange(1.5 * gap, far, gap)[:, None, None]
+    middles = (dot + rings * ways + 0.5 * size * np.clip(1.5 * ways, -1.0, 1.0)).reshape(-1, 2)
+    return np.concatenate([middles - 0.5 * size, middles + 0.5 * size], axis=1)

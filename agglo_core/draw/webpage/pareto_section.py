@@ -1,0 +1,139 @@
+"""The section of the report that weighs runs against one another; plain SVG, no script."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from typing import Final
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float
+from agglo_core.draw.label_places import label_places, stair_boxes, ties
+from agglo_core.draw.pareto import BEST, FRONT, reach, sense, stairs
+from agglo_core.draw.plot import short_name
+from agglo_core.measure.comparison import RunResult
+from agglo_core.measure.trade_offs import Axis, TradeOffs, trade_offs
+from agglo_core.mesh import Mesh
+
+__all__ = ["ParetoSection"]
+
+_LEFT, _TOP, _WIDTH, _HEIGHT = 72.0, 14.0, 660.0, 400.0
+_LETTER, _LINE, _GAP = 6.4, 14.0, 6.0
+"""Room of a letter and a line of 11 pixels in the widest of the fonts of the page, and around a dot."""
+_COLOURS: Final = ((253, 231, 37), (93, 201, 99), (33, 145, 140), (59, 82, 139), (68, 1, 84))
+"""From fast to slow; steps of matplotlib's viridis."""
+_SWATCHES: Final = 5
+
+
+class ParetoSection:
+    """Roundness against evenness of the finest levels, coloured by seconds, with the Pareto front."""
+
+    title = "Round, even, fast"
+
+    def html(self, mesh: Mesh, runs: Sequence[RunResult]) -> str:
+        """Return a figure of all runs that came to an end; nothing where there is only one run."""
+        if len(runs) < 2 or not any(run.levels for run in runs):
+            return ""
+        found = trade_offs(runs)
+        missing = f" Not shown: {', '.join(found.missing)}." if found.missing else ""
+        lines = f"Grey line, the front: {FRONT}. {_upper(BEST)}."
+        words = f"The finest levels. Up and to the right is better. {lines}{missing}"
+        return (
+            f"<figure>{_picture(found)}<figcaption>{_legend(found)}<br>{escape(words)}</figcaption></figure>"
+        )
+
+
+def _upper(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _picture(found: TradeOffs) -> str:
+    size = f'viewBox="0 0 {_LEFT + _WIDTH + 12:g} {_TOP + _HEIGHT + 50:g}"'
+    label = "; ".join(
+        f"{name}: {found.roundness.label} {round_:.3f}, {found.evenness.label} {even:.3f}, {seconds:.2g} s"
+        for name, round_, even, seconds in zip(
+            found.labels, found.roundness.values, found.evenness.values, found.seconds, strict=True
+        )
+    )
+    inside = "".join([*_axes(found), *_dots(found)])
+    return f'<svg role="img" {size} aria-label="{escape(label)}">{inside}</svg>'
+
+
+def _places(found: TradeOffs, data: Float) -> Float:
+    """Places ``(n, 2)`` on the picture, from its lower left corner up, of evenness and roundness."""
+    shares = []
+    for axis, values in zip((found.evenness, found.roundness), data.T, strict=True):
+        worse, better = reach(axis)
+        shares.append((values - worse) / (better - worse))
+    return frozen_float(np.stack(shares, axis=1) * [_WIDTH, _HEIGHT])
+
+
+def _axes(found: TradeOffs) -> Iterator[str]:
+    bottom = _TOP + _HEIGHT
+    for value, share in _ticks(found.evenness):
+        x = _LEFT + share * _WIDTH
+        yield _line(x, _TOP, x, bottom, "#e4e1da") + _text(x, bottom + 16, value, "middle")
+    for value, share in _ticks(found.roundness):
+        y = bottom - share * _HEIGHT
+        yield _line(_LEFT, y, _LEFT + _WIDTH, y, "#e4e1da") + _text(_LEFT - 6, y + 4, value, "end")
+    yield _line(_LEFT, bottom, _LEFT + _WIDTH, bottom, "#666") + _line(_LEFT, _TOP, _LEFT, bottom, "#666")
+    yield _text(_LEFT + _WIDTH / 2, bottom + 36, f"{sense(found.evenness)} →", "middle")
+    middle = f"{_TOP + _HEIGHT / 2:.1f}"
+    turned = f'transform="rotate(-90 14 {middle})" text-anchor="middle"'
+    yield f'<text x="14" y="{middle}" {turned}>{escape(sense(found.roundness))} →</text>'
+    corners = _places(found, stairs(found)) * [1, -1] + [_LEFT, bottom]
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
+    yield f'<polyline points="{points}" fill="none" stroke="#888" stroke-width="1.5"/>'
+
+
+def _ticks(axis: Axis) -> Iterator[tuple[str, float]]:
+    """Round values inside an axis, and how far along it each is."""
+    worse, better = reach(axis)
+    span = abs(better - worse)
+    power = 10.0 ** np.floor(np.log10(span / 4))
+    step = next(power * each for each in (1, 2, 5, 10) if span / (power * each) <= 7)
+    digits = max(0, -int(np.floor(np.log10(step))))
+    for number in range(int(np.ceil(min(worse, better) / step)), int(max(worse, better) / step) + 1):
+        yield f"{number * step:.{digits}f}", (number * step - worse) / (better - worse)
+
+
+def _dots(found: TradeOffs) -> Iterator[str]:
+    bottom, names = _TOP + _HEIGHT, [short_name(each) for each in found.labels]
+    dots = _places(found, np.stack([found.evenness.values, found.roundness.values], axis=1))
+    sizes = np.array([(_LETTER * len(name), _LINE) for name in names])
+    avoided = stair_boxes(_places(found, stairs(found)), 2.0)
+    places = label_places(dots, sizes, np.array([_WIDTH, _HEIGHT]), _GAP, avoided)
+    for own, (x, y) in ties(dots, sizes, places, _GAP).items():
+        yield _line(_LEFT + dots[own, 0], bottom - dots[own, 1], _LEFT + x, bottom - y, "#777")
+    for (x, y), fill, best in zip(dots, _fills(found.seconds), found.best, strict=True):
+        ring = f'stroke="#222" stroke-width="{2.5 if best else 0.7}"'
+        yield f'<circle cx="{_LEFT + x:.1f}" cy="{bottom - y:.1f}" r="5" fill="{fill}" {ring}/>'
+    for (x, y), (width, _), dot, name in zip(places, sizes, dots, names, strict=True):
+        left = x + width / 2 < dot[0]  # its end is near the dot, however wide the letters are
+        x, anchor = (x + width, "end") if left else (x, "start")
+        yield _text(_LEFT + x, bottom - y - 3, name, anchor, 'style="fill:#222"')
+
+
+def _fills(seconds: Float) -> list[str]:
+    """Colour of each time, on a logarithmic scale from the shortest to the longest."""
+    logs = np.log(seconds)
+    shares = (logs - logs.min()) / (np.ptp(logs) or 1.0) * (len(_COLOURS) - 1)
+    steps = np.arange(len(_COLOURS))
+    mixed = [np.interp(shares, steps, channel) for channel in np.array(_COLOURS, dtype=float).T]
+    return [f"#{round(r):02x}{round(g):02x}{round(b):02x}" for r, g, b in zip(*mixed, strict=True)]
+
+
+def _legend(found: TradeOffs) -> str:
+    low, high = float(found.seconds.min()), float(found.seconds.max())
+    times = np.geomspace(low, high, _SWATCHES if high > 1.5 * low else 1)
+    pairs = zip(_fills(times), times, strict=True)
+    return "".join(f'<span><i style="color:{fill}">●</i> {time:.2g} s</span>' for fill, time in pairs)
+
+
+def _text(x: float, y: float, text: str, anchor: str, more: str = "") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" {more}>{escape(text)}</text>'
+
+
+def _line(x1: float, y1: float, x2: float, y2: float, colour: str) -> str:
+    return f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{colour}"/>'

@@ -1,0 +1,52 @@
+"""What shapes are for in a solver, as one number: small moments of inertia and short interfaces.
+
+F is the moment of inertia of the parts, over that of as many regular hexagons of the same measure, plus 0.2
+times their interface, over that of these hexagons; in space truncated octahedra, Kelvin's cells, take their
+place. F has no unit and hardly depends on the number of parts.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.graph.dual import Graph
+from agglo_core.graph.functionals import part_cuts
+from agglo_core.graph.moves import mass_centres, part_sums
+
+__all__ = ["INTERFACE_WEIGHT", "solver_factors", "solver_shapes"]
+
+INTERFACE_WEIGHT = 0.2
+"""How much the interface counts: what is measured about it is in docs/reference/annealing.md."""
+
+_HEXAGON = {2: (5.0 / (18.0 * 3.0**0.5), (2.0 * 3.0**0.5) ** 0.5), 3: (0.2356299, 2.6573970)}
+"""Moment of inertia about the centre and half the surface of such a cell of measure 1."""
+
+
+def solver_factors(graph: Graph, counts: Int) -> tuple[Float, Float]:
+    """What inertia and interface of each block ``(B,)`` of ``counts`` parts are multiplied by in F.
+
+    Without measures, or weights, inertia does not count, and the interface is over that of all cells.
+    """
+    blocks, inertia, half_surface = graph.block_ids, *_HEXAGON[graph.dim]
+    measure, weight = part_sums(blocks, graph.measures), part_sums(blocks, graph.weights)
+    some = (measure > 0.0) & (weight > 0.0)
+    unit = np.where(some, measure, 1.0) / counts  # measure of a hexagon
+    whole = np.where(weight > 0.0, weight, 1.0) * unit ** (2.0 / graph.dim)
+    rows = np.repeat(blocks, np.diff(graph.indptr))
+    edges = 0.5 * np.bincount(rows, graph.interface, len(measure))
+    length = np.where(some, half_surface * counts * unit ** (1.0 - 1.0 / graph.dim), edges)
+    factors: Float = np.divide(INTERFACE_WEIGHT, length, out=np.zeros(len(length)), where=length > 0.0)
+    return some / (inertia * whole), factors
+
+
+def solver_shapes(graph: Graph, labels: Int) -> Float:
+    """What each part ``(k,)`` adds to the F of its block; labels number the parts of all blocks."""
+    _, means = mass_centres(graph, labels)
+    inertia = part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
+    interface = 0.5 * part_cuts(graph, labels, edge_weights=graph.interface)
+    block = np.zeros(len(inertia), np.int64)
+    block[labels] = graph.block_ids
+    heavy, long = solver_factors(graph, np.bincount(block, minlength=graph.n_blocks))
+    values: Float = heavy[block] * inertia + long[block] * interface
+    return values

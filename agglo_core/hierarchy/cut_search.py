@@ -1,0 +1,102 @@
+"""The best cut of a given size, and cuts whose neighbours are of nearly the same level."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.hierarchy.forest import Forest
+
+__all__ = ["OBJECTIVES", "best_nodes", "check_grade", "graded"]
+
+OBJECTIVES = ("largest", "squares")
+
+
+def best_nodes(
+    forest: Forest, graph: Graph, indicator: ArrayLike | None, n_parts: int, objective: str, grade: int | None
+) -> Int:
+    """Nodes of the best cut of at most ``n_parts``; arguments are those of ``Hierarchy.cut``."""
+    from agglo_core.kernels.tree_cuts import refine_largest
+
+    if objective not in OBJECTIVES:
+        raise OptionError(f"objective must be one of {', '.join(OBJECTIVES)}; given {objective!r}")
+    if isinstance(n_parts, bool) or not isinstance(n_parts, int | np.integer):
+        raise OptionError(f"n_parts must be a whole number; given {n_parts!r}")
+    if n_parts < forest.n_roots:
+        raise OptionError(f"no cut has {n_parts} parts: the coarsest level has {forest.n_roots}")
+    check_grade(grade)
+    value = forest.sums(_checked(indicator, graph))
+    if objective == "squares":
+        return _least_squares(forest, value, n_parts, grade)
+    at = refine_largest(*_shape(forest, graph, grade), value, forest.n_roots, n_parts)
+    return frozen_int(np.unique(at))
+
+
+def graded(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
+    """The coarsest refinement of a cut in which the levels of neighbours differ by at most ``grade``."""
+    from agglo_core.kernels.tree_cuts import make_graded
+
+    at = np.empty(graph.n, np.int64)
+    ordered = nodes[np.argsort(forest.start[nodes])]
+    at[forest.cells] = np.repeat(ordered, forest.stop[ordered] - forest.start[ordered])
+    make_graded(*_shape(forest, graph, grade), at)
+    return frozen_int(np.unique(at))
+
+
+def check_grade(grade: int | None) -> None:
+    """Refuse what is neither None nor a whole number from 1 on."""
+    if grade is not None and (
+        isinstance(grade, bool) or not isinstance(grade, int | np.integer) or grade < 1
+    ):
+        raise OptionError(f"grade must be None or a whole number from 1 on; given {grade!r}")
+
+
+def _least_squares(forest: Forest, value: Float, n_parts: int, grade: int | None) -> Int:
+    from agglo_core.kernels.tree_sums import least_cut
+
+    if grade is not None:
+        raise OptionError("a grade goes with objective='largest': the least sum of a graded cut is not known")
+    most = min(n_parts, len(forest.cells))
+    largest = value[: forest.n_roots].max()
+    cost = frozen_float((value / largest if largest > 0 else value) ** 2)
+    return frozen_int(
+        np.flatnonzero(least_cut(forest.first_child, forest.n_children, cost, forest.n_roots, most))
+    )
+
+
+def _shape(forest: Forest, graph: Graph, grade: int | None) -> tuple[Any, Any, int]:
+    """What the kernels are told of forest and graph, and the grade, −1 for none."""
+    trees = (
+        forest.cells,
+        forest.start,
+        forest.stop,
+        forest.first_child,
+        forest.n_children,
+        forest.finest,
+        forest.coarsest,
+    )
+    return trees, (graph.indptr, graph.indices), -1 if grade is None else int(grade)
+
+
+def _checked(indicator: ArrayLike | None, graph: Graph) -> Float:
+    """The indicator ``(n,)``, by default the measures; finite and not negative."""
+    if indicator is None:
+        return graph.measures
+    try:
+        values = frozen_float(np.asarray(indicator, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"an indicator holds a number for each cell: {error}") from None
+    if values.shape != (graph.n,):
+        raise OptionError(f"the indicator has shape {values.shape}, expected ({graph.n},), one for each cell")
+    wrong = np.flatnonzero(~((values >= 0) & (values < np.inf)))
+    if len(wrong):
+        raise OptionError(
+            f"an indicator is 0 or more and finite; that of cell {wrong[0]} is {values[wrong[0]]:g} "
+            f"({len(wrong)} such cells)"
+        )
+    return values

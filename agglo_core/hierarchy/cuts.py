@@ -1,0 +1,228 @@
+"""Cuts through the trees of a nested hierarchy: coarse meshes that are fine only where that is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, Mask, first_of_each, frozen_float, frozen_int
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.graph import Graph
+from agglo_core.hierarchy.cut_search import graded
+from agglo_core.hierarchy.forest import Forest
+from agglo_core.mesh import Mesh
+
+__all__ = ["Change", "Cut"]
+
+
+class Change(NamedTuple):
+    """A cut made from another one, and what became of the parts.
+
+    Attributes
+    ----------
+    cut : Cut
+        The new cut.
+    same : (n_parts of the old cut,) int
+        New number of each part that is as it was, −1 for those that changed.
+    pairs : (k, 2) int
+        Old and new number of parts that changed: a refined part stands there with each new one, parts
+        that became one with that.
+    """
+
+    cut: Cut
+    same: Int
+    pairs: Int
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A coarse mesh of parts of several levels, made by :meth:`~agglo_core.hierarchy.Hierarchy.cut`.
+
+    Attributes
+    ----------
+    fine : Mesh or None
+        The fine mesh; None if a Graph was agglomerated.
+    graph : Graph
+        Its dual graph.
+    forest : Forest
+        The levels of the hierarchy as trees.
+    nodes : (n_parts,) int
+        Node of the forest that each part is.
+    grade : int or None
+        By how many levels neighbouring parts may differ; None for any number.
+    """
+
+    fine: Mesh | None
+    graph: Graph
+    forest: Forest
+    nodes: Int
+    grade: int | None = None
+
+    def __post_init__(self) -> None:
+        labels, nodes = self.forest.labelled(self.nodes)
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "_labels", labels)
+
+    def __repr__(self) -> str:
+        levels = f"{self.levels.min()}..{self.levels.max()}"
+        return f"Cut({self.graph.n} cells -> {self.n_parts} parts of levels {levels})"
+
+    @property
+    def labels(self) -> Int:
+        """Part of each cell ``(n,)``, numbered by smallest cell id."""
+        found: Int = self.__dict__["_labels"]
+        return found
+
+    @property
+    def n_parts(self) -> int:
+        """Number of parts."""
+        return len(self.nodes)
+
+    @property
+    def levels(self) -> Int:
+        """Level of each part ``(n_parts,)``, the coarsest one that has it; −1 for single cells."""
+        return frozen_int(self.forest.coarsest[self.nodes])
+
+    @cached_property
+    def measures(self) -> Float:
+        """Measure of each part ``(n_parts,)``."""
+        return frozen_float(np.bincount(self.labels, self.graph.measures))
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Mesh whose cells are the parts.
+
+        Raises
+        ------
+        MeshError
+            If a bare Graph was agglomerated.
+        """
+        if self.fine is None:
+            raise MeshError("this cut belongs to a graph: it has no mesh")
+        return self.fine.coarsen(self.labels)
+
+    # -- local changes -------------------------------------------------------------------------
+    def refine(self, parts: ArrayLike) -> Change:
+        """Split parts into those of the finer level; with a grade, neighbours as far as it asks.
+
+        Parameters
+        ----------
+        parts : (k,) int or (n_parts,) bool
+            Single cells stay as they are.
+        """
+        chosen = self._mask(parts) & (self.forest.n_children[self.nodes] > 0)
+        split = self.nodes[chosen]
+        children = _ranges(self.forest.first_child[split], self.forest.n_children[split])
+        return self._changed(np.concatenate((self.nodes[~chosen], children)))
+
+    def coarsen(self, parts: ArrayLike) -> Change:
+        """Join parts to those of the coarser level, where all parts of such a one are given.
+
+        Others stay as they are; with a grade, so do those whose neighbours would be too fine. What
+        :meth:`refine` has split, and nothing but that, becomes one again if all its pieces are given.
+
+        Parameters
+        ----------
+        parts : (k,) int or (n_parts,) bool
+        """
+        chosen = self._mask(parts)
+        above = self.forest.parent[self.nodes]
+        given = np.bincount(above[chosen & (above >= 0)], minlength=len(self.forest.parent))
+        whole = (given > 0) & (given == self.forest.n_children)
+        joined = (above >= 0) & whole[above]
+        return self._changed(np.concatenate((self.nodes[~joined], np.flatnonzero(whole))))
+
+    def _mask(self, parts: ArrayLike) -> Mask:
+        given = np.asarray(parts)
+        if given.dtype == bool and given.shape == (self.n_parts,):
+            return given
+        if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+            raise OptionError(
+                f"parts must be numbers, or a mask of shape ({self.n_parts},); given shape {given.shape}, "
+                f"dtype {given.dtype}"
+            )
+        if given.size and (given.min() < 0 or given.max() >= self.n_parts):
+            raise OptionError(f"parts must lie in 0..{self.n_parts - 1}; given {given.min()}..{given.max()}")
+        mask = np.zeros(self.n_parts, bool)
+        mask[given.astype(np.int64)] = True
+        return mask
+
+    def _changed(self, nodes: Int) -> Change:
+        if self.grade is not None:
+            nodes = graded(self.forest, self.graph, frozen_int(nodes), self.grade)
+        new = Cut(self.fine, self.graph, self.forest, frozen_int(nodes), self.grade)
+        number = np.full(len(self.forest.parent), -1)
+        number[new.nodes] = np.arange(new.n_parts)
+        same = number[self.nodes]
+        moved = np.unique((self.labels * new.n_parts + new.labels)[same[self.labels] < 0])
+        pairs = np.stack((moved // new.n_parts, moved % new.n_parts), axis=1)
+        return Change(new, frozen_int(same), frozen_int(pairs))
+
+    # -- transfer ------------------------------------------------------------------------------
+    def prolongation(self, finer: Cut) -> sparse.csr_array[Any, Any]:
+        """Constants on these parts on those of a finer cut: a matrix ``(finer.n_parts, n_parts)`` of ones.
+
+        From one cut to a third it is the product of those over any cut between them.
+
+        Raises
+        ------
+        OptionError
+            If a part of ``finer`` is no subset of a part of this cut, or it belongs to another hierarchy.
+        """
+        self._check_same_forest(finer)
+        columns = self.labels[first_of_each(finer.labels)]
+        if (columns[finer.labels] != self.labels).any():
+            raise OptionError(f"{finer!r} is no refinement of {self!r}; projection takes any two cuts")
+        return _csr(np.ones(len(columns)), np.arange(len(columns)), columns, (finer.n_parts, self.n_parts))
+
+    def restriction(self, coarser: Cut) -> sparse.csr_array[Any, Any]:
+        """Mean by measure on the parts of a coarser cut, ``(coarser.n_parts, n_parts)``.
+
+        It undoes :meth:`prolongation`: R P is the identity.
+
+        Raises
+        ------
+        OptionError
+            If a part of this cut is no subset of one of ``coarser``, or it belongs to another hierarchy.
+        """
+        coarser.prolongation(self)
+        return self.projection(coarser)
+
+    def projection(self, other: Cut) -> sparse.csr_array[Any, Any]:
+        """Mean by measure on the parts of any other cut, finer here and coarser there.
+
+        It is the projection in L2 of what is constant on these parts, and keeps its integral.
+
+        Raises
+        ------
+        OptionError
+            If the cut belongs to another hierarchy.
+        """
+        self._check_same_forest(other)
+        shape = (other.n_parts, self.n_parts)
+        common = sparse.csr_array(
+            sparse.coo_array((self.graph.measures, (other.labels, self.labels)), shape=shape)
+        )
+        rows = np.repeat(np.arange(other.n_parts), np.diff(common.indptr))
+        total = np.bincount(rows, common.data, other.n_parts)
+        common.data /= total[rows]
+        return common
+
+    def _check_same_forest(self, other: Cut) -> None:
+        if self.forest is not other.forest:
+            raise OptionError("the cuts belong to different hierarchies: there is no transfer between them")
+
+
+def _csr(values: Float, rows: Int, columns: Int, shape: tuple[int, int]) -> sparse.csr_array[Any, Any]:
+    return sparse.csr_array((values, (rows, columns)), shape=shape)
+
+
+def _ranges(first: Int, count: Int) -> Int:
+    """The numbers ``first[i]``, …, ``count[i]`` of them, for each i."""
+    ends = np.cumsum(count)
+    return frozen_int(np.arange(ends[-1] if len(ends) else 0) + np.repeat(first - ends + count, count))

@@ -1,0 +1,128 @@
+"""The nested levels of a hierarchy as trees, whose cuts are coarse meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, label_order
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy.tree import by_first_cell
+from agglo_core.mesh.checks import name_cells
+
+__all__ = ["Forest"]
+
+
+@dataclass(frozen=True, eq=False)
+class Forest:
+    """Parts of all levels and the cells as nodes; parts of several levels with the same cells are one node.
+
+    Attributes
+    ----------
+    cells : (n,) int
+        Cell ids in tree order, so that every node is a slice of them.
+    start, stop : (N,) int
+        Node i owns ``cells[start[i]:stop[i]]``.
+    parent : (N,) int
+        Parent node, −1 for roots; parents come before their children.
+    first_child, n_children : (N,) int
+        The children of node i are numbered ``first_child[i]``, …; single cells have none.
+    finest, coarsest : (N,) int
+        Finest and coarsest level of which the node is a part; −1 stands for the cells.
+    rounds : (r,) int
+        Number of the first node of each coarsest level, from above; the roots are the first round.
+    """
+
+    cells: Int
+    start: Int
+    stop: Int
+    parent: Int
+    first_child: Int
+    n_children: Int
+    finest: Int
+    coarsest: Int
+    rounds: Int
+
+    @classmethod
+    def of(cls, levels: Sequence[Int], n: int) -> Forest:
+        """Forest of nested levels ``(n,)``, finest first.
+
+        Raises
+        ------
+        OptionError
+            If a part of a level lies in two parts of the next coarser one.
+        """
+        _check_nested(levels)
+        order = np.arange(n)
+        for labels in levels:
+            order = order[label_order(labels[order])]
+        start, stop, parent, finest, coarsest, rounds = _nodes(levels, order)
+        held = np.flatnonzero(parent >= 0)
+        count = np.bincount(parent[held], minlength=len(parent))
+        first = np.zeros(len(parent), np.int64)
+        first[parent[held[::-1]]] = held[::-1]
+        arrays = order, start, stop, parent, first, count, finest, coarsest, rounds
+        return cls(*map(frozen_int, arrays))
+
+    @property
+    def n_roots(self) -> int:
+        """Number of roots: parts of the coarsest level."""
+        return int(self.rounds[1]) if len(self.rounds) > 1 else len(self.parent)
+
+    def sums(self, values: Float) -> Float:
+        """Sum over the cells ``(n,)`` of each node; never less than that of a child if none is negative."""
+        total = np.zeros(len(self.parent))
+        single = np.flatnonzero(self.n_children == 0)
+        total[single] = values[self.cells[self.start[single]]]
+        stops = [*self.rounds[1:].tolist(), len(self.parent)]
+        for begin, stop in reversed(list(zip(self.rounds.tolist(), stops, strict=True))[1:]):
+            total += np.bincount(self.parent[begin:stop], total[begin:stop], len(total))
+        return frozen_float(total)
+
+    def level(self, level: int) -> Int:
+        """Nodes that are the parts of a level, −1 for the cells."""
+        return frozen_int(np.flatnonzero((self.finest <= level) & (level <= self.coarsest)))
+
+    def labelled(self, nodes: Int) -> tuple[Int, Int]:
+        """Labels ``(n,)`` of disjoint nodes that own all cells, and the nodes in the order of labels."""
+        nodes = nodes[np.argsort(self.start[nodes])]
+        at = np.empty(len(self.cells), np.int64)
+        at[self.cells] = np.repeat(np.arange(len(nodes)), self.stop[nodes] - self.start[nodes])
+        labels = by_first_cell(at)
+        ordered = np.empty(len(nodes), np.int64)
+        ordered[labels] = nodes[at]
+        return labels, frozen_int(ordered)
+
+
+def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
+    """Start, stop, parent, finest and coarsest level of the nodes, and the first node of each round."""
+    nodes = np.empty((5, 0), np.int64)
+    rounds: list[int] = []
+    holder = np.full(len(order), -1)  # node of the level above at each place
+    for level in range(len(levels) - 1, -2, -1):
+        ordered = levels[level][order] if level >= 0 else order
+        first = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1]))
+        sizes = np.diff(np.append(first, len(order)))
+        above, number = holder[first], nodes.shape[1]
+        new = (above < 0) | (sizes != np.append(nodes[1] - nodes[0], 0)[above])
+        nodes[3, above[~new]] = level
+        rounds += [number] if new.any() else []
+        made = np.stack((first, first + sizes, above, np.full(len(first), level), np.full(len(first), level)))
+        nodes = np.concatenate((nodes, made[:, new]), axis=1)
+        holder = np.repeat(np.where(new, number + np.cumsum(new) - 1, above), sizes)
+    return *nodes, np.array(rounds)
+
+
+def _check_nested(levels: Sequence[Int]) -> None:
+    for level, (fine, coarse) in enumerate(pairwise(levels)):
+        holder = np.empty(int(fine.max(initial=-1)) + 1, np.int64)
+        holder[fine] = coarse
+        apart = np.flatnonzero(holder[fine] != coarse)
+        if len(apart):
+            raise OptionError(
+                f"the hierarchy is not nested: part {fine[apart[0]]} of level {level} lies in several parts "
+                f"of level {level + 1} ({name_cells(apart)}), so there are no cuts; nested=True makes such"
+            )

@@ -1,0 +1,148 @@
+"""Reading graphs, the places of their vertices and partitions from METIS' text files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.graph import Graph
+from agglo_core.io.file_checks import naming
+from agglo_core.io.text_numbers import integers, line_of, reals
+
+__all__ = ["graph_from_metis", "parts_from_metis"]
+
+
+class _Head(NamedTuple):
+    """What the first line says: counts, and what a line holds of a vertex before its neighbours."""
+
+    vertices: int
+    edges: int
+    sizes: int  # 1 if a size comes first
+    weights: int  # so many weights come next
+    by_edge: int  # 1 if each neighbour has a weight
+
+
+class _Rows(NamedTuple):
+    """Neighbours of each vertex as CSR, and weights where the file has some."""
+
+    indptr: Int
+    indices: Int
+    interface: Float | None
+    weights: Float | None
+
+
+def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> Graph:
+    """Graph of a ``.graph`` file, with weights of vertices and edges if it has any.
+
+    Parameters
+    ----------
+    path : path
+        A first line ``n m [fmt [ncon]]``, then for each vertex ``[size] [weights] (neighbour [weight])…``,
+        from 1 on. Lines that begin with ``%`` are comments. Of several weights the first is taken.
+    coordinates : (n, 2 or 3) float, or path
+        Centroids of the vertices; a text file has a line for each.
+
+    Raises
+    ------
+    FileError
+        Naming the file: missing, or not of that form.
+    MeshError
+        If the graph is not symmetric, or the coordinates do not fit.
+    """
+    file = Path(path)
+    with naming(file):
+        numbers, words = _numbers(file.read_bytes())
+        head = _head(numbers[: words[0]] if len(words) else numbers)
+        rows = _rows(head, numbers[words[0] :], _vertex_lines(words[1:], head.vertices))
+    places = _coordinates(coordinates, head.vertices)
+    with naming(file):
+        return Graph.from_arrays(
+            rows.indptr, rows.indices, places, interface=rows.interface, weights=rows.weights
+        )
+
+
+def _numbers(content: bytes) -> tuple[Int, Int]:
+    """All numbers of a text, and how many each of its lines holds; comments are passed over."""
+    lines = content.split(b"\n")
+    comments = [i for i, line in enumerate(lines) if line.lstrip().startswith(b"%")]
+    for i in comments:
+        lines[i] = b""  # so that errors name the right lines
+    words = np.delete([len(line.split()) for line in lines], comments)
+    return integers(b"\n".join(lines) if comments else content), frozen_int(words)
+
+
+def _head(line: Int) -> _Head:
+    head = [int(number) for number in line]
+    if not 2 <= len(head) <= 4 or min(head) < 0:
+        raise FileError(f"begins with {head}, expected 'vertices edges [format [constraints]]'")
+    n, m, form, constraints = [*head, *(0, 1)[len(head) - 2 :]]
+    if form > 111 or any(digit not in "01" for digit in str(form)):
+        raise FileError(f"the format {form} is none of METIS")
+    if n == 0:
+        raise FileError("the graph is empty: it has no vertices")
+    if constraints < 1:
+        raise FileError("0 weights of each vertex are declared, expected 1 or more")
+    return _Head(n, m, form // 100, form // 10 % 10 * constraints, form % 10)
+
+
+def _vertex_lines(words: Int, n: int) -> Int:
+    """The lines of the vertices: blank ones after the last vertex are passed over."""
+    used = np.flatnonzero(words)
+    last = max(n, int(used[-1]) + 1 if len(used) else 0)
+    if len(words) < n or last > n:
+        raise FileError(f"{n} vertices are declared, {min(last, len(words))} lines follow")
+    return words[:n]
+
+
+def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
+    """Neighbours and weights of lines with so many words each, whose numbers follow one another."""
+    first, step = head.sizes + head.weights, 1 + head.by_edge
+    counts = words - first
+    if (counts < 0).any() or (counts % step).any() or counts.sum() != 2 * head.edges * step:
+        raise FileError(
+            f"{head.edges} edges are declared, the lines hold {counts.sum() // step} ends of some"
+        )
+    starts = np.cumsum(words) - words
+    own = np.arange(len(numbers)) - np.repeat(starts, words) < first
+    entries = numbers[~own].reshape(-1, step)
+    if entries[:, 0].min(initial=1) < 1 or entries[:, 0].max(initial=1) > head.vertices:
+        raise FileError(f"a vertex has a neighbour outside 1..{head.vertices}")
+    return _Rows(
+        frozen_int(np.concatenate(([0], np.cumsum(counts // step)))),
+        frozen_int(entries[:, 0] - 1),
+        frozen_float(entries[:, 1]) if head.by_edge else None,
+        frozen_float(numbers[starts + head.sizes]) if head.weights else None,
+    )
+
+
+def _coordinates(given: ArrayLike | str | Path, n: int) -> ArrayLike:
+    if not isinstance(given, str | Path):
+        return given
+    file = Path(given)
+    with naming(file):
+        numbers = reals(file.read_bytes())
+        if len(numbers) not in (2 * n, 3 * n):
+            raise FileError(f"{len(numbers)} coordinates for {n} vertices, expected 2 or 3 of each")
+        places = numbers.reshape(n, -1)
+        bad = np.flatnonzero(~np.isfinite(places).all(axis=1))
+        if len(bad):
+            raise FileError(f"vertex {bad[0]} lies at {places[bad[0]].tolist()}")
+        return places
+
+
+def parts_from_metis(path: str | Path) -> Int:
+    """Labels of a ``.part.K`` file, a part for each vertex; raises FileError."""
+    file = Path(path)
+    with naming(file):
+        content = file.read_bytes()
+        labels = integers(content)
+        if labels.min(initial=0) < 0:
+            place = int(np.argmin(labels))
+            line = line_of(content, 0) + place
+            raise FileError(f"vertex {place} is in part {labels[place]}; line {line}")
+    return labels

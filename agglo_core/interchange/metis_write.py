@@ -1,0 +1,56 @@
+"""Writing graphs and partitions to the text files of METIS, which KaHIP and Chaco share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.io.atomic import staging
+from agglo_core.io.text_numbers import integer_lines
+
+__all__ = ["graph_to_metis", "parts_to_metis"]
+
+_SCALE = 10_000  # of weights, which are whole numbers there: the largest becomes this one
+
+
+def graph_to_metis(path: str | Path, graph: Graph) -> None:
+    """Write a graph with weights of vertices and interfaces, each as whole numbers up to 10,000.
+
+    Beside it ``PATH.xyz`` has the centroids, a line for each vertex, as ParMETIS and Chaco take them.
+    """
+    target = Path(path)
+    vertex = _whole(graph.weights)
+    edge = _whole(graph.interface)
+    sizes = np.diff(graph.indptr).astype(np.int64)
+    entries = np.stack((graph.indices.astype(np.int64) + 1, edge), axis=1).ravel()
+    stream = np.insert(entries, 2 * np.asarray(graph.indptr[:-1], np.int64), vertex)
+    offsets = frozen_int(np.concatenate(([0], np.cumsum(2 * sizes + 1))))
+    head = f"{len(sizes)} {len(graph.indices) // 2} 011\n"
+    with staging(target) as folder:
+        (folder / target.name).write_text(head + integer_lines(offsets, frozen_int(stream)))
+        points = np.asarray(graph.centroids) + np.asarray(graph.origin)
+        np.savetxt(folder / f"{target.name}.xyz", points, fmt="%.17g")
+
+
+def _whole(values: ArrayLike) -> Int:
+    """Positive whole numbers in proportion to the values, as nearly as they go."""
+    array = np.asarray(values, np.float64)
+    largest = float(array.max(initial=0.0))
+    return frozen_int(np.maximum(1, np.rint(array * (_SCALE / largest)) if largest > 0 else 1))
+
+
+def parts_to_metis(path: str | Path, hierarchy: Hierarchy) -> list[Path]:
+    """Write the labels of each level as ``PATH.part.K``, K being the number of parts; return the files."""
+    target, written = Path(path), []
+    for labels in hierarchy.levels:
+        count = int(labels.max()) + 1
+        file = target.with_name(f"{target.name}.part.{count}")
+        with staging(file) as folder:
+            (folder / file.name).write_text("".join(f"{label}\n" for label in labels.tolist()))
+        written.append(file)
+    return written

@@ -1,0 +1,76 @@
+"""Tags of cells, labels of levels among them, in text that other programs pass over."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.text_numbers import integer_lines, integers, line_of
+
+__all__ = ["find_tags", "tag_lines", "tags_begin"]
+
+_TITLE = "cell data"
+_ROW = 16  # values in a line
+
+
+def tag_lines(tags: Mapping[str, Int], prefix: str = "") -> str:
+    """A title ``cell data "NAME"``, the number of values, and the values, for each tag.
+
+    ``prefix`` begins every line, so that it is a comment to other programs.
+    """
+    parts = []
+    for name, values in tags.items():
+        n = len(values)
+        offsets = frozen_int(np.minimum(np.arange(0, n + _ROW, _ROW), n))
+        forms = [prefix + " ".join(["%d"] * k) + "\n" for k in range(_ROW + 1)]
+        parts.append(f"{prefix}{_TITLE} {json.dumps(name)}\n{prefix}{n}\n")
+        parts.append(integer_lines(offsets, values, forms))
+    return "".join(parts)
+
+
+def find_tags(content: bytes, n_cells: int, prefix: str = "") -> dict[str, Int]:
+    """The tags that :func:`tag_lines` wrote into a text.
+
+    Raises
+    ------
+    FileError
+        If one is broken, or has another number of values than there are cells.
+    """
+    mark = re.escape(prefix.encode())
+    values_of = re.compile(rb"(?:\n%b[-0-9 \t\r]*+(?=\n|\Z))*+" % mark)
+    tags: dict[str, Int] = {}
+    start = tags_begin(content, prefix)
+    while start < len(content):
+        after = content.find(b"\n", start)
+        after = len(content) if after < 0 else after
+        name = _name(content[start + len(prefix) + len(_TITLE) : after], content, start)
+        body = values_of.match(content, after)
+        stop = body.end() if body is not None else after
+        text = content[after:stop]
+        values = integers(text.replace(prefix.encode(), b" ") if prefix else text)
+        if not len(values) or values[0] != len(values) - 1 or len(values) - 1 != n_cells:
+            raise FileError(f"cell data {name!r} has {max(len(values) - 1, 0)} values for {n_cells} cells")
+        tags[name] = frozen_int(values[1:])
+        start = tags_begin(content, prefix, stop)
+    return tags
+
+
+def tags_begin(content: bytes, prefix: str = "", start: int = 0) -> int:
+    """Where the first title of cell data stands in a text, or its end."""
+    place = content.find(f'\n{prefix}{_TITLE} "'.encode(), max(start - 1, 0))
+    return place + 1 if place >= 0 else len(content)
+
+
+def _name(quoted: bytes, content: bytes, place: int) -> str:
+    try:
+        name = json.loads(quoted)
+    except (ValueError, RecursionError):
+        name = None
+    if not isinstance(name, str):
+        raise FileError(f"line {line_of(content, place)}: {quoted[:30]!r} is no quoted name of cell data")
+    return name

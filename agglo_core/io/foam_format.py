@@ -1,0 +1,53 @@
+"""OpenFOAM cases as a format: a file, often empty, marks the folder of the case."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["OpenFoam"]
+
+
+class OpenFoam:
+    """OpenFOAM cases: ``constant/polyMesh`` beside the file; levels for decomposePar and as fields.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge points of outer faces at one place on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    compress : bool
+        Write gzipped files.
+    """
+
+    suffixes: tuple[str, ...] = (".foam",)
+    lossless: bool = False
+    reads_empty: bool = True
+    atomic: bool = True
+    folders: tuple[str, ...] = ("constant", "0")
+
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
+        self.merge_points = merge_points
+        self.allow_gaps = allow_gaps
+        self.compress = compress
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
+        return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of the case; raises FileError or MeshError."""
+        from agglo_core.io.foam_read import read_foam
+
+        return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a solid mesh and the labels of its levels as a case; raises an AggloError."""
+        from agglo_core.io.foam_write import write_foam
+
+        write_foam(path, mesh, hierarchy, compress=self.compress)

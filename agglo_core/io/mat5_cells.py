@@ -1,0 +1,98 @@
+"""Cells of MATLAB's cell arrays, looked at together: matrices without names, one after the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import FileError
+
+__all__ = [
+    "INSIDE",
+    "MATRIX",
+    "NUMBERS",
+    "TYPES",
+    "gathered_lists",
+    "matrix_ends",
+    "matrix_heads",
+    "whole_values",
+]
+
+TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+"""Types of stored numbers."""
+
+NUMBERS = range(6, 16)
+"""Classes of matrices of numbers."""
+
+MATRIX = 14
+"""Type of an element that is a matrix."""
+
+INSIDE = 5
+"""Rows of eight bytes before the content of a matrix without a name."""
+
+
+def matrix_ends(window: NDArray[Any]) -> Int:
+    """Where matrices at each row of a window would end."""
+    size = window[:, 1].astype(np.int64)
+    fits = (window[:, 0] == MATRIX) & (size >= 0)
+    return frozen_int(np.where(fits, np.arange(1, len(window) + 1) + (size + 7) // 8, 1 << 60))
+
+
+def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int, Int]:
+    """Of matrices without names: the row where their content begins, their class, and how many they hold."""
+    empty = words[starts, 1] == 0
+    rows = np.minimum(starts, len(words) - 1 - INSIDE)
+    plain = (words[rows + 1] == (6, 8)).all(axis=1) & (words[rows + 3] == (5, 8)).all(axis=1)
+    plain &= (words[rows + 5, 1] == 0) & (words[rows, 1] >= 8 * INSIDE) | empty
+    plain |= empty
+    if not plain.all():
+        raise FileError(f"{name}: cell {int(np.argmin(plain))} is no matrix of two dimensions")
+    sides = np.where(empty[:, None], 0, words[rows + 4].astype(np.int64))
+    if (sides < 0).any():
+        raise FileError(f"{name}: cell {int(np.argmax((sides < 0).any(axis=1)))} has negative dimensions")
+    kinds = np.where(empty, 0, words[rows + 2, 0] & 0xFF)
+    return frozen_int(rows + 1 + INSIDE), frozen_int(kinds), frozen_int(sides[:, 0] * sides[:, 1])
+
+
+def gathered_lists(words: NDArray[Any], order: str, starts: Int, name: str) -> tuple[Int, Int]:
+    """The whole numbers of matrices without names, one after the other."""
+    if not len(starts):
+        return frozen_int([0]), frozen_int([])
+    rows, kinds, counts = matrix_heads(words, starts, name)
+    counts = frozen_int(np.where(np.isin(kinds, NUMBERS), counts, 0))
+    ends = starts + 1 + (words[starts, 1].astype(np.int64) + 7) // 8
+    tags = words[np.minimum(rows, len(words) - 1)].astype(np.int64)
+    small = tags[:, 0] >> 16 != 0
+    types = np.where(small, tags[:, 0] & 0xFFFF, tags[:, 0])
+    sizes = np.where(small, tags[:, 0] >> 16, tags[:, 1])
+    places = 8 * rows + np.where(small, 4, 8)
+    widths = np.array([np.dtype(TYPES[k]).itemsize if k in TYPES else 0 for k in range(16)])
+    width = np.where((types >= 0) & (types < 16), widths[types & 15], 0)
+    fits = (counts == 0) | ((width > 0) & (sizes == counts * width) & (places + sizes <= 8 * ends))
+    if not fits.all():
+        raise FileError(f"{name}: cell {int(np.argmin(fits))} holds no list of numbers, or is damaged")
+    offsets = np.concatenate(([0], np.cumsum(counts)))
+    values = np.empty(offsets[-1], np.int64)
+    raw = words.reshape(-1).view(np.uint8)
+    for kind in np.unique(types[counts > 0]).tolist():
+        own = np.flatnonzero((types == kind) & (counts > 0))
+        dtype = np.dtype(TYPES[kind])
+        of_all = raw[: len(raw) // dtype.itemsize * dtype.itemsize].view(dtype.newbyteorder(order))  # type: ignore[arg-type]
+        rank = np.arange(counts[own].sum()) - np.repeat(np.cumsum(counts[own]) - counts[own], counts[own])
+        taken = of_all[np.repeat(places[own] // dtype.itemsize, counts[own]) + rank]
+        values[np.repeat(offsets[own], counts[own]) + rank] = whole_values(taken, name)
+    return frozen_int(offsets), frozen_int(values)
+
+
+def whole_values(values: NDArray[Any], name: str) -> Int:
+    """Numbers as integers; raises FileError if one is none."""
+    if values.dtype.kind in "iu":
+        return frozen_int(values)
+    whole = np.abs(values) < 2**53
+    whole &= values == np.floor(np.where(whole, values, 0))
+    if not whole.all():
+        raise FileError(f"{name} holds {values[np.argmin(whole)]:g}, expected whole numbers")
+    return frozen_int(values.astype(np.int64))

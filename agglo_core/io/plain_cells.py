@@ -1,0 +1,132 @@
+"""Meshes as lists of polygons or polyhedra, for formats that hold nothing else; levels in files beside."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.tags import cell_data, check_names, is_level
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, gather
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["Loops", "half_faces", "loops_of", "solids_of", "used_points", "write_levels"]
+
+_log = logging.getLogger("agglo")
+_CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room
+
+
+class Loops(NamedTuple):
+    """Plane cells: cell c has the points ``vertices[offsets[c]:offsets[c + 1]]``, counter-clockwise."""
+
+    points: Float
+    offsets: Int
+    vertices: Int
+
+
+def loops_of(mesh: Mesh, suffix: str) -> Loops:
+    """Cells of a plane mesh, each one polygon, with the points they use.
+
+    Raises
+    ------
+    FileError
+        For a mesh in space, or a cell with a hole or a boundary that meets itself.
+    """
+    if mesh.dim != 2:
+        raise FileError(f"{suffix} holds plane meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+    loops = mesh.boundary_loops
+    several = np.flatnonzero(np.diff(loops.cell_offsets) > 1)
+    if len(several):
+        raise FileError(f"cell {several[0]} has several boundary loops (a hole); only .vtu and .npz hold it")
+    points, number = used_points(mesh)
+    vertices = loops.vertices if number is None else frozen_int(number[loops.vertices])
+    return Loops(points, loops.loop_offsets, vertices)
+
+
+def solids_of(mesh: Mesh, suffix: str) -> tuple[Float, Polyhedra]:
+    """Points in use and the faces of every cell, counter-clockwise seen from outside it.
+
+    Raises
+    ------
+    FileError
+        For a plane mesh.
+    """
+    if mesh.dim != 3:
+        raise FileError(f"{suffix} holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+    solids = half_faces(mesh)
+    points, number = used_points(mesh)
+    if number is None:
+        return points, solids
+    return points, solids._replace(vertices=frozen_int(number[solids.vertices]))
+
+
+def used_points(mesh: Mesh) -> tuple[Float, Int | None]:
+    """Points that faces use (a coarse mesh keeps all), and the new number of each point unless all stay."""
+    used = np.zeros(mesh.n_points, bool)
+    used[mesh.face_vertices] = True
+    if used.all():
+        return mesh.points, None
+    return frozen_float(mesh.points[used]), frozen_int(np.cumsum(used) - 1)
+
+
+def half_faces(mesh: Mesh) -> Polyhedra:
+    """Faces of every cell in the order of ``cell_faces``, each counter-clockwise seen from outside it."""
+    offsets, faces = mesh.cell_faces
+    loop_offsets = np.concatenate(([0], np.cumsum(np.diff(mesh.face_offsets)[faces])))
+    vertices = np.empty(loop_offsets[-1], np.int64)
+    for start in range(0, mesh.n_cells, _CHUNK):
+        stop = min(start + _CHUNK, mesh.n_cells)
+        cells = np.repeat(np.arange(start, stop), np.diff(offsets[start : stop + 1]))
+        first, last = loop_offsets[offsets[[start, stop]]]
+        vertices[first:last] = _seen_from(mesh, cells, faces[offsets[start] : offsets[stop]])
+    return Polyhedra(offsets, frozen_int(loop_offsets), frozen_int(vertices))
+
+
+def _seen_from(mesh: Mesh, cells: Int, faces: Int) -> Int:
+    """Vertices of the faces, one after the other, each counter-clockwise as seen from outside its cell."""
+    loop_offsets, places = gather(mesh.face_offsets, faces)
+    sizes = np.diff(loop_offsets)
+    ends = np.repeat(mesh.face_offsets[faces] + mesh.face_offsets[faces + 1] - 1, sizes)
+    inward = np.repeat(mesh.face_cells[faces, 0] != cells, sizes)
+    return frozen_int(mesh.face_vertices[np.where(inward, ends - places, places)])
+
+
+def write_levels(
+    path: Path,
+    mesh: Mesh,
+    hierarchy: Hierarchy | None,
+    write: Callable[[Path, Mesh, Mapping[str, Int]], None],
+) -> None:
+    """Write a mesh with its tags and labels, and each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
+
+    A coarse mesh that the format cannot hold (agglomerates with holes) is left out with a warning: the labels
+    say all of it.
+
+    Parameters
+    ----------
+    path : Path
+        In a folder of its own, all files of which are put in place together.
+    mesh : Mesh
+    hierarchy : Hierarchy or None
+    write : callable
+        Writes one mesh with tags; a FileError says what cannot be held.
+    """
+    tags = cell_data(mesh, hierarchy)
+    check_names(tags)
+    write(path, mesh, tags)
+    for level, labels in enumerate(hierarchy.levels if hierarchy is not None else ()):
+        coarse = mesh.coarsen(labels)
+        name = f"{path.stem}_level{level}{path.suffix}"
+        try:
+            own = {key: values for key, values in coarse.cell_tags.items() if not is_level(key)}
+            write(path.with_name(name), coarse, own)
+        except FileError as error:
+            _log.warning("%s is not written: %s", name, error)

@@ -1,0 +1,165 @@
+"""Reading and writing plane polygons as .off and .obj; tags and labels are comments there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.cell_lines import find_tags, tag_lines
+from agglo_core.io.counted_lists import counted_lists
+from agglo_core.io.plain_cells import loops_of, write_levels
+from agglo_core.io.text_numbers import integer_lines, integers, real_lines, reals, words_per_line
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["read_obj", "read_off", "write_obj", "write_off"]
+
+_COMMENT = "# "
+_COLOURS = (0, 3, 4, 1)  # numbers that may follow the points of a face
+
+
+def read_off(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+    """Mesh of an OFF file; colours of faces are passed over.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh, one in binary, or a surface.
+    """
+    content = path.read_bytes()
+    text = re.sub(rb"#[^\n]*", b"", content)
+    head = re.match(rb"\s*(OFF)?\s", text)
+    if head is None or not text[head.end() : head.end() + 20].strip()[:1].isdigit():
+        raise FileError("it does not begin with OFF and the numbers of points and faces, as text")
+    numbers = reals(text, head.end())
+    counts = numbers[:3]
+    if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts.tolist()):
+        raise FileError(f"it declares {counts.tolist()} points, faces and edges")
+    n_points, n_faces = (int(n) for n in counts[:2])
+    rows, rest = numbers[3 : 3 + 3 * n_points], numbers[3 + 3 * n_points :]
+    if len(rows) != 3 * n_points:
+        raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
+    points = frozen_float(rows.reshape(-1, 3))
+    cells = _faces_with_colours(rest, n_faces)
+    return _mesh(path, content, points, cells, merge_points, allow_gaps)
+
+
+def _faces_with_colours(rest: Float, n: int) -> tuple[Int, Int]:
+    """Faces, whatever number of colours follows each."""
+    stream = np.where(np.abs(rest) < 2**53, rest, -1).astype(np.int64)
+    stream[stream != rest] = -1  # a colour between 0 and 1
+    found, error = None, FileError(f"{n} faces are declared, of which the file holds no list")
+    for behind in _COLOURS:
+        try:
+            offsets, places, used = counted_lists(frozen_int(stream), n, 0, behind)
+        except FileError as wrong:
+            error = wrong if behind == 0 else error
+            continue
+        if used == len(stream):
+            found = offsets, frozen_int(stream[places])
+            break
+        error = (
+            FileError(f"{n} faces take {used} numbers, but {len(stream)} follow") if behind == 0 else error
+        )
+    if found is None:
+        raise error
+    return found
+
+
+def read_obj(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+    """Mesh of the points and faces of an OBJ file; normals, textures and groups are passed over.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh, or a surface.
+    """
+    content = path.read_bytes()
+    text = content.replace(b"\\\n", b" ")
+    rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
+    widths = words_per_line(rows)
+    if not len(widths) or widths.min() != widths.max() or widths[0] < 3:
+        given = sorted(set(widths.tolist()))[:3]
+        raise FileError(f"its points (lines 'v x y z') have {given} coordinates, expected 3 or more of each")
+    points = frozen_float(reals(rows).reshape(-1, int(widths[0]))[:, :3])
+    lines = b"\n".join(re.findall(rb"(?m)^f[ \t]+([^\n#]*)", text))
+    lines = re.sub(rb"/[^\s]*", b"", lines)
+    offsets = frozen_int(np.concatenate(([0], np.cumsum(words_per_line(lines)))))
+    _check_own_counts(content, len(points), len(offsets) - 1)
+    values = integers(lines)
+    vertices = np.where(values > 0, values - 1, values + len(points))  # those below 0 count from the end
+    vertices[values == 0] = -1
+    return _mesh(path, content, points, (offsets, frozen_int(vertices)), merge_points, allow_gaps)
+
+
+def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
+    """Refuse a file of agglo that was cut: others do not say how much they hold."""
+    said = re.match(rb"# agglo: (\d{1,18}) points, (\d{1,18}) polygons\n", content)
+    if said is None:
+        return
+    if (int(said[1]), int(said[2])) != (n_points, n_faces) or not content.endswith(b"\n"):
+        raise FileError(
+            f"truncated: {said[1].decode()} points and {said[2].decode()} polygons are declared, "
+            f"{n_points} and {n_faces} found"
+        )
+
+
+def _mesh(
+    path: Path, content: bytes, points: Float, cells: tuple[Int, Int], merge_points: bool, allow_gaps: bool
+) -> Mesh:
+    tags = find_tags(content, len(cells[0]) - 1, _COMMENT)
+    return Mesh.from_polygons(
+        points, cells, cell_tags=tags, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
+    )
+
+
+def write_off(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+    Raises
+    ------
+    FileError
+        For a mesh in space, or cells with holes.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    write_levels(path, mesh, hierarchy, _write_off)
+
+
+def _write_off(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    loops = loops_of(mesh, ".off")
+    sizes = np.diff(loops.offsets)
+    forms = [f"{k} " + " ".join(["%d"] * k) + "\n" for k in range(int(sizes.max()) + 1)]
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(f"OFF\n{len(loops.points)} {len(sizes)} 0\n")
+        stream.write(real_lines(_flat(loops.points)))
+        stream.write(integer_lines(loops.offsets, loops.vertices, forms))
+        stream.write(tag_lines(tags, _COMMENT))
+
+
+def write_obj(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write a plane mesh with its tags and labels, and each coarse mesh beside it; as :func:`write_off`."""
+    write_levels(path, mesh, hierarchy, _write_obj)
+
+
+def _write_obj(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    loops = loops_of(mesh, ".obj")
+    widest = int(np.diff(loops.offsets).max())
+    forms = ["f " + " ".join(["%d"] * k) + "\n" for k in range(widest + 1)]
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(f"# agglo: {len(loops.points)} points, {len(loops.offsets) - 1} polygons\n")
+        stream.write(real_lines(_flat(loops.points), "v "))
+        stream.write(integer_lines(loops.offsets, frozen_int(loops.vertices + 1), forms))
+        stream.write(tag_lines(tags, _COMMENT))
+
+
+def _flat(points: Float) -> Float:
+    return frozen_float(np.hstack((points, np.zeros((len(points), 1)))))

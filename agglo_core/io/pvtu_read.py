@@ -1,0 +1,60 @@
+"""Reading PVTU: the VTU files that it names, joined as the pieces of one file are."""
+
+from __future__ import annotations
+
+from itertools import chain
+from pathlib import Path, PurePosixPath
+
+from agglo_core.errors import FileError
+from agglo_core.io.vtu_arrays import vtk_root
+from agglo_core.io.vtu_read import Stored, mesh_from_pieces, stored_pieces
+from agglo_core.mesh import Mesh
+
+__all__ = ["read_pvtu"]
+
+
+def read_pvtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+    """Mesh of a PVTU file and the VTU files beside it; cells follow one another piece by piece.
+
+    Raises
+    ------
+    FileError, MeshError
+        Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
+    """
+    files = [_stored(path.parent, source) for source in _sources(path.read_bytes())]
+    if not files:
+        raise FileError("there is no Piece in it")
+    stored = Stored(
+        list(chain.from_iterable(file.pieces for file in files)),
+        list(chain.from_iterable(file.left_out for file in files)),
+    )
+    return mesh_from_pieces(stored, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
+
+
+def _sources(content: bytes) -> list[str]:
+    """The files that are named, each once and none outside the folder of the list."""
+    root = vtk_root(content, "PUnstructuredGrid")
+    sources = []
+    for number, piece in enumerate(root.iterfind("PUnstructuredGrid/Piece")):
+        source = piece.get("Source", "").replace("\\", "/")
+        parts = PurePosixPath(source)
+        if not parts.parts or "\0" in source:
+            raise FileError(f"piece {number} does not say its Source")
+        if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0]:
+            raise FileError(f"piece {source!r} lies elsewhere; pieces are read from the folder of the file")
+        if str(parts) in sources:
+            raise FileError(f"piece {source!r} is named twice")
+        sources.append(str(parts))
+    return sources
+
+
+def _stored(folder: Path, source: str) -> Stored:
+    """The pieces of one VTU file, or FileError naming it."""
+    try:
+        content = (folder / source).read_bytes()
+    except OSError as error:
+        raise FileError(f"piece {source!r}: {error.strerror or error}") from error
+    try:
+        return stored_pieces(content)
+    except FileError as error:
+        raise FileError(f"piece {source!r}: {error}") from error.__cause__

@@ -1,0 +1,123 @@
+"""Numbers in text, converted in bulk; an error names the line and the word that is none."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+
+__all__ = ["integer_lines", "integers", "line_of", "real_lines", "reals", "words_per_line"]
+
+_FORTRAN = bytes.maketrans(b"Dd", b"Ee")  # 1.5D-3, as Fortran writes doubles
+_LINES = 1 << 16  # written at once
+_LARGEST = np.iinfo(np.int64).max
+
+
+def reals(content: bytes, start: int = 0, stop: int | None = None) -> Float:
+    """All numbers between two places of a text.
+
+    Raises
+    ------
+    FileError
+        Naming the line of a word that is no number.
+    """
+    return frozen_float(_converted(content, start, stop, np.float64))
+
+
+def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
+    """All whole numbers between two places of a text; raises FileError as :func:`reals` does."""
+    values = _converted(content, start, stop, np.int64)
+    if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # it stops there
+        raise FileError("it holds a number that an int64 cannot")
+    return frozen_int(values)
+
+
+def words_per_line(text: bytes) -> Int:
+    """Number of words in each line of a text, lines without words left out."""
+    codes = np.frombuffer(text, np.uint8)
+    word = codes > ord(" ")
+    begins = np.flatnonzero(word & np.concatenate(([True], ~word[:-1])))
+    line = np.searchsorted(np.flatnonzero(codes == ord("\n")), begins)
+    counts = np.bincount(line) if len(line) else np.empty(0, np.int64)
+    return frozen_int(counts[counts > 0])
+
+
+def line_of(content: bytes, place: int) -> int:
+    """Number of the line at a place of a text, from 1 on."""
+    return content.count(b"\n", 0, place) + 1
+
+
+def _converted(content: bytes, start: int, stop: int | None, dtype: type) -> NDArray[Any]:
+    stop = len(content) if stop is None else stop
+    text = content[start:stop] if (start, stop) != (0, len(content)) else content
+    if not text or text.isspace():
+        return np.empty(0, dtype)
+    try:
+        return _parse(text, dtype)
+    except ValueError:
+        pass
+    if dtype is np.float64:
+        try:
+            return _parse(text.translate(_FORTRAN), dtype)
+        except ValueError:
+            pass
+    raise _error(content, start, stop, dtype)
+
+
+def _parse(text: bytes, dtype: type) -> NDArray[Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what numpy before 2.4 says instead
+        try:
+            return np.fromstring(text, dtype, sep=" ")
+        except DeprecationWarning as error:
+            raise ValueError(str(error)) from None
+
+
+def _error(content: bytes, start: int, stop: int, dtype: type) -> FileError:
+    """The error that names the first line with a word that is no number."""
+    first = line_of(content, start)
+    for number, line in enumerate(content[start:stop].split(b"\n"), first):
+        for word in line.split():
+            try:
+                _parse(word.translate(_FORTRAN) if dtype is np.float64 else word, dtype)
+            except ValueError:
+                shown = word[:20].decode("ascii", "backslashreplace")
+                kind = "a number" if dtype is np.float64 else "a whole number"
+                return FileError(f"line {number}: expected {kind}, found {shown!r}")
+    return FileError(f"the numbers from line {first} on cannot be read")
+
+
+def real_lines(rows: ArrayLike, prefix: str = "") -> str:
+    """A line for each row ``(n, k)``, with as many digits as the numbers need to be read back the same."""
+    table = np.asarray(rows, np.float64)
+    line = prefix + " ".join(["%r"] * table.shape[1]) + "\n"
+    parts = [table[i : i + _LINES] for i in range(0, len(table), _LINES)]
+    return "".join(line * len(part) % tuple(part.ravel().tolist()) for part in parts)
+
+
+def integer_lines(offsets: Int, values: Int, forms: Sequence[str] = ()) -> str:
+    """A line for each row ``values[offsets[i]:offsets[i + 1]]`` of a CSR.
+
+    Parameters
+    ----------
+    offsets : (n + 1,) int
+    values : int
+    forms : sequence of str, optional
+        What a row of k numbers looks like is ``forms[k]``, with ``%d`` for each; by default they stand one
+        after the other.
+    """
+    sizes = np.diff(offsets)
+    widest = int(sizes.max(initial=0))
+    shapes = list(forms) or [" ".join(["%d"] * k) + "\n" for k in range(widest + 1)]
+    parts = []
+    for start in range(0, len(sizes), _LINES):
+        stop = min(start + _LINES, len(sizes))
+        form = "".join(map(shapes.__getitem__, sizes[start:stop].tolist()))
+        parts.append(form % tuple(values[offsets[start] : offsets[stop]].tolist()))
+    return "".join(parts)

@@ -1,0 +1,92 @@
+"""New tags for a mesh, given by functions of where cells and faces are, or by arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, Self, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import check_tags
+
+__all__ = ["Tagged"]
+
+TagValues = ArrayLike | Callable[[Float], ArrayLike]
+
+
+class Tagged:
+    """The part of :class:`~agglo_core.mesh.Mesh` that makes meshes with more tags."""
+
+    cell_tags: Mapping[str, Int]
+    face_tags: Mapping[str, Int]
+    cell_centroids: Any
+    face_centroids: Any
+
+    def with_tags(self, /, **tags: TagValues) -> Self:
+        """This mesh with more cell tags; those of the same name are replaced, all others stay.
+
+        Parameters
+        ----------
+        **tags : function of x, or (n_cells,) int or bool
+            By name. A function gets the centroids x ``(n_cells, d)`` and returns a value for each row;
+            True becomes 1, False 0.
+
+        Raises
+        ------
+        MeshError
+            Naming the tag, if it is not one integer or boolean for each cell.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> mesh = samples.squares(2).with_tags(left=lambda x: x[:, 0] < 0.5, rock=[7, 7, 8, 8])
+        >>> mesh.cell_tags["left"].tolist(), mesh.cell_tags["rock"].tolist()
+        ([1, 0, 1, 0], [7, 7, 8, 8])
+        """
+        given = _evaluated("cell", tags, self.cell_centroids)
+        return cast(Self, replace(cast(Any, self), cell_tags={**self.cell_tags, **given}))
+
+    def with_face_tags(self, /, **tags: TagValues) -> Self:
+        """This mesh with more face tags; those of the same name are replaced, all others stay.
+
+        Parameters
+        ----------
+        **tags : function of x, or (n_faces,) int or bool
+            As for :meth:`with_tags`, with the centroids x of all faces ``(n_faces, d)``, those inside the
+            domain included: in 2-D the midpoints of the edges. Compare with a tolerance in 3-D.
+
+        Raises
+        ------
+        MeshError
+            Naming the tag, if it is not one integer or boolean for each face.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> mesh = samples.squares(2).with_face_tags(wall=lambda x: np.isclose(x[:, 0], 0.0))
+        >>> int(mesh.face_tags["wall"].sum())
+        2
+        """
+        given = _evaluated("face", tags, self.face_centroids)
+        return cast(Self, replace(cast(Any, self), face_tags={**self.face_tags, **given}))
+
+
+def _evaluated(kind: str, tags: Mapping[str, TagValues], where: Float) -> dict[str, Int]:
+    """The values of each tag as ``(n,)`` integers, or MeshError naming it."""
+    arrays = {}
+    for name, values in tags.items():
+        given = values(where) if callable(values) else values
+        try:
+            arrays[name] = np.array(given)  # a copy: that of the caller may change
+        except ValueError as error:
+            raise MeshError(f"{kind} tag {name!r} must be an array of integers: {error}") from None
+        if callable(values) and arrays[name].shape != (len(where),):
+            raise MeshError(
+                f"{kind} tag {name!r}: the function was given x of shape {where.shape} and returned shape "
+                f"{arrays[name].shape}, expected ({len(where)},), a value for each row of x"
+            )
+    return check_tags(kind, arrays, len(where))

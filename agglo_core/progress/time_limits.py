@@ -1,0 +1,63 @@
+"""Time limits of searches, and who is told that one has ended a search."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from math import isfinite
+
+from agglo_core.errors import OptionError
+
+__all__ = ["TimeLimit", "checked_seconds", "noted_limits"]
+
+_noted: ContextVar[list[float] | None] = ContextVar("noted limits", default=None)
+
+
+class TimeLimit:
+    """A number of seconds from now, or no limit.
+
+    What is found under one that ends a search may differ from run to run: it depends on the machine.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        Of a clock on the wall.
+    """
+
+    def __init__(self, seconds: float | None = None) -> None:
+        self._seconds = seconds
+        self._end = None if seconds is None else time.monotonic() + seconds
+        self._told = False
+
+    def over(self) -> bool:
+        """Whether the time is over; if so it has ended a search, which :func:`noted_limits` is told once."""
+        if self._end is None or self._seconds is None or time.monotonic() < self._end:
+            return False
+        noted = _noted.get()
+        if noted is not None and not self._told:
+            noted.append(self._seconds)
+        self._told = True
+        return True
+
+
+def checked_seconds(owner: str, seconds: object) -> float | None:
+    """Seconds as the option of a component gives them, or None; an OptionError if they are anything else."""
+    if seconds is None:
+        return None
+    number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+    if not (number and isfinite(seconds) and seconds > 0):  # type: ignore[arg-type, operator]
+        raise OptionError(f"{owner}: seconds must be a number above 0, given {seconds!r}")
+    return float(seconds)  # type: ignore[arg-type]
+
+
+@contextmanager
+def noted_limits() -> Iterator[list[float]]:
+    """Context that yields the limits, in seconds, which end searches in it."""
+    noted: list[float] = []
+    token = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(token)

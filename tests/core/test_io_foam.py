@@ -1,0 +1,264 @@
+"""OpenFOAM cases: text, binary, gzipped; labels and scalars of 32 and 64 bits; patches, zones, levels."""
+
+from __future__ import annotations
+
+import gzip
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agglo_core import FileError, agglomerate, read, read_hierarchy, samples, write
+from agglo_core.problems import read_problem
+
+HEAD = "FoamFile\n{\n    version 2.0;\n    format ascii;\n    class list;\n}\n"
+CUBES = {  # two unit cubes side by side
+    "points": [f"({x} {y} {z})" for z in (0, 1) for y in (0, 1) for x in (0, 1, 2)],
+    "faces": [
+        "4(1 4 10 7)",
+        *("4(0 6 9 3)", "4(0 1 7 6)", "4(3 9 10 4)", "4(0 3 4 1)", "4(6 7 10 9)"),
+        *("4(2 5 11 8)", "4(1 2 8 7)", "4(4 10 11 5)", "4(1 4 5 2)", "4(7 8 11 10)"),
+    ],
+    "owner": ["0"] * 6 + ["1"] * 5,
+    "neighbour": ["1"],
+}
+
+
+def foam(folder: Path) -> Path:
+    poly = folder / "constant" / "polyMesh"
+    poly.mkdir(parents=True)
+    for name, rows in CUBES.items():
+        (poly / name).write_text(f"{HEAD}{len(rows)}\n(\n" + "\n".join(rows) + "\n)\n")
+    patches = [
+        f"{name}\n{{\n type patch;\n nFaces {count};\n startFace {start};\n}}"
+        for name, (count, start) in {"inlet": (1, 1), "walls": (9, 2)}.items()
+    ]
+    (poly / "boundary").write_text(f"{HEAD}{len(patches)}\n(\n" + "\n".join(patches) + "\n)\n")
+    (folder / "case.foam").touch()
+    return folder / "case.foam"
+
+
+def test_patches_of_openfoam_keep_their_names(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", "agglo"):
+        mesh = read(foam(tmp_path))
+    np.testing.assert_allclose(mesh.cell_measures, [1, 1])
+    assert "faces by name: inlet (1), walls (9)" in caplog.text
+    (inlet,) = np.flatnonzero(mesh.face_tags["inlet"] == 1)
+    vertices = mesh.face_vertices[mesh.face_offsets[inlet] : mesh.face_offsets[inlet + 1]]
+    assert mesh.points[vertices].mean(axis=0).tolist() == [0, 0.5, 0.5]
+    assert (mesh.face_tags["walls"] == 1).sum() == 9
+    assert mesh.face_tags["walls"][mesh.face_cells[:, 1] >= 0].tolist() == [-1]
+    write(tmp_path / "m.npz", mesh)
+    back = read(tmp_path / "m.npz")
+    assert {"inlet", "walls"} <= back.face_tags.keys()
+    coarse = back.coarsen([0, 0])
+    assert (coarse.face_tags["inlet"] == 1).sum() == 1
+
+
+def test_patches_are_chosen_by_name(tmp_path: Path) -> None:
+    mesh = read(foam(tmp_path))
+    file = tmp_path / "p.toml"
+    file.write_text('boundary = "patch"\n[dirichlet]\ninlet = 2.0\n[neumann]\nwalls = 0.5\n')
+    problem = read_problem(file, mesh)
+    assert problem.dirichlet == {0: 2.0}
+    assert problem.neumann == {1: 0.5}
+    file.write_text('boundary = "patch"\n[dirichlet]\noutlet = 2.0\n')
+    with pytest.raises(FileError, match=r"'outlet' is not the value of a tag.*names: inlet, walls"):
+        read_problem(file, mesh)
+
+
+def poly(case: Path) -> Path:
+    return case.parent / "constant" / "polyMesh"
+
+
+def binary(case: Path, label: int, scalar: int, order: str = "<") -> None:
+    """The case as OpenFOAM writes it with the format binary."""
+    arch = f'"{"LSB" if order == "<" else "MSB"};label={label};scalar={scalar}"'
+
+    def put(name: str, kind: str, *arrays: tuple[Any, int, str]) -> None:
+        head = (
+            f"FoamFile\n{{\n version 2.0;\n format binary;\n arch {arch};\n class {kind};\n}}\n// * * //\n\n"
+        )
+        rows = b"".join(
+            b"%d\n(%b)\n" % (n, np.asarray(each).astype(order + form).tobytes()) for each, n, form in arrays
+        )
+        (poly(case) / name).write_bytes(head.encode() + rows + b"\n// *** //\n")
+
+    whole, real = f"i{label // 8}", f"f{scalar // 8}"
+    points = np.array([row.strip("()").split() for row in CUBES["points"]], float)
+    faces = [[int(v) for v in row[2:-1].split()] for row in CUBES["faces"]]
+    starts = np.cumsum([0, *map(len, faces)])
+    put("points", "vectorField", (points, len(points), real))
+    put("faces", "faceCompactList", (starts, len(starts), whole), (np.concatenate(faces), starts[-1], whole))
+    for name in ("owner", "neighbour"):
+        values = [int(v) for v in CUBES[name]]
+        put(name, "labelList", (values, len(values), whole))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("label", [32, 64])
+@pytest.mark.parametrize("scalar", [32, 64])
+def test_binary_cases(tmp_path: Path, label: int, scalar: int, order: str) -> None:
+    case = foam(tmp_path)
+    text = read(case)
+    binary(case, label, scalar, order)
+    assert read(case).fingerprint == text.fingerprint
+    cut = poly(case) / "points"
+    cut.write_bytes(cut.read_bytes()[:-60])
+    with pytest.raises(FileError, match=rf"points: 36 values of {scalar} bits do not end with a bracket"):
+        read(case)
+
+
+def test_headers_that_do_not_say_how_wide(tmp_path: Path) -> None:
+    case = foam(tmp_path)
+    binary(case, 32, 64)
+    for file in poly(case).iterdir():
+        file.write_bytes(file.read_bytes().replace(b'arch "LSB;label=32;scalar=64";', b""))
+    assert read(case).n_cells == 2
+
+
+def test_gzipped_cases(tmp_path: Path) -> None:
+    case = foam(tmp_path)
+    text = read(case)
+    for file in list(poly(case).iterdir()):
+        file.with_name(f"{file.name}.gz").write_bytes(gzip.compress(file.read_bytes()))
+        file.unlink()
+    assert read(case).fingerprint == text.fingerprint
+    (poly(case) / "owner.gz").write_bytes(gzip.compress(b"FoamFile{}" + bytes(1 << 27)))
+    with pytest.raises(FileError, match=r"owner\.gz: it inflates to more than 40 times its size"):
+        read(case)
+    (poly(case) / "owner.gz").write_bytes(gzip.compress(b"FoamFile{}")[:-9])
+    with pytest.raises(FileError, match=r"owner\.gz: truncated"):
+        read(case)
+
+
+def test_any_file_of_the_mesh_is_recognised(tmp_path: Path) -> None:
+    assert read(poly(foam(tmp_path)) / "owner").n_cells == 2
+
+
+def test_comments_and_equal_labels(tmp_path: Path) -> None:
+    case = foam(tmp_path)
+    (poly(case) / "neighbour").write_text(HEAD + "// one inner face\n/* of all */ 1{1}\n")
+    faces = (poly(case) / "faces").read_text()
+    (poly(case) / "faces").write_text(
+        faces.replace("4(1 4 10 7)", "4(1 4 10 7) // the inner one") + "// ** (end) **\n"
+    )
+    assert read(case).cell_measures == pytest.approx([1, 1])
+
+
+def test_cell_zones_are_tags(tmp_path: Path) -> None:
+    case = foam(tmp_path)
+    zone = "{0}\n{{\n    type cellZone;\ncellLabels      List<label>\n{1}\n;\n}}\n"
+    text = HEAD + "2\n(\n" + zone.format("rotor", "1\n(\n1\n)") + zone.format("all", "2{0}") + ")\n"
+    (poly(case) / "cellZones").write_text(text)
+    mesh = read(case)
+    assert mesh.cell_tags["rotor"].tolist() == [0, 1]
+    (poly(case) / "cellZones").write_text(text.replace("(\n1\n)", "(\n2\n)"))
+    with pytest.raises(FileError, match=r"cellZones: 'rotor' names cells outside 0\.\.1"):
+        read(case)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "says"),
+    [
+        ("points", "(0 0 0)", "(0 0)", "points: 12 points are declared, 35 coordinates follow"),
+        ("points", "(0 0 0)", "(0 0 x)", "line .*: expected a number, found 'x'"),
+        ("points", "format ascii", "format asci", "points: the format 'asci' is neither"),
+        ("points", "FoamFile", "File", "points: there is no header FoamFile"),
+        ("faces", "4(1 4 10 7)", "4(1 4 10 70)", r"faces: face 0 uses points outside 0\.\.11"),
+        ("faces", "4(1 4 10 7)", "4(1 4 10 1)", "faces: face 0 has a repeated point"),
+        ("faces", "4(1 4 10 7)", "2(1 4)", "faces: face 0 has fewer than 3 points"),
+        ("faces", "4(1 4 10 7)", "5(1 4 10 7)", "faces take|longer than the rest"),
+        ("faces", "4(1 4 10 7)", "4(1 7 10 4)", "the faces do not close"),
+        ("owner", "11\n", "10\n", "owner: 10 labels are declared, 11 follow"),
+        ("owner", "(\n0", "(\n90", "name cells from 0 to 90 beside 11 faces"),
+        ("neighbour", "1\n(\n1\n)", "1{1", "does not say which"),
+        ("neighbour", "1\n(\n1\n)", "99999999999{1}", "a list of 99999999999 equal values is too long"),
+        ("boundary", "startFace 2", "startFace 20", "patch 'walls' has not startFace and nFaces within 11"),
+    ],
+)
+def test_faults_are_named(tmp_path: Path, name: str, old: str, new: str, says: str) -> None:
+    case = foam(tmp_path)
+    file = poly(case) / name
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new, 1))
+    with pytest.raises(FileError, match=f"case.foam: .*({says})"):
+        read(case)
+
+
+def test_a_case_without_a_mesh(tmp_path: Path) -> None:
+    (tmp_path / "m.foam").touch()
+    with pytest.raises(FileError, match=r"OpenFOAM case without its mesh: there is no folder .*blockMesh"):
+        read(tmp_path / "m.foam")
+    case = foam(tmp_path)
+    (poly(case) / "owner").unlink()
+    with pytest.raises(FileError, match=r"there is no file .*owner, nor owner\.gz"):
+        read(case)
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_cases_are_written_and_read_back(tmp_path: Path, compress: bool) -> None:
+    rng = np.random.default_rng(1)
+    mesh = samples.boxes(4)
+    mesh = mesh.coarsen(agglomerate(mesh, bisector="coordinate", n_parts=20).levels[0])
+    outer = mesh.face_cells[:, 1] < 0
+    low = outer & (mesh.points[mesh.face_vertices[mesh.face_offsets[:-1]]][:, 0] == 0)
+    mesh = replace(
+        mesh,
+        cell_tags={"mat": rng.integers(-5, 5, 20), "a/b c": np.arange(20) + 2**40},
+        face_tags={
+            "inlet": np.where(outer, low, -1),
+            "bc": np.where(outer, rng.integers(3, 5, len(outer)), -1),
+        },
+    )
+    hierarchy = agglomerate(mesh, bisector="coordinate", n_parts=(8, 2))
+    write(tmp_path / "m.foam", mesh, hierarchy, compress=compress)
+    end = ".gz" if compress else ""
+    found = sorted(str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*") if each.is_file())
+    names = [
+        f"constant/polyMesh/{name}{end}" for name in ("boundary", "faces", "neighbour", "owner", "points")
+    ]
+    own = [f"constant/agglo/{name}{end}" for name in ("a%2Fb%20c", "level_0", "level_1", "mat")]
+    assert found == sorted(
+        [*names, *own, f"constant/cellDecomposition{end}", "0/level_0", "0/level_1", "m.foam"]
+    )
+    back, levels = read_hierarchy(tmp_path / "m.foam")
+    assert {name: tag.tolist() for name, tag in back.cell_tags.items()} == {
+        name: tag.tolist() for name, tag in mesh.cell_tags.items()
+    }
+    assert levels is not None
+    assert [level.tolist() for level in levels.levels] == [level.tolist() for level in hierarchy.levels]
+    assert abs(back.graph.to_scipy() - mesh.graph.to_scipy()).max() < 1e-15
+    np.testing.assert_allclose(back.cell_measures, mesh.cell_measures, rtol=1e-15)
+    assert set(back.face_tags) == {"inlet", "bc_3", "bc_4", "patch"}
+    for name, count in (("inlet", low.sum()), ("bc_3", (mesh.face_tags["bc"][outer & ~low] == 3).sum())):
+        assert (back.face_tags[name] == 1).sum() == count
+    inner = back.face_cells[back.face_cells[:, 1] >= 0]
+    assert (np.diff(inner[:, 0]) >= 0).all()  # in the order that OpenFOAM demands
+    assert (inner[:, 0] < inner[:, 1]).all()
+
+
+def test_an_earlier_mesh_leaves_nothing(tmp_path: Path) -> None:
+    mesh = replace(samples.boxes(2), cell_tags={"mat": np.arange(8)})
+    write(tmp_path / "m.foam", mesh, compress=True)
+    write(tmp_path / "m.foam", samples.boxes(3))
+    assert not list((tmp_path / "constant").rglob("*.gz"))
+    assert read(tmp_path / "m.foam").cell_tags == {}
+
+
+def test_fields_for_other_programs(tmp_path: Path) -> None:
+    mesh = samples.boxes(2)
+    hierarchy = agglomerate(mesh, bisector="coordinate", n_parts=2)
+    write(tmp_path / "m.foam", mesh, hierarchy)
+    labels = [str(label) for label in hierarchy.levels[0]]
+    split = (tmp_path / "constant" / "cellDecomposition").read_text()
+    assert "class       labelList;" in split
+    assert split.split("(\n")[1].split(")")[0].split() == labels
+    field = (tmp_path / "0" / "level_0").read_text()
+    assert "class       volScalarField;" in field
+    assert field.split("(\n")[1].split(")")[0].split() == labels
+    assert "defaultFaces" in field.split("boundaryField")[1]
+    with pytest.raises(FileError, match=r"OpenFOAM's meshes are 3-D, this one is 2-D"):
+        write(tmp_path / "p.foam", samples.squares(2))

@@ -1,0 +1,33 @@
+"""Formats of several files: in the corpus each mesh is an archive of them, which is laid out to be read."""
+
+from __future__ import annotations
+
+import io
+import shutil
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+__all__ = ["SEVERAL", "lay_out", "packed"]
+
+SEVERAL = (".foam", ".ele", ".pvtu")
+
+
+def packed(files: Mapping[str, bytes]) -> bytes:
+    """Files by name as one archive."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(zipfile.ZipInfo(name), content)
+    return stream.getvalue()
+
+
+def lay_out(file: Path, content: bytes) -> None:
+    """Write a mesh of the corpus as ``file``, the files it consists of beside it."""
+    if file.suffix not in SEVERAL:
+        file.write_bytes(content)
+        return
+    shutil.rmtree(file.parent / "constant", ignore_errors=True)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(file.parent)
+    file.touch()
