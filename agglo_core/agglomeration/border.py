@@ -102,10 +102,10 @@ def checked_parts(member: Member, given: Any, n: int, parts: int) -> Int:
     return frozen_int(np.unique(labels, return_inverse=True)[1])
 
 
-def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any) -> Int:
-    """Labels ``(n,)`` of a split of each piece into as many connected parts as its quota."""
+def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given: Any, *, tested: bool) -> Int:
+    """Labels ``(n,)`` of a split of each piece into as many parts as its quota; connected, if ``tested``."""
     total = int(quotas.sum())
-    labels, owner = _grown(member, graph, pieces, total, given)
+    labels, owner = _grown(member, graph, pieces, total, given, tested=tested)
     found = np.bincount(owner[owner >= 0], minlength=len(quotas))
     if (found != quotas).any():
         piece = int(np.flatnonzero(found != quotas)[0])
@@ -115,9 +115,11 @@ def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given:
     return labels
 
 
-def checked_sizes(member: Member, graph: Graph, pieces: Int, limit: float, given: Any) -> tuple[Int, int]:
-    """Labels ``(n,)`` of connected parts no wider than ``limit``; and how many single cells are wider."""
-    labels, owner = _grown(member, graph, pieces, graph.n, given)
+def checked_sizes(
+    member: Member, graph: Graph, pieces: Int, limit: float, given: Any, *, tested: bool
+) -> tuple[Int, int]:
+    """Labels ``(n,)`` of parts no wider than ``limit``; and how many single cells are wider."""
+    labels, owner = _grown(member, graph, pieces, graph.n, given, tested=tested)
     cells = np.bincount(labels)
     if (owner[: len(cells)] < 0).any():
         raise PluginError(f"{member.title} left out part {int(owner[: len(cells)].argmin())}")
@@ -127,8 +129,10 @@ def checked_sizes(member: Member, graph: Graph, pieces: Int, limit: float, given
     return labels, int(np.count_nonzero(wide))
 
 
-def _grown(member: Member, graph: Graph, pieces: Int, total: int, given: Any) -> tuple[Int, Int]:
-    """Labels of connected parts inside the pieces; the piece of each of ``total`` parts, −1 if unused."""
+def _grown(
+    member: Member, graph: Graph, pieces: Int, total: int, given: Any, *, tested: bool
+) -> tuple[Int, Int]:
+    """Labels of parts inside the pieces; the piece of each of ``total`` parts, −1 if unused."""
     labels = _integers(member, "grow", given, graph.n)
     if labels.min() < 0 or labels.max() >= total:
         raise PluginError(f"{member.title} grew labels {labels.min()}..{labels.max()} for {total} parts")
@@ -139,7 +143,7 @@ def _grown(member: Member, graph: Graph, pieces: Int, total: int, given: Any) ->
             raise PluginError(f"{member.title} grew a part that lies in two pieces")
     else:  # one piece: a connected mesh, most of the time
         owner[np.bincount(labels, minlength=total) > 0] = 0
-    if len(broken_blocks(graph, labels)):
+    if tested and len(broken_blocks(graph, labels)):
         raise PluginError(f"{member.title} left a part disconnected")
     return labels, frozen_int(owner)
 

@@ -38,10 +38,10 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
             growth = _restarted(graph, labels, growth, own)
         if growth is None:
             raise PluginError(f"{run.bisector.title} grew one level of the run, and declines the next")
-        parts = _split(graph, labels, goal, growth, own, stage)
+        parts = _split(graph, labels, goal, growth, own, stage, tested=not post.polish)
         if stage == len(goals) - 1:
             growth = None  # its arrays make room
-        labels = post.apply(graph, labels, parts, goal, own, stage)
+        labels = post.apply(graph, labels, parts, goal, own, stage, tested=not post.polish)
         result.append(labels)
     return result[::-1]
 
@@ -61,12 +61,20 @@ def _serves(growth: Growth, goal: Goal) -> bool:
     return goal.quotas is None
 
 
-def _split(graph: Graph, labels: Int, goal: Goal, growth: Growth, run: Run, stage: int) -> Int:
+def _split(
+    graph: Graph, labels: Int, goal: Goal, growth: Growth, run: Run, stage: int, *, tested: bool
+) -> Int:
+    """Labels of the parts of a level; unless ``tested``, somebody else is to test their connections."""
     seeds = run.seeds(stage, int(labels.max()) + 1)
     with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
         if isinstance(goal, CountGoal):
-            measures = frozen_float(np.bincount(labels, graph.mass))
-            quotas = apportion(goal.parts, measures, frozen_int(np.bincount(labels)))
-            return run.grow(graph, labels, growth, quotas, seeds, tell)
+            return run.grow(graph, labels, growth, _quotas(graph, labels, goal), seeds, tell, tested=tested)
         assert isinstance(growth, GrowthToSize)
-        return run.grow_to_size(graph, labels, growth, goal.limit, seeds, tell)
+        return run.grow_to_size(graph, labels, growth, goal.limit, seeds, tell, tested=tested)
+
+
+def _quotas(graph: Graph, labels: Int, goal: CountGoal) -> Int:
+    if not labels.any():  # one piece: a connected mesh, most of the time
+        return apportion(goal.parts, frozen_float([graph.mass.sum()]), frozen_int([graph.n]))
+    measures = frozen_float(np.bincount(labels, graph.mass))
+    return apportion(goal.parts, measures, frozen_int(np.bincount(labels)))

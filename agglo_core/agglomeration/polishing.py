@@ -14,7 +14,8 @@ import numpy as np
 from agglo_core.agglomeration.enforcing import PartRules
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.graph.connection import broken_parts
 from agglo_core.hierarchy import by_first_cell
@@ -48,14 +49,19 @@ class PostPass:
         """Whether there is anything to do."""
         return self.merge or self.polish or self.rules is not None
 
-    def apply(self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
-        """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``."""
+    def apply(
+        self, graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool = True
+    ) -> Int:
+        """Labels ``(n,)`` after the post-passes, each inside ``blocks (n,)``.
+
+        Unless ``tested``, it is not yet known whether the parts are connected: the polish is to see.
+        """
         if self.merge and isinstance(goal, SizeGoal):
             with run.statistics.timed("merge"), phase(run.progress, "merging") as tell:
                 labels = merge_parts(graph, blocks, labels, goal.limit, tell)
         if self.polish:
             with run.statistics.timed("polish"), phase(run.progress, "polishing"):
-                labels = _polish(graph, blocks, labels, goal, run, stage)
+                labels = _polish(graph, blocks, labels, goal, run, stage, tested=tested)
         if self.rules is not None:
             labels = self.rules.kept(graph, blocks, labels, goal, run, stage)
         return labels
@@ -82,7 +88,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
     return result
 
 
-def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int) -> Int:
+def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool) -> Int:
     """One k-way pass of the post-refiners in each block; moves that spoil a part are undone."""
     owner = np.empty(int(labels.max()) + 1, np.int64)
     owner[labels] = blocks
@@ -91,7 +97,10 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
         after = _refined_by_block(graph, labels, owner, target, run, stage)
-    return _without_bad_moves(graph, labels, after, goal.limit)
+    kept, whole = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
+    if not whole:
+        raise PluginError(f"{run.bisector.title} left a part disconnected")
+    return kept
 
 
 def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run: Run, stage: int) -> Int:
@@ -108,21 +117,26 @@ def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run
     return frozen_int(result)
 
 
-def _without_bad_moves(graph: Graph, before: Int, after: Int, limit: float) -> Int:
+def _without_bad_moves(
+    graph: Graph, before: Int, after: Int, limit: float, *, tested: bool
+) -> tuple[Int, bool]:
     """Undo all moves into or out of parts that became empty, disconnected or too wide, until none is left.
 
     A part is emptied where the move that filled it is undone, and not yet that which took its last cell:
-    then the other faults wait. Only parts that changed since they were looked at are looked at again.
+    then the other faults wait. Only parts that changed since they were looked at are looked at again, and
+    unless those before were ``tested``, all at first. Also returns whether all parts are connected.
     """
     moved = np.flatnonzero(after != before)
     changed = np.zeros(int(before.max()) + 1, bool)
     changed[before[moved]] = changed[after[moved]] = True
-    result = after
-    while len(moved):
+    result, asked = after, changed if tested else np.ones_like(changed)
+    broken = np.zeros_like(changed)
+    while asked.any():
         bad = np.bincount(result, minlength=len(changed)) == 0
         if not bad.any():
-            bad = _spoilt(graph, result, changed, limit)
-            changed[:] = False
+            broken = broken_parts(graph.indptr, graph.indices, result, asked)
+            bad = broken | graph.wide_parts(result, limit, changed) if np.isfinite(limit) else broken
+            asked = changed = np.zeros_like(changed)
         back = bad[result[moved]] | bad[before[moved]]
         cells = moved[back]
         if len(cells) == 0:
@@ -131,12 +145,4 @@ def _without_bad_moves(graph: Graph, before: Int, after: Int, limit: float) -> I
         result = result.copy()
         result[cells] = before[cells]
         moved = moved[~back]
-    return frozen_int(result)
-
-
-def _spoilt(graph: Graph, labels: Int, changed: Mask, limit: float) -> Mask:
-    """Which of the changed parts ``(k,)`` are disconnected, or wider than ``limit``."""
-    bad = broken_parts(graph.indptr, graph.indices, labels, changed)
-    if np.isfinite(limit):
-        bad |= graph.wide_parts(labels, limit, changed)
-    return bad
+    return frozen_int(result), not broken.any()

@@ -157,21 +157,42 @@ class Run:
         with attributed(self.bisector.title):
             return tool.grow(graph, pieces, [member.tool for member in self.refiners], self.fixer.tool)
 
-    def grow(self, graph: Graph, pieces: Int, growth: Growth, quotas: Int, seeds: UInt64, tell: Tell) -> Int:
-        """Labels ``(n,)`` once the bisector has split each piece into its quota of connected ones."""
+    def grow(
+        self,
+        graph: Graph,
+        pieces: Int,
+        growth: Growth,
+        quotas: Int,
+        seeds: UInt64,
+        tell: Tell,
+        *,
+        tested: bool = True,
+    ) -> Int:
+        """Labels ``(n,)`` once the bisector has split each piece into its quota of connected ones.
+
+        Unless ``tested``, whether they are connected is not looked at: who polishes them next does.
+        """
         with attributed(self.bisector.title):
             given, depths = growth.split(quotas, seeds, tell)
-        labels = checked_split(self.bisector, graph, pieces, quotas, given)
+        labels = checked_split(self.bisector, graph, pieces, quotas, given, tested=tested)
         self._count(depths)
         return labels
 
     def grow_to_size(
-        self, graph: Graph, pieces: Int, growth: GrowthToSize, limit: float, seeds: UInt64, tell: Tell
+        self,
+        graph: Graph,
+        pieces: Int,
+        growth: GrowthToSize,
+        limit: float,
+        seeds: UInt64,
+        tell: Tell,
+        *,
+        tested: bool = True,
     ) -> Int:
         """Labels ``(n,)`` once the bisector has split the pieces into connected ones, none too wide."""
         with attributed(self.bisector.title):
             given, depths = growth.split_to_size(limit, seeds, tell)
-        labels, alone = checked_sizes(self.bisector, graph, pieces, limit, given)
+        labels, alone = checked_sizes(self.bisector, graph, pieces, limit, given, tested=tested)
         self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
         self._count(depths)
         return labels

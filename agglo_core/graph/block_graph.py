@@ -156,8 +156,6 @@ class BlockGraph:
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
         """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
-        from agglo_core.kernels.graphs import permute_graph
-
         order, blocks = frozen_int(nodes), frozen_int(offsets)
         if len(order) and (order.min() < 0 or order.max() >= self.n):
             raise MeshError(f"nodes must lie in 0..{self.n - 1}, given {order.min()}..{order.max()}")
@@ -167,7 +165,7 @@ class BlockGraph:
         whole, places = self.__dict__.get("_whole", (self, None))
         rows, (centroids, measures, nodes_of_whole) = together(
             len(order),
-            lambda: permute_graph(*edges, order, blocks),
+            lambda: _permuted(*edges, order, blocks),
             # take is ten times faster than indexing where items are rows
             lambda: (
                 frozen_float(self.centroids.take(order, axis=0)),
@@ -177,9 +175,9 @@ class BlockGraph:
         )
         made = object.__new__(type(self))
         made.__dict__.update(
-            indptr=frozen_int(rows[0]),
-            indices=frozen_index(rows[1]),
-            interface=frozen_float(rows[2]),
+            indptr=rows[0],
+            indices=rows[1],
+            interface=rows[2],
             centroids=centroids,
             measures=measures,
             weights=measures if self.weights is self.measures else frozen_float(self.weights[order]),
@@ -240,7 +238,8 @@ class BlockGraph:
     def part_diameters(self, labels: ArrayLike) -> Float:
         """Exact largest vertex distance of each part ``(k,)``, labels 0..k−1."""
         array = check_labels(labels, self.n)
-        cells = label_order(array)
+        alone = len(array) > 0 and bool((np.diff(array) == 1).all())  # each a part of its own, in turn
+        cells = frozen_int(np.arange(self.n)) if alone else label_order(array)
         offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(array)))))
         return diameters_of(offsets, cells, self.vertex_offsets, self.vertices, self.points)
 
@@ -269,6 +268,24 @@ class BlockGraph:
         component = np.empty(self.n, np.int64)
         component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
         return frozen_int(component)
+
+
+def _permuted(
+    indptr: Int, indices: Index, interface: Float, order: Int, offsets: Int
+) -> tuple[Int, Index, Float]:
+    """CSR of the nodes ``order``, cut into blocks: see ``permute_graph``.
+
+    Large arrays are made by numpy, which asks for large pages: they cost less than what kernels make.
+    """
+    from agglo_core.kernels.graphs import permute_graph
+
+    whole = len(order) == len(indptr) - 1
+    room = len(indices) if whole else int((indptr[order + 1] - indptr[order]).sum())
+    made = np.empty(len(order) + 1, np.int64), np.empty(room, np.int32), np.empty(room)
+    kept = permute_graph(indptr, indices, interface, order, offsets, *made)
+    if kept < 0:
+        raise MeshError(f"a node is given twice among all {len(order)}")
+    return frozen_int(made[0]), frozen_index(made[1][:kept]), frozen_float(made[2][:kept])
 
 
 def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:

@@ -44,7 +44,8 @@ def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) 
 
     def lone(start: int, stop: int) -> Index:
         listed = np.empty(stop - start, np.int32)
-        count = part_faults.lone_cells(start, stop, indptr, indices, given, len(asked), listed)
+        room = np.zeros(len(given), np.int32), np.empty(len(given) + 1, np.int32)
+        count = part_faults.lone_cells(start, stop, indptr, indices, given, len(asked), listed, *room)
         return listed[:count]
 
     found = over_ranges(lone, len(given), shares=1)

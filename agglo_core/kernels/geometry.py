@@ -134,6 +134,22 @@ def largest_distance(m, unique, centre, points):
     return np.sqrt(widest)
 
 
+@helper
+def _cell_diameter(i, vertex_offsets, vertices, points):
+    """Largest distance between any two vertices of one cell that has few."""
+    last, widest = points.shape[1] - 1, 0.0
+    third = last - 1.0  # 0 in the plane; a loop over two or three takes twice the time
+    start, stop = np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])
+    for h in range(start, stop):
+        v = np.uint32(vertices[h])
+        x, y, z = points[v, 0], points[v, 1], points[v, last]
+        for g in range(start, h):
+            u = np.uint32(vertices[g])
+            a, b, c = points[u, 0] - x, points[u, 1] - y, third * (points[u, last] - z)
+            widest = max(widest, a * a + b * b + c * c)
+    return np.sqrt(widest)
+
+
 @kernel
 def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
@@ -142,6 +158,9 @@ def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
     unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
     for b in range(len(result)):
         own = cells[block_offsets[b] : block_offsets[b + 1]]
+        if len(own) == 1 and vertex_offsets[own[0] + 1] - vertex_offsets[own[0]] <= _FEW:
+            result[b] = _cell_diameter(np.uint64(own[0]), vertex_offsets, vertices, points)
+            continue
         m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
         result[b] = largest_distance(m, unique, centre, points)
     return result

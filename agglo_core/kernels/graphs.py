@@ -49,26 +49,23 @@ def dual_graph(offsets, faces, face_cells, face_measures):
 
 
 @kernel
-def permute_graph(indptr, indices, interface, order, offsets):
-    """CSR of the nodes ``order``, in that order; block b of it is ``offsets[b]:offsets[b + 1]``.
+def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_indices, new_interface):
+    """Write the CSR of the nodes ``order``, in that order; block b of it is ``offsets[b]:offsets[b + 1]``.
 
-    Edges between blocks, and to nodes left out, are dropped.
+    Edges between blocks, and to nodes left out, are dropped. Returns how many stay, −1 if as many nodes are
+    given as there are, and one twice; else there must be room for all edges of these nodes.
     """
-    n, missing, room, m = len(indptr) - 1, 0, 0, np.uint64(0)
+    n, missing, m = len(indptr) - 1, 0, np.uint64(0)
     position = np.full(n, -1, np.int32)
     for i in range(np.uint64(len(order))):
         node = np.uint64(np.uint32(order[i]))
         position[node] = i
     for k in range(n):
         missing += position[k] < 0
-    whole = len(order) == n and missing == 0 and len(offsets) == 2
-    if whole:
-        room = len(indices)
-    for i in range(0 if whole else len(order)):
-        node = np.uint64(order[i])
-        room += indptr[node + ONE] - indptr[node]
-    new_indptr = np.zeros(len(order) + 1, np.int64)
-    new_indices, new_interface = np.empty(room, np.int32), np.empty(room)
+    if len(order) == n and missing > 0:
+        return np.int64(-1)
+    whole = len(order) == n and len(offsets) == 2
+    new_indptr[0] = 0
     for i in range(np.uint64(len(order) if whole else 0)):  # no edge is dropped: rows, then their places
         node = np.uint64(np.uint32(order[i]))
         for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
@@ -87,7 +84,7 @@ def permute_graph(indptr, indices, interface, order, offsets):
                 new_interface[m] = interface[h]
                 m += np.uint64((start <= j) & (j < stop))  # no branch: it would be mispredicted
             new_indptr[i + 1] = m
-    return new_indptr, new_indices[:m], new_interface[:m]
+    return np.int64(m)
 
 
 @kernel

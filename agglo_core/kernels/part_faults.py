@@ -55,14 +55,14 @@ def _meets_earlier(x, indptr, indices, labels, marks, queue, left):
 
 
 @kernel
-def lone_cells(start, stop, indptr, indices, labels, count, lone):
+def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
     """List the cells start..stop − 1 that are not connected with one of their label before them; how many.
 
     Listed are also those that are the first there of one of the ``count`` labels, and those of which it is
-    not known, as the searches had read as many edges as there are.
+    not known, as the searches had read as many edges as there are. ``marks (n,)`` are zeros at first, and
+    ``queue`` has room for n + 1.
     """
-    n, left, kept, seen = len(labels), len(indices), np.uint64(0), np.zeros(count, np.bool_)
-    marks, queue = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
+    left, kept, seen = len(indices), np.uint64(0), np.zeros(count, np.bool_)
     for first in range(start, stop, _TOGETHER):
         listed = kept
         for i in range(np.uint64(first), np.uint64(min(first + _TOGETHER, stop))):

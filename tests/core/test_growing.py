@@ -217,9 +217,24 @@ def test_bad_growth_is_refused_and_named(labels, message: str) -> None:
     points = np.stack((np.arange(8.0), np.zeros(8)), axis=1)
     graph = Graph.from_arrays(matrix.indptr, matrix.indices, points)
     with pytest.raises(PluginError, match=f"bisector Grows.*{message}"):
-        agglo.agglomerate(graph, bisector=Grows(labels), n_parts=4)
+        agglo.agglomerate(graph, bisector=Grows(labels), n_parts=4, polish=False)
     good = np.repeat(np.arange(4), 2)
     assert np.array_equal(agglo.agglomerate(graph, bisector=Grows(good), n_parts=4).levels[0], good)
+
+
+class Keeps:
+    """A post-refiner that leaves everything as it is."""
+
+    def refine(self, graph, labels, seeds, target):
+        return labels
+
+
+def test_broken_growth_is_refused_unless_the_polish_connects_it() -> None:
+    graph, broken = samples.squares(4).graph, np.repeat([0, 1, 1, 0], 4)  # quadrants
+    with pytest.raises(PluginError, match="bisector Grows.*left a part disconnected"):
+        agglo.agglomerate(graph, bisector=Grows(broken), n_parts=2, post_refiners=(Keeps(),))
+    polished = agglo.agglomerate(graph, bisector=Grows(broken), n_parts=2).levels[0]
+    assert graph.components(polished).max() == polished.max() == 1
 
 
 # --- the kernels ------------------------------------------------------------------------------------------

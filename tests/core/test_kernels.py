@@ -27,7 +27,7 @@ from agglo_core.graph.ordering import curve_order
 from agglo_core.kernels.curve_keys import curve_keys
 from agglo_core.kernels.faces import match_half_edges
 from agglo_core.kernels.geometry import block_diameters, compare_diameters
-from agglo_core.kernels.graphs import broken_blocks, child_order, components, permute_graph, take_rows
+from agglo_core.kernels.graphs import broken_blocks, child_order, components, take_rows
 from agglo_core.kernels.halves import broken_halves
 from agglo_core.kernels.interface import relax_interface
 from agglo_core.kernels.polygon_faults import check_polygons
@@ -145,11 +145,9 @@ def test_permuted_rows(seed: int, kept: int) -> None:
     graph = random_graph(seed)
     rng = np.random.default_rng(seed)
     order, cut = rng.permutation(30)[:kept], int(rng.integers(0, kept + 1))
-    indptr, indices, interface = permute_graph(
-        graph.indptr, graph.indices, graph.interface, frozen_int(order), frozen_int([0, cut, kept])
-    )
+    part = graph.subgraph(order, [0, cut, kept])
     found = np.zeros((kept, kept))
-    found[np.repeat(np.arange(kept), np.diff(indptr)), indices] = interface
+    found[np.repeat(np.arange(kept), np.diff(part.indptr)), part.indices] = part.interface
     block = np.arange(kept) < cut
     dense = graph.to_scipy().toarray()[np.ix_(order, order)] * (block[:, None] == block)
     np.testing.assert_array_equal(found, dense)
@@ -531,13 +529,12 @@ def test_every_kernel_has_one_signature_in_the_plane() -> None:
 
 PERMUTE = """
 import numpy as np
-from agglo_core.arrays import frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import frozen_index, frozen_int
 from agglo_core.kernels.first_run import watch_compilation
-from agglo_core.kernels.graphs import permute_graph
+from agglo_core.kernels.graphs import take_rows
 
 def permute():
-    one, ends = frozen_int([0]), frozen_int([0, 1])
-    return permute_graph(frozen_int([0, 0]), frozen_index([]), frozen_float([]), one, ends)[0].tolist()
+    return take_rows(frozen_int([0, 0]), frozen_index([]), frozen_int([0]))[0].tolist()
 
 told = []
 with watch_compilation(lambda: told.append("told")):
