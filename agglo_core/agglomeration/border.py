@@ -29,6 +29,7 @@ __all__ = [
     "checked_sides",
     "checked_sizes",
     "checked_split",
+    "checked_widths",
     "one_sided_blocks",
     "require_no_worse",
 ]
@@ -115,18 +116,22 @@ def checked_split(member: Member, graph: Graph, pieces: Int, quotas: Int, given:
     return labels
 
 
-def checked_sizes(
-    member: Member, graph: Graph, pieces: Int, limit: float, given: Any, *, tested: bool
-) -> tuple[Int, int]:
-    """Labels ``(n,)`` of parts no wider than ``limit``; and how many single cells are wider."""
+def checked_sizes(member: Member, graph: Graph, pieces: Int, given: Any, *, tested: bool) -> Int:
+    """Labels ``(n,)`` of a split of the pieces into any number of parts, ``tested`` to be connected."""
     labels, owner = _grown(member, graph, pieces, graph.n, given, tested=tested)
-    cells = np.bincount(labels)
-    if (owner[: len(cells)] < 0).any():
-        raise PluginError(f"{member.title} left out part {int(owner[: len(cells)].argmin())}")
-    wide = graph.wide_parts(labels, limit)
-    if (wide & (cells > 1)).any():
+    used = owner[: int(labels.max()) + 1]
+    if (used < 0).any():
+        raise PluginError(f"{member.title} left out part {int(used.argmin())}")
+    return labels
+
+
+def checked_widths(member: Member, labels: Int, wide: Mask, limit: float) -> int:
+    """How many single cells are ``wide (k,)``: larger than ``limit``; no part of several cells may be."""
+    if not wide.any():
+        return 0
+    if (wide & (np.bincount(labels, minlength=len(wide)) > 1)).any():
         raise PluginError(f"{member.title} grew a part that is wider than {limit:.6g}")
-    return labels, int(np.count_nonzero(wide))
+    return int(np.count_nonzero(wide))
 
 
 def _grown(

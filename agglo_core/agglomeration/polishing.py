@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.agglomeration.enforcing import PartRules
 from agglo_core.agglomeration.goals import Goal, SizeGoal
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.graph.connection import broken_parts
@@ -97,9 +97,11 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
         after = _refined_by_block(graph, labels, owner, target, run, stage)
-    kept, whole = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
-    if not whole:
+    kept, broken, wide = _without_bad_moves(graph, labels, after, goal.limit, tested=tested)
+    if broken.any():
         raise PluginError(f"{run.bisector.title} left a part disconnected")
+    if not tested:
+        run.note_widths(kept, wide, goal.limit)
     return kept
 
 
@@ -119,24 +121,26 @@ def _refined_by_block(graph: Graph, labels: Int, owner: Int, target: Target, run
 
 def _without_bad_moves(
     graph: Graph, before: Int, after: Int, limit: float, *, tested: bool
-) -> tuple[Int, bool]:
+) -> tuple[Int, Mask, Mask]:
     """Undo all moves into or out of parts that became empty, disconnected or too wide, until none is left.
 
     A part is emptied where the move that filled it is undone, and not yet that which took its last cell:
     then the other faults wait. Only parts that changed since they were looked at are looked at again, and
-    unless those before were ``tested``, all at first. Also returns whether all parts are connected.
+    unless those before were ``tested``, all at first. Also returns which are disconnected and wide still.
     """
     moved = np.flatnonzero(after != before)
     changed = np.zeros(int(before.max()) + 1, bool)
     changed[before[moved]] = changed[after[moved]] = True
     result, asked = after, changed if tested else np.ones_like(changed)
-    broken = np.zeros_like(changed)
+    broken, wide = np.zeros_like(changed), np.zeros_like(changed)
     while asked.any():
         bad = np.bincount(result, minlength=len(changed)) == 0
         if not bad.any():
             broken = broken_parts(graph.indptr, graph.indices, result, asked)
-            bad = broken | graph.wide_parts(result, limit, changed) if np.isfinite(limit) else broken
-            asked = changed = np.zeros_like(changed)
+            if np.isfinite(limit):
+                wide = wide & ~asked | graph.wide_parts(result, limit, asked)
+            bad, changed = broken | wide, np.zeros_like(changed)
+            asked = changed
         back = bad[result[moved]] | bad[before[moved]]
         cells = moved[back]
         if len(cells) == 0:
@@ -145,4 +149,4 @@ def _without_bad_moves(
         result = result.copy()
         result[cells] = before[cells]
         moved = moved[~back]
-    return frozen_int(result), not broken.any()
+    return frozen_int(result), broken, wide

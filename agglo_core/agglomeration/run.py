@@ -20,11 +20,12 @@ from agglo_core.agglomeration.border import (
     checked_sides,
     checked_sizes,
     checked_split,
+    checked_widths,
     one_sided_blocks,
     require_no_worse,
 )
 from agglo_core.agglomeration.growth import Growing, Growth, GrowthToSize
-from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
+from agglo_core.arrays import Int, Mask, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import Listener, Tell, labelled, noted_limits
@@ -189,13 +190,22 @@ class Run:
         *,
         tested: bool = True,
     ) -> Int:
-        """Labels ``(n,)`` once the bisector has split the pieces into connected ones, none too wide."""
+        """Labels ``(n,)`` once the bisector has split the pieces into connected ones, none too wide.
+
+        Unless ``tested``, neither is looked at: who polishes them next does.
+        """
         with attributed(self.bisector.title):
             given, depths = growth.split_to_size(limit, seeds, tell)
-        labels, alone = checked_sizes(self.bisector, graph, pieces, limit, given, tested=tested)
-        self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
+        labels = checked_sizes(self.bisector, graph, pieces, given, tested=tested)
+        if tested:
+            self.note_widths(labels, graph.wide_parts(labels, limit), limit)
         self._count(depths)
         return labels
+
+    def note_widths(self, labels: Int, wide: Mask, limit: float) -> None:
+        """Note how many single cells are wider than ``limit``; of the ``wide (k,)`` all must be such."""
+        alone = checked_widths(self.bisector, labels, wide, limit)
+        self.statistics.oversized_cells = max(alone, self.statistics.oversized_cells)
 
     def _count(self, depths: Int) -> None:
         for blocks, cells, mended in depths.tolist():
