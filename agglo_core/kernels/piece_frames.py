@@ -31,18 +31,21 @@ def load_piece(graph, cells, lo, hi, own):
     centroids, weights = graph[3], graph[5]
     local, shares, scales = own[0]
     n, first, start, total = hi - lo, cells[lo], np.uint64(lo), 0.0
+    x, y, z, last = centroids[first, 0], centroids[first, 1], 0.0, centroids.shape[1] - 1
+    x0, x1, y0, y1, z0, z1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(np.uint64(n)):
         i = np.uint32(cells[start + k])
-        shares[k] = weights[i]
-        total += weights[i]
-    extent = 0.0
-    for c in range(centroids.shape[1]):
-        low, high, origin = 0.0, 0.0, centroids[first, c]
+        a, b, w = centroids[i, 0] - x, centroids[i, 1] - y, weights[i]
+        local[0, k], local[1, k], shares[k] = a, b, w
+        total += w
+        x0, x1, y0, y1 = min(x0, a), max(x1, a), min(y0, b), max(y1, b)
+    if last > 1:
+        z = centroids[first, last]
         for k in range(np.uint64(n)):
-            place = centroids[np.uint32(cells[start + k]), c] - origin
-            local[c, k] = place
-            low, high = min(low, place), max(high, place)
-        extent = max(extent, high - low)
+            c = centroids[np.uint32(cells[start + k]), last] - z
+            local[2, k] = c
+            z0, z1 = min(z0, c), max(z1, c)
+    extent = max(max(x1 - x0, y1 - y0), z1 - z0)
     scales[0], scales[1], scales[2] = centre_points(n, centroids.shape[1], local, shares, total, total)
     return extent
 

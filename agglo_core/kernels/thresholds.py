@@ -162,6 +162,18 @@ def centre_block(start, n, centroids, weights, measures, local, shares):
     return centre_points(n, d, local, shares, total, measure)
 
 
+@helper(reorder_sums=True)
+def _centre(n, column, shares):
+    """Make the mean of a column 0; returns its variance."""
+    mean, variance = 0.0, 0.0
+    for i in range(n):
+        mean += shares[i] * column[i]
+    for i in range(n):
+        column[i] -= mean
+        variance += shares[i] * column[i] ** 2
+    return variance
+
+
 @helper
 def centre_points(n, d, local, shares, total, measure):
     """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights; see ``centre_block``.
@@ -172,12 +184,7 @@ def centre_points(n, d, local, shares, total, measure):
         shares[i] = shares[i] / total if total > 0.0 else 1.0 / n
     inertia = 0.0
     for k in range(d):
-        mean = 0.0
-        for i in range(n):
-            mean += shares[i] * local[k, i]
-        for i in range(n):
-            local[k, i] -= mean
-            inertia += shares[i] * local[k, i] ** 2
+        inertia += _centre(n, local[k], shares)
     scale = 1.0
     if measure > 0.0:
         scale = 1.0 / np.sqrt(measure) if d == 2 else measure ** (-2.0 / 3.0)

@@ -27,7 +27,7 @@ _BAND = 0.45  # standard deviations either side of the mean in which a cut is so
 _BINS = 32
 _SMALL = 96  # cells below which some axes are swept instead
 _AXES = 4
-_FINER = 2  # halvings of the angle between them, about the best
+_FINER = 1  # halvings of the angle between them, about the best
 _LONG = 0.5  # ratio of principal moments below which a piece is long
 _FEW = 400  # cells below which the axes are tried beside the network's direction
 
@@ -206,7 +206,7 @@ def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
     if n >= _SMALL and scales[1] > 1e-299:
         best = _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis)
     if best[0] == NO_CUT:
-        some = finer[: (n >= 16) + (n >= 32)]  # few cells have few cuts
+        some = finer[: n >= 24]  # few cells have few cuts
         edges = ends, piece_sweeps.edges_of_piece(graph, cells, lo, hi, tag, marks, ends)
         section = scales[0], scales[1], scales[2]
         best, axis[0], axis[1] = axes_block(n, edges, local, shares, section, turns, some, score, bins, tally)
