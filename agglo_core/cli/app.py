@@ -21,6 +21,7 @@ from agglo_core.cli.cmd_plugins import plugins
 from agglo_core.cli.cmd_quality import quality
 from agglo_core.cli.cmd_run import run
 from agglo_core.cli.cmd_solve import solve
+from agglo_core.cli.completing import completion
 from agglo_core.cli.console import notices, say
 from agglo_core.cli.readable import readable_output
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
@@ -104,7 +105,7 @@ def app(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for _command in (demo, run, compare, quality, mesh, solve, plugins, check):
+for _command in (demo, run, compare, quality, mesh, solve, plugins, check, completion):
     app.add_command(_command)
 
 

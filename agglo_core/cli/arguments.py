@@ -23,6 +23,7 @@ from typing import Any, Literal, overload
 
 import click
 
+from agglo_core.cli.completing import names
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.rule_options import RULE_OPTIONS, RULES
 from agglo_core.cli.specs import (
@@ -129,6 +130,7 @@ def bisectors_option(about: str) -> Decorator:
         "bisectors",
         multiple=True,
         metavar=COMPONENT,
+        shell_complete=names("bisector", several=True, also=("all",)),
         callback=read_bisectors,
         help=f"{about} Repeatable, or a comma list; 'all' for all that can be used.",
     )
@@ -150,12 +152,18 @@ threads_option = click.option(
 metrics_option = click.option(
     "--metrics",
     metavar="LIST",
+    shell_complete=names("metric", several=True),
     callback=_read_metrics,
     help="Metrics (NAME[:opt=val,…]) or objectives to show in place of the default ones.",
 )
 """Decorator that adds ``--metrics``: what :func:`agglo_core.measure.measure_levels` takes, or None."""
 
-_ONE_BISECTOR = click.option("--bisector", metavar=COMPONENT, help="How a piece is split (default kmeans).")
+_ONE_BISECTOR = click.option(
+    "--bisector",
+    metavar=COMPONENT,
+    shell_complete=names("bisector"),
+    help="How a piece is split (default kmeans).",
+)
 _METHOD = click.option("--method", type=click.Choice(METHODS), help="Default recursive.")
 _METHOD_LIST = click.option(
     "--method", "methods", callback=read_methods, metavar="LIST", help="recursive (default), kway, or both."
@@ -165,9 +173,16 @@ _NESTED = click.option(
 )
 _SIZES, _COUNTS, _MEANS = numbers(float), numbers(int), numbers(float, least=1)
 _REFINER = click.option(
-    "--refiner", "refiners", multiple=True, metavar=COMPONENT, help="Repeatable; 'none' for none."
+    "--refiner",
+    "refiners",
+    multiple=True,
+    metavar=COMPONENT,
+    shell_complete=names("refiner", also=("none",)),
+    help="Repeatable; 'none' for none.",
 )
-_FIXER = click.option("--fixer", metavar=COMPONENT, help="Default connectivity.")
+_FIXER = click.option(
+    "--fixer", metavar=COMPONENT, shell_complete=names("fixer"), help="Default connectivity."
+)
 _LAST_STEPS = (
     click.option(
         "--merge/--no-merge", default=None, help="Sizes: merge neighbours while they meet the target."
@@ -180,6 +195,7 @@ _LAST_STEPS = (
         "post_refiners",
         multiple=True,
         metavar=COMPONENT,
+        shell_complete=names("refiner", also=("none",)),
         help="For each finished level (default compactness). Repeatable; 'none' for none.",
     ),
     click.option(
@@ -187,6 +203,7 @@ _LAST_STEPS = (
         "constraints",
         multiple=True,
         metavar=COMPONENT,
+        shell_complete=names("constraint"),
         help="A rule for the parts. Repeatable.",
     ),
 )

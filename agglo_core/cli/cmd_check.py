@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from agglo_core.cli.arguments import as_typed
+from agglo_core.cli.completing import any_names
 from agglo_core.cli.console import print_json
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines, print_table
@@ -23,7 +24,7 @@ _ABOUT = "what it says, or what is wrong"
 
 
 @click.command(cls=OwnCommand, short_help="Check a component against the laws of its kind.")
-@click.argument("component")
+@click.argument("component", shell_complete=any_names)
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of results.")
 @click.option(
     "--timeout", default=120.0, show_default=True, help="Seconds a law may take before it is stopped."

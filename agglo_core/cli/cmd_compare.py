@@ -21,6 +21,7 @@ from agglo_core.cli.arguments import (
     read_methods,
     refuse_duplicates,
 )
+from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import (
     Outputs,
@@ -58,7 +59,7 @@ class _Plan:
 
 
 @click.command(cls=OwnCommand, short_help="Compare bisectors and methods on a mesh.")
-@click.argument("source", metavar="MESH|SAMPLE")
+@click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
 @agglomeration_options(bisector="several", method="several")
 @click.option("--bisectors", "more_bisectors", multiple=True, callback=read_bisectors, hidden=True)
 @click.option("--methods", "more_methods", callback=read_methods, hidden=True)
@@ -69,9 +70,15 @@ class _Plan:
     is_flag=False,
     flag_value=DEFAULT_SOLVER,
     metavar=f"[{COMPONENT}]",
+    shell_complete=names("solver"),
     help=f"Solve with each hierarchy too, and count (default {DEFAULT_SOLVER}).",
 )
-@click.option("--problem", metavar="NAME[:opt=val,…]|FILE.toml", help="To be solved (default constant).")
+@click.option(
+    "--problem",
+    metavar="NAME[:opt=val,…]|FILE.toml",
+    shell_complete=names("problem"),
+    help="To be solved (default constant).",
+)
 @click.option(
     "--pareto",
     type=FILE,

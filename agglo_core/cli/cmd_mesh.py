@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from agglo_core.cli.arguments import FILE, threads_option
+from agglo_core.cli.completing import samples as sample_names
 from agglo_core.cli.console import quieten
 from agglo_core.cli.runs import watched
 from agglo_core.cli.stdout import OwnCommand
@@ -17,7 +18,7 @@ __all__ = ["mesh"]
 
 
 @click.command(cls=OwnCommand, short_help="Write a sample mesh to a file.")
-@click.argument("sample")
+@click.argument("sample", shell_complete=sample_names)
 @click.option("-o", "--output", required=True, type=FILE, help="File to write.")
 @threads_option
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from agglo_core.cli.completing import any_names
 from agglo_core.cli.console import print_json
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines, print_table
@@ -22,7 +23,7 @@ _SLOW = 2.0  # seconds; every command waits for the imports of all plugins
 
 
 @click.command(cls=OwnCommand, short_help="List plugins, their components, states and options.")
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=any_names)
 @click.option("-v", "--verbose", is_flag=True, help="Also show promises, requirements, slow imports.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list of records.")
 def plugins(name: str | None, verbose: bool, as_json: bool) -> None:

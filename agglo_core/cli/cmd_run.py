@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
+from agglo_core.cli.completing import meshes
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs, foretell_missing_pictures
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
@@ -32,7 +33,7 @@ _log = logging.getLogger("agglo")
 
 
 @click.command(cls=OwnCommand, short_help="Agglomerate a mesh: measure, draw, write.")
-@click.argument("source", metavar="MESH|SAMPLE")
+@click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
 @agglomeration_options(bisector="several")
 @metrics_option
 @click.option("-o", "--output", type=FILE, help="Mesh and levels (.vtu, .npz, …); one file per bisector.")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, load_mesh
+from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, check_picture, foretell_missing_pictures
@@ -41,14 +42,22 @@ _COLUMNS = 80
 
 
 @click.command(cls=OwnCommand, short_help="Solve a problem with the help of a hierarchy.")
-@click.argument("source", metavar="MESH|SAMPLE")
-@click.option("--solver", default=DEFAULT_SOLVER, show_default=True, metavar=COMPONENT)
+@click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
+@click.option(
+    "--solver", default=DEFAULT_SOLVER, show_default=True, metavar=COMPONENT, shell_complete=names("solver")
+)
 @agglomeration_options(bisector="one")
 @click.option("--levels", type=Number(int), help="How many to use of mesh, level 0, 1, … (default all).")
 @click.option("--degree", type=Number(int), help="Of the polynomials (default: the solver's).")
 @click.option("--smoothing-steps", type=Number(int), help="Before and after each coarse correction.")
 @click.option("--tol", "tolerance", type=float, help="Relative residual and energy error to reach.")
-@click.option("--problem", default="constant", show_default=True, metavar="NAME[:opt=val,…]|FILE.toml")
+@click.option(
+    "--problem",
+    default="constant",
+    show_default=True,
+    metavar="NAME[:opt=val,…]|FILE.toml",
+    shell_complete=names("problem"),
+)
 @click.option(
     "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
 )

@@ -23,7 +23,17 @@ __all__ = [
     "made_plain",
 ]
 
-CORE_COMMANDS: Final = ("demo", "run", "compare", "quality", "mesh", "solve", "plugins", "check")
+CORE_COMMANDS: Final = (
+    "demo",
+    "run",
+    "compare",
+    "quality",
+    "mesh",
+    "solve",
+    "plugins",
+    "check",
+    "completion",
+)
 """Names of agglo's own commands, which no plugin can take."""
 
 hookspec = pluggy.HookspecMarker("agglo")

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 from agglo_core.registry.code_options import names_code, plain
 
-__all__ = ["UNTYPED", "Text", "fit", "in_words", "parse_value"]
+__all__ = ["UNTYPED", "Text", "fit", "in_words", "parse_value", "words_of"]
 
 UNTYPED: Final = inspect.Parameter.empty
 """The annotation of an option that has none."""
@@ -43,6 +43,22 @@ def parse_value(text: str) -> int | float | bool | str | None:
         except ValueError:
             continue
     return str(text)
+
+
+def words_of(annotation: Any) -> list[str]:
+    """The words that an option of this type takes, if they can be listed."""
+    members = get_args(annotation) if get_origin(annotation) in (Union, types.UnionType) else (annotation,)
+    words: list[str] = []
+    for member in members:
+        if get_origin(member) is Literal:
+            words += [str(each) for each in get_args(member)]
+        elif isinstance(member, type) and issubclass(member, Enum):
+            words += [str(each.value) for each in member]
+        elif member is bool:
+            words += ["true", "false"]
+        elif member in (None, type(None)):
+            words.append("none")
+    return words
 
 
 def fit(annotation: Any, value: Any) -> tuple[bool, Any]:
