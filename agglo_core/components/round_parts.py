@@ -23,7 +23,10 @@ _COUNTED = {2: (0.38, 0.42), 3: (0.12, 0.14)}
 """The same where the number of parts is given and the size follows; others are tried, by a factor."""
 
 _FACTOR = 1.06
-_WEIGHTS = Weights(1.0, 1.05, 0.35), Weights(0.69, 1.0, 0.3)
+_WEIGHTS = {
+    "size": (Weights(1.0, 1.05, 0.35), Weights(0.69, 1.0, 0.3)),
+    "count": (Weights(1.12, 1.05, 0.35), Weights(0.85, 1.0, 0.3)),
+}
 """Of parts of few cells, and of many, which fill a size with ease."""
 
 _MANY = 100
@@ -42,7 +45,8 @@ def round_parts(
     """
     size, parts = _size_and_parts(graph, target, False)
     many = graph.n > _MANY * parts
-    search = Search(graph, size, seed, EFFORTS[effort], _WEIGHTS[many], limit)
+    weights = _WEIGHTS["count" if target.h_star is None else "size"][many]
+    search = Search(graph, size, seed, EFFORTS[effort], weights, limit)
     if many:
         labels = _from_pieces(search, graph, target, seed, effort, start, rival)
     else:
@@ -96,6 +100,7 @@ def _from_pieces(
     less = replace(EFFORTS[effort], tries=EFFORTS[effort].tries // 2)  # pieces have many corners
     above = Search(coarse, size, seed, less, search.weights, search.limit)
     found = above.tool.outward(_searched(above, coarse, target, parts, start, rival))
+    search.size = above.size
     labels, shapes = search.cooled(search.tool.inward(found[pieces]))
     return search.polished(labels, shapes, cut=target.h_star is not None)[0]
 

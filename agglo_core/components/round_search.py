@@ -93,7 +93,8 @@ class Search:
     @property
     def sizes(self) -> int:
         """How many sizes are to be tried."""
-        return self._effort.sizes if self._small else max(1, self._effort.sizes // 2)
+        few = self.tool.graph.n <= 2 * _MANY
+        return self._effort.sizes if few else max(1, self._effort.sizes // 2)
 
     def annealed(self, labels: Int, ramps: Ramps = _FIRST, share: float = 1.0) -> tuple[Int, Shapes]:
         """Labels after a share of the draws, and the shapes as the fast kernel sees them."""
