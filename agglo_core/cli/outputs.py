@@ -130,6 +130,7 @@ def draw_runs(
     metrics: list[Any] | None,
     progress: Listener | None,
     solves: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    explode: float | None = None,
 ) -> None:
     """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles.
 
@@ -139,7 +140,7 @@ def draw_runs(
         from agglo_core.draw.plot import draw
 
         done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
-        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress))
+        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress, explode=explode))
     if report is not None:
         from agglo_core.draw.webpage import write_page
 

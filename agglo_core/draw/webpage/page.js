@@ -6,7 +6,7 @@ const runNow = () => REPORT.runs[state.run];
 const levelNow = () => (state.level < 0 ? null : runNow().levels[state.level]);
 
 const format = ({ low, high }) => (low >= 0 && high <= 1 ? fixed(3) : shown);
-const BASE = [["cells", "cells", shown], ["diameter", "diameter", shown], ["area", "measure", shown]];
+const BASE = [["cells", "cells", shown], ["diameter", "diameter", shown], [REPORT.size, "measure", shown]];
 const LAST = ["components", "components", shown];
 const measured = METRICS.filter(({ name }) => ![...BASE, LAST].some(([, key]) => key === name));
 const FACTS = [...BASE, ...measured.map((metric) => [metric.name, metric.name, format(metric)]), LAST];
@@ -112,6 +112,7 @@ function showRuns() {
 function remember() {
   const words = new URLSearchParams({ run: runNow().name, level: state.level });
   if (state.part !== null) words.set("hover", state.part);
+  if (REPORT.stills) words.set("view", $("side").value);
   history.replaceState(null, "", `#${words}`);
 }
 
@@ -121,6 +122,7 @@ function recalled() {
   if (run >= 0) change.run = run;
   if (words.has("level")) change.level = Number.parseInt(words.get("level"), 10) || 0;
   if (words.has("hover")) change.part = Number.parseInt(words.get("hover"), 10);
+  if (REPORT.stills && words.has("view")) showSide(words.get("view"));
   return change;
 }
 
