@@ -32,7 +32,6 @@ __all__ = [
     "check_picture",
     "check_report",
     "draw_runs",
-    "foretell_missing_pictures",
     "weigh_runs",
 ]
 
@@ -161,15 +160,6 @@ def check_report(report: Path) -> None:
     from agglo_core.draw.webpage import check_page
 
     check_page(report)
-
-
-def foretell_missing_pictures(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
-    """Warn if a picture of a 3-D mesh is wanted, by option: whoever wants no more can stop in time."""
-    flags = [flag for flag, path in wanted.items() if path is not None]
-    if flags and mesh.dim != 2:
-        verb = "draws" if len(flags) == 1 else "draw"
-        text = "%s %s plane meshes; %s is %d-dimensional: the rest is made without"
-        _log.warning(text, " and ".join(flags), verb, mesh.name or source, mesh.dim)
 
 
 def check_picture(plot: Path, flag: str = "--plot") -> None:
