@@ -17,7 +17,7 @@ import click
 from agglo_core.cli.console import say
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines
-from agglo_core.errors import AggloError, FileError, OptionError
+from agglo_core.errors import AggloError, FileError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised
 
@@ -103,8 +103,6 @@ def check_outputs(
     ------
     FileError
         For an unknown suffix, a folder that does not exist, or a path that is a folder.
-    OptionError
-        If a picture is asked for and matplotlib is not installed.
     """
     if plot is not None:
         check_picture(plot)
@@ -165,7 +163,7 @@ def check_report(report: Path) -> None:
 def check_picture(plot: Path, flag: str = "--plot") -> None:
     """Raise FileError unless a picture can be written there, as far as can be told in advance.
 
-    Raises OptionError without matplotlib, which the option ``flag`` needs.
+    Without matplotlib, which the option ``flag`` needs, a warning says in time that there will be none.
     """
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
@@ -177,7 +175,10 @@ def check_picture(plot: Path, flag: str = "--plot") -> None:
 
     check_replaceable(plot)
     if find_spec("matplotlib") is None:
-        raise OptionError(f"{flag} needs matplotlib, which is not installed: pip install 'agglo[plot]'")
+        text = (
+            "%s needs matplotlib, which is not installed: pip install 'agglo[plot]'; the rest is made without"
+        )
+        _log.warning(text, flag)
 
 
 def as_file_name(spec: str) -> str:

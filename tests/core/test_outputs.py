@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -200,6 +201,19 @@ def test_a_picture_of_a_solid_that_fails_costs_no_result(
     assert "wrote a.npz" in out
     missing = [line for line in err.splitlines() if line.startswith("error: ")]
     assert missing == [f"error: a.{end}: MemoryError: so many pixels" for end in ("png", "html")]
+
+
+def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agglo_core.cli.outputs.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    code, out, err = agglo("run", "squares:n=8", "--parts", "4", "-o", "a.npz", "--plot", "a.png")
+    assert (code, levels("a.npz")) == (3, 1)
+    assert "4 parts" in out
+    first, *_, last = err.splitlines()
+    assert first.startswith(
+        "note: --plot needs matplotlib, which is not installed: pip install 'agglo[plot]'"
+    )
+    assert last.startswith('error: a.png: drawing needs matplotlib: pip install "agglo[plot]"')
 
 
 def test_explode_is_for_pictures_of_solids(agglo: Agglo) -> None:
