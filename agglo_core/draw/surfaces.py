@@ -8,15 +8,16 @@ from typing import Final
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, Mask, frozen_float
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.depth_buffer import nearest_triangles
+from agglo_core.kernels.depth_buffer import nearest_faces
 from agglo_core.mesh import Mesh
 
 __all__ = ["SIDE", "Sight", "Surface", "beyond", "check_explode", "outer_faces", "seen"]
 
 SIDE: Final = (-60.0, 30.0)
 """Azimuth and elevation in degrees of the eye where nothing else is asked for, as matplotlib has them."""
+_EDGE_ON = 1e-6  # cosine between normal and eye
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ def axes_of(azimuth: float, elevation: float) -> Float:
 def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) -> Sight:
     """What is seen of a surface without perspective, the longer side of the picture ``pixels`` long.
 
-    Faces that show their inside are hidden. The others are fans of triangles about the mean of their corners.
+    Faces that show their inside are hidden, and so are those seen from their edge.
     """
     axes = axes_of(*side)
     placed = surface.corners @ axes.T
@@ -143,19 +144,22 @@ def seen(surface: Surface, side: tuple[float, float] = SIDE, pixels: int = 800) 
     scale = (pixels - 4) / max(*(high - low)[:2], np.finfo(float).tiny)
     placed = (placed - [low[0], high[1], 0.0]) * [scale, -scale, scale] + [2.0, 2.0, 0.0]  # rows go down
     width, height = (int(np.ceil(each)) + 4 for each in scale * (high - low)[:2])
-    facing = surface.normals @ axes[2] > 0.0
-    triangles, faces = _fans(placed, surface.offsets, facing)
-    nearest, depth = nearest_triangles(frozen_float(triangles), width, height)
-    return Sight(np.append(faces, -1)[nearest], depth, axes[2])
+    normals = surface.normals @ axes.T * [1.0, -1.0, 1.0]
+    facing = np.flatnonzero(normals[:, 2] > _EDGE_ON)
+    faces, depth = nearest_faces(
+        frozen_float(placed),
+        frozen_int(surface.offsets),
+        frozen_int(facing),
+        frozen_float(_planes(placed, surface.offsets, normals)),
+        width,
+        height,
+    )
+    return Sight(faces, depth, axes[2])
 
 
-def _fans(corners: Float, offsets: Int, chosen: Mask) -> tuple[Float, Int]:
-    """Triangles ``(t, 3, 3)`` of the chosen faces, about the means of their corners, and the face of each."""
-    sizes = np.diff(offsets)
-    faces = np.repeat(np.arange(len(sizes)), sizes)
-    after = np.arange(len(corners)) + 1
-    after[offsets[1:] - 1] = offsets[:-1]
-    middle = np.add.reduceat(corners, offsets[:-1]) / sizes[:, None]
-    rim = np.flatnonzero(chosen[faces])
-    triangles = np.stack((corners[rim], corners[after[rim]], middle[faces[rim]]), axis=1)
-    return triangles, faces[rim]
+def _planes(corners: Float, offsets: Int, normals: Float) -> Float:
+    """Depth of each face as a linear function of x and y ``(f, 3)``: through the mean of its corners."""
+    middle = np.add.reduceat(corners, offsets[:-1]) / np.diff(offsets)[:, None]
+    slope = -normals[:, :2] / np.where(np.abs(normals[:, 2:]) > _EDGE_ON, normals[:, 2:], 1.0)
+    flat: Float = middle[:, 2] - np.einsum("ij,ij->i", slope, middle[:, :2])
+    return np.column_stack((flat, slope))

@@ -1,4 +1,4 @@
-"""Which of many triangles is seen at each pixel."""
+"""Which of many plane faces is seen at each pixel."""
 
 from __future__ import annotations
 
@@ -6,26 +6,46 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["nearest_triangles"]
-
-_TOUCH = 1e-9  # of an edge function in pixels²: what lies on an edge belongs to both sides, so none has gaps
+__all__ = ["nearest_faces"]
 
 
 @helper
-def _edge(ax, ay, bx, by, x, y):
-    """Twice the area of the triangle a, b, (x, y), positive if it turns left."""
-    return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+def _crossings(corners, low, high, y, found):
+    """Write, in order, where the row at y enters and leaves the loop of these corners; how many there are.
+
+    An edge belongs to the row if just one of its ends lies at y or above. It is followed from its upper end
+    on, whichever face asks, so that neighbours agree to the last bit and no pixel falls between them.
+    """
+    count = 0
+    for k in range(low, high):
+        after = k + 1 if k + 1 < high else low
+        if (corners[k, 1] <= y) == (corners[after, 1] <= y):
+            continue
+        one, other = (k, after) if corners[k, 1] < corners[after, 1] else (after, k)
+        share = (y - corners[one, 1]) / (corners[other, 1] - corners[one, 1])
+        x, place = corners[one, 0] + share * (corners[other, 0] - corners[one, 0]), count
+        while place > 0 and found[place - 1] > x:
+            found[place] = found[place - 1]
+            place -= 1
+        found[place] = x
+        count += 1
+    return count
 
 
 @kernel
-def nearest_triangles(corners, width, height):
-    """The triangle nearest to the eye at the centre of each pixel; −1 where there is none.
+def nearest_faces(corners, offsets, faces, planes, width, height):
+    """The face nearest to the eye at the centre of each pixel; −1 where there is none.
 
     Parameters
     ----------
-    corners : (t, 3, 3) float64
-        x and y in pixels (pixel (row, column) has its centre at column + ½, row + ½), and the depth, which
-        grows towards the eye. Triangles of no area are not seen; of several as near the first is.
+    corners : (c, 3) float64
+        x and y in pixels (the pixel of a row and a column has its centre at column + ½, row + ½), and the
+        depth, which grows towards the eye. Those of face f are ``corners[offsets[f]:offsets[f + 1]]``.
+    offsets : (f + 1,) int64
+    faces : (m,) int64
+        Faces that are looked at, convex or not; of several as near the first is seen.
+    planes : (f, 3) float64
+        A face has the depth ``planes[f] @ (1, x, y)``, within that of its corners.
     width, height : int
 
     Returns
@@ -36,23 +56,19 @@ def nearest_triangles(corners, width, height):
     """
     seen = np.full((height, width), -1, np.int64)
     depth = np.full((height, width), -np.inf)
-    for t in range(len(corners)):
-        ax, ay, bx, by = corners[t, 0, 0], corners[t, 0, 1], corners[t, 1, 0], corners[t, 1, 1]
-        cx, cy = corners[t, 2, 0], corners[t, 2, 1]
-        area = _edge(ax, ay, bx, by, cx, cy)
-        if area == 0.0:
-            continue
-        left, right = max(0.0, np.ceil(min(ax, bx, cx) - 0.5)), min(width, np.floor(max(ax, bx, cx) + 0.5))
-        top, bottom = max(0.0, np.ceil(min(ay, by, cy) - 0.5)), min(height, np.floor(max(ay, by, cy) + 0.5))
-        sign = 1.0 if area > 0.0 else -1.0
-        for row in range(int(top), int(bottom)):
-            for column in range(int(left), int(right)):
-                x, y = column + 0.5, row + 0.5
-                a, b = sign * _edge(bx, by, cx, cy, x, y), sign * _edge(cx, cy, ax, ay, x, y)
-                c = sign * _edge(ax, ay, bx, by, x, y)
-                if a < -_TOUCH or b < -_TOUCH or c < -_TOUCH:
-                    continue
-                z = (a * corners[t, 0, 2] + b * corners[t, 1, 2] + c * corners[t, 2, 2]) / (sign * area)
-                if z > depth[row, column]:
-                    seen[row, column], depth[row, column] = t, z
+    found = np.empty(max(1, np.diff(offsets).max()))
+    for face in faces:
+        low, high = offsets[face], offsets[face + 1]
+        own, plane = corners[low:high], planes[face]
+        near, far = own[:, 2].max(), own[:, 2].min()
+        top, bottom = np.ceil(own[:, 1].min() - 0.5), np.ceil(own[:, 1].max() - 0.5)
+        for row in range(max(0, int(top)), min(height, int(bottom))):
+            count = _crossings(corners, low, high, row + 0.5, found)
+            for k in range(0, count - 1, 2):
+                left, right = int(np.ceil(found[k] - 0.5)), int(np.ceil(found[k + 1] - 0.5))
+                for column in range(max(0, left), min(width, right)):
+                    z = plane[0] + plane[1] * (column + 0.5) + plane[2] * (row + 0.5)
+                    z = min(max(z, far), near)
+                    if z > depth[row, column]:
+                        seen[row, column], depth[row, column] = face, z
     return seen, depth

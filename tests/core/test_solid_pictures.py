@@ -10,55 +10,88 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agglo_core import agglomerate, samples
+from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.draw.plot import draw
 from agglo_core.draw.shading import brightness, rgb, shaded
 from agglo_core.draw.surfaces import SIDE, axes_of, beyond, outer_faces, seen
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.kernels.depth_buffer import nearest_triangles
+from agglo_core.kernels.depth_buffer import nearest_faces
 from agglo_core.mesh import Mesh
 
 
-def slow_twin(corners: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel by pixel, by barycentric coordinates from a linear system."""
+def inside(point: np.ndarray, loop: np.ndarray) -> bool:
+    """Whether a point of the plane lies within a loop: its winding number, by angles."""
+    spokes = loop - point
+    ahead = np.roll(spokes, -1, axis=0)
+    turns = np.arctan2(spokes[:, 0] * ahead[:, 1] - spokes[:, 1] * ahead[:, 0], (spokes * ahead).sum(axis=1))
+    return abs(turns.sum()) > np.pi
+
+
+def slow_twin(loops: list[np.ndarray], planes: np.ndarray, width: int, height: int) -> np.ndarray:
+    """The nearest face at each pixel, pixel by pixel and face by face."""
     seen, depth = np.full((height, width), -1), np.full((height, width), -np.inf)
     for row in range(height):
         for column in range(width):
-            for t, triangle in enumerate(corners):
-                matrix = np.vstack((triangle[:, :2].T, np.ones(3)))
-                if abs(np.linalg.det(matrix)) < 1e-9:
-                    continue
-                shares = np.linalg.solve(matrix, [column + 0.5, row + 0.5, 1.0])
-                z = shares @ triangle[:, 2]
-                if shares.min() >= 0.0 and z > depth[row, column]:
-                    seen[row, column], depth[row, column] = t, z
-    return seen, depth
+            point = np.array([column + 0.5, row + 0.5])
+            for face, (loop, plane) in enumerate(zip(loops, planes, strict=True)):
+                z = np.clip(plane @ [1.0, *point], loop[:, 2].min(), loop[:, 2].max())
+                if inside(point, loop[:, :2]) and z > depth[row, column]:
+                    seen[row, column], depth[row, column] = face, z
+    return seen
+
+
+def star(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A loop of 3 to 9 corners that is seldom convex, and the plane that it lies in."""
+    angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 10)))
+    xy = rng.uniform(0, 10, 2) + rng.uniform(1, 8, len(angles))[:, None] * np.stack(
+        (np.cos(angles), np.sin(angles)), axis=1
+    )
+    plane = rng.normal(size=3)
+    return np.column_stack((xy, plane[0] + xy @ plane[1:])), plane
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_the_nearest_triangle_is_seen(seed: int, count: int) -> None:
+def test_the_nearest_face_is_seen(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
-    corners = rng.uniform(-3.0, 12.0, (count, 3, 3))
-    corners.setflags(write=False)
-    found, depth = nearest_triangles(corners, 9, 7)
-    wanted, wanted_depth = slow_twin(corners, 9, 7)
-    np.testing.assert_array_equal(found, wanted)
-    there = wanted >= 0
-    np.testing.assert_allclose(depth[there], wanted_depth[there], rtol=1e-9, atol=1e-9)
+    loops, planes = zip(*(star(rng) for _ in range(count)), strict=True)
+    offsets = frozen_int(np.cumsum([0, *map(len, loops)]))
+    given_planes, corners = frozen_float(np.array(planes)), frozen_float(np.concatenate(loops))
+    found, depth = nearest_faces(corners, offsets, frozen_int(np.arange(count)), given_planes, 9, 7)
+    np.testing.assert_array_equal(found, slow_twin(list(loops), np.array(planes), 9, 7))
+    np.testing.assert_array_equal(np.isneginf(depth), found < 0)
 
 
-def test_triangles_that_share_an_edge_leave_no_gap() -> None:
-    grid = samples.triangles(9)
-    loops = grid.boundary_loops.vertices.reshape(-1, 3)
-    turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
-    placed = 30 * (grid.points[loops] - 0.5) @ turn + 30
-    corners = np.concatenate((placed, np.zeros((len(loops), 3, 1))), axis=2)
-    corners.setflags(write=False)
-    found, _ = nearest_triangles(corners, 60, 60)
-    assert (found >= 0).sum() == pytest.approx(900, abs=60)
+def test_faces_that_share_an_edge_leave_no_gap_and_no_overlap() -> None:
+    grid = samples.voronoi(150, seed=3)
+    loops, turn = grid.boundary_loops, np.array([[0.8, 0.6], [-0.6, 0.8]])
+    placed = 30 * (grid.points[loops.vertices] - 0.5) @ turn + 30
+    counts = np.zeros((60, 60), int)
+    corners = frozen_float(np.column_stack((placed, np.zeros(len(placed)))))
+    planes = frozen_float(np.zeros((150, 3)))
+    for face in range(150):
+        one = frozen_int([face])
+        counts += nearest_faces(corners, frozen_int(loops.loop_offsets), one, planes, 60, 60)[0] >= 0
+    assert counts.max() == 1
+    assert counts.sum() == pytest.approx(900, abs=20)
     x, y = np.meshgrid(np.arange(60) + 0.5, np.arange(60) + 0.5)
-    inside = np.abs((np.stack((x, y), axis=2) - 30) @ turn.T).max(axis=2) < 15 - 1e-6
-    assert (found[inside] >= 0).all()
+    within = np.abs((np.stack((x, y), axis=2) - 30) @ turn.T).max(axis=2) < 15 - 1e-6
+    assert (counts[within] == 1).all()
+
+
+def test_faces_that_are_not_convex_hide_no_more_than_they_are() -> None:
+    mesh = samples.boxes(3)
+    labels = (mesh.cell_centroids[:, 0] + mesh.cell_centroids[:, 1] > 1.1).astype(int)  # an L from above
+    simple = mesh.coarsen(labels).simplified()
+    assert np.diff(simple.face_offsets).max() > 4
+    fine, coarse = outer_faces(mesh, labels), outer_faces(simple, np.arange(2))
+    above = (-90.0, 89.9)
+    seen_fine, seen_coarse = seen(fine, above, 200), seen(coarse, above, 200)
+    parts = [
+        np.append(each.parts, -1)[sight.faces] for each, sight in ((fine, seen_fine), (coarse, seen_coarse))
+    ]
+    assert set(np.unique(parts[0])) == {-1, 0, 1}
+    assert (parts[0] != parts[1]).mean() < 1e-3
 
 
 def test_outer_faces_of_parts_are_those_between_them() -> None:
