@@ -94,16 +94,20 @@ def test_pointing_finds_the_agglomerate_and_colours_are_right(
         map.dispatchEvent(new PointerEvent("pointermove", event));
         return {{ part: $("pick").value, colour }};
       }});
+      const hints = Array.from({{ length: 27 }}, (_, part) => {{ set({{ part }}); return $("hint").textContent; }});
       const names = [...$("side").options].map((each) => each.textContent);
       $("side").value = -1;
       $("side").dispatchEvent(new Event("change"));
       const apart = painted.still.name;
-      return {{ seen, names, apart, hash: location.hash, volume: $("facts").textContent }};
+      return {{ seen, names, hints, apart, hash: location.hash }};
     """
     found = visited(page, tmp_path, "run=halves&level=0&hover=0&view=6", script)
     assert len(found["names"]) == 9
     assert found["apart"] == found["names"][-1] == "moved apart"
     assert "view=-1" in found["hash"]
+    shown = set(level.labels[np.unique(cells)[1:]])
+    assert 0 < len(shown) < 27
+    assert [hint.startswith("Point at") for hint in found["hints"]] == [part in shown for part in range(27)]
     wanted = ["" if cells[place] < 0 else str(level.labels[cells[place]]) for place in places]
     assert [each["part"] for each in found["seen"]] == wanted
     tones = np.array([tuple(bytes.fromhex(colour[1:])) for colour in PALETTE], float)

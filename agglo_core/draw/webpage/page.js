@@ -52,7 +52,9 @@ function showPart() {
   const facts = level && state.part !== null ? FACTS.filter(([, key]) => level.values[key]) : [];
   $("facts").replaceChildren(...facts.flatMap(([label, key, show]) =>
     [element("dt", {}, label), element("dd", {}, show(level.values[key][state.part]))]));
-  $("hint").textContent = level ? "Point at the mesh, or type a number." : "Move the slider to a coarse level.";
+  const hidden = REPORT.stills && level && state.part !== null && !painted.made.parts.includes(state.part);
+  $("hint").textContent = !level ? "Move the slider to a coarse level."
+    : hidden ? "It cannot be seen from here: choose another view." : "Point at the mesh, or type a number.";
   for (const row of $("parts").tBodies[0]?.rows ?? []) row.classList.toggle("chosen", Number(row.dataset.part) === state.part);
   remember();
 }
