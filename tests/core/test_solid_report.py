@@ -94,7 +94,8 @@ def test_pointing_finds_the_agglomerate_and_colours_are_right(
         map.dispatchEvent(new PointerEvent("pointermove", event));
         return {{ part: $("pick").value, colour }};
       }});
-      const hints = Array.from({{ length: 27 }}, (_, part) => {{ set({{ part }}); return $("hint").textContent; }});
+      const hinted = (part) => {{ set({{ part }}); return $("hint").textContent; }};
+      const hints = Array.from({{ length: 27 }}, (_, part) => hinted(part));
       const names = [...$("side").options].map((each) => each.textContent);
       $("side").value = -1;
       $("side").dispatchEvent(new Event("change"));
