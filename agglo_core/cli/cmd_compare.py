@@ -28,7 +28,6 @@ from agglo_core.cli.outputs import (
     check_outputs,
     check_picture,
     draw_runs,
-    foretell_missing_pictures,
     weigh_runs,
 )
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, refuse_metrics, run_data, show, watched
@@ -123,7 +122,6 @@ def compare(
     with watched(quiet) as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
-        foretell_missing_pictures(mesh, source, {"--report": report})
         refuse_metrics(mesh, metrics)
         trusted = bool(agglomeration.get("allow_code"))
         asked = problem or "constant"

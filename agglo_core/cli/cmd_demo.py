@@ -20,7 +20,7 @@ from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
 from agglo_core.errors import FileError, PluginError
 from agglo_core.progress import phase
-from agglo_core.registry import default
+from agglo_core.registry import Record, default
 
 if TYPE_CHECKING:
     from agglo_core.measure.comparison import RunResult
@@ -30,11 +30,15 @@ if TYPE_CHECKING:
 __all__ = ["demo"]
 
 _FIRST = ("kmeans", "metis")
+_TISSUE = "tissue"
+_BOXES = 2
+"""Metrics whose distributions are drawn, the first that exist for the mesh."""
 
 
 @click.command(cls=OwnCommand, short_help="See a brain agglomerated by every bisector.")
 @click.option("-o", "--output", type=FILE, default="agglo-demo", show_default=True, help="Folder to fill.")
 @bisectors_option("How a piece is split (default: all).")
+@click.option("--3d", "solid", is_flag=True, help="The whole brain in voxels, tissues kept apart.")
 @click.option(
     "--diameter-fraction",
     "factor",
@@ -46,19 +50,24 @@ _FIRST = ("kmeans", "metis")
 @threads_option
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
-def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, quiet: bool) -> int:
+def demo(
+    output: Path, bisectors: Sequence[str], solid: bool, factor: float, as_json: bool, quiet: bool
+) -> int:
     """Agglomerate a coronal section of a human brain with every bisector, or those chosen.
+
+    With --3d it is the whole brain in cubes of 4 mm: fluid, grey and white matter share no agglomerate.
 
     The table compares them at --diameter-fraction; levels of twice and four times that size stand above.
     The folder gets report.html, pictures and meshes for ParaView; files of an earlier demo are replaced.
     """
     if quiet:
         quieten()
-    chosen = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet)}
+    chosen = {spec: choice("bisector", spec) for spec in bisectors or _bisectors(quiet, solid)}
     _check_folder(output)
     from agglo_core import samples
 
-    mesh = samples.brain()
+    mesh = samples.brain3d() if solid else samples.brain()
+    rules = {"regions": _TISSUE} if solid else {}
     diameter = float(mesh.graph.diameters()[0])
     if not quiet:
         explain_compilation()
@@ -66,12 +75,13 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
     sizes = tuple(diameter * each for each in factors)
     with watched(quiet) as progress:
         runs = [
-            attempt(mesh, spec, {"bisector": bisector, "h_star": sizes}, progress=progress)
+            attempt(mesh, spec, {"bisector": bisector, "h_star": sizes, **rules}, progress=progress)
             for spec, bisector in chosen.items()
         ]
         refuse_all_failed(runs)
         size = f"diameter D = {number(diameter)}"
         note = f"{size}; levels at h* = {', '.join(f'{each:g}' for each in factors)} D"
+        note += f"; {_TISSUE}s kept apart" if solid else ""
         title = f"{mesh.name}: {mesh.n_cells:,} cells, {size}, h* = {factor:g} D"
         output.mkdir(exist_ok=True)
         outputs = Outputs()
@@ -83,7 +93,9 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
     if as_json:
         done = [run_data(run, run.name, "recursive") for run in runs]
         files = sorted(outputs.written, key=lambda file: file != page)
-        print_json(data(mesh, "brain", done) | {"files": [str(file) for file in files]})
+        print_json(
+            data(mesh, "brain3d" if solid else "brain", done) | {"files": [str(file) for file in files]}
+        )
     elif not quiet:
         show(title, runs, only_finest=True)
         hint = f": open {page} in a browser" if page in outputs.written else ""
@@ -91,16 +103,23 @@ def demo(output: Path, bisectors: Sequence[str], factor: float, as_json: bool, q
     return outputs.finish(listed=False)
 
 
-def _bisectors(quiet: bool) -> list[str]:
-    """Names of the bisectors that can be used; those that lack a package are noted."""
+def _bisectors(quiet: bool, solid: bool = False) -> list[str]:
+    """Names of the bisectors that can be used here; those that lack a package, or a dimension, are noted."""
     records = [record for record in default().list() if record.kind == "bisector"]
-    for record in records:
-        if record.state == "needs" and not quiet:
+    plane = [record for record in records if solid and record.state == "ok" and not _in_space(record)]
+    for record in records if not quiet else ():
+        if record.state == "needs":
             say(f"note: without {record.name}: it {record.reason}")
-    names = [record.name for record in records if record.state == "ok"]
+        elif record in plane:
+            say(f"note: without {record.name}: it does not promise to work in 3-D")
+    names = [record.name for record in records if record.state == "ok" and record not in plane]
     if not names:
         raise PluginError("there is no bisector that can be used: see agglo plugins")
     return sorted(names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+
+
+def _in_space(record: Record) -> bool:
+    return record.component is not None and bool(record.component.promises.get("3d"))
 
 
 def _check_folder(folder: Path) -> None:
@@ -152,11 +171,13 @@ def _pictures(
             )
         return
     from agglo_core.draw.boxplot import draw_boxes
+    from agglo_core.measure.selection import RATIOS
 
     values = {run.name: run.levels[0].values for run in runs if run.levels}
     boxes = folder / "boxplots.png"
     with phase(progress, "drawing", boxes.name):
-        outputs.picture(boxes, lambda: draw_boxes(values, boxes, title=title))
+        measured = [name for name in RATIOS if all(name in each for each in values.values())]
+        outputs.picture(boxes, lambda: draw_boxes(values, boxes, measured[:_BOXES], title=title))
     for run in runs:
         if run.hierarchy is not None:
             picture = folder / f"{as_file_name(run.name)}.png"

@@ -14,7 +14,8 @@ import click
 from agglo_core.cli.arguments import FILE, agglomeration_options, choice, load_mesh, metrics_option
 from agglo_core.cli.completing import meshes
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
-from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs, foretell_missing_pictures
+from agglo_core.cli.number_types import Number
+from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.progress import phase
@@ -38,6 +39,11 @@ _log = logging.getLogger("agglo")
 @metrics_option
 @click.option("-o", "--output", type=FILE, help="Mesh and levels (.vtu, .npz, …); one file per bisector.")
 @click.option("--plot", type=FILE, help="Picture of mesh and levels (.png, .pdf, .svg).")
+@click.option(
+    "--explode",
+    type=Number(float, least=0.0, most=10.0),
+    help="In 3-D, how far --plot moves parts apart (default 0.35).",
+)
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
@@ -48,6 +54,7 @@ def run(
     metrics: list[Any] | None,
     output: Path | None,
     plot: Path | None,
+    explode: float | None,
     report: Path | None,
     as_json: bool,
     quiet: bool,
@@ -58,13 +65,16 @@ def run(
     """
     if quiet:
         quieten()
+    if explode is not None and plot is None:
+        raise click.UsageError("--explode is for --plot, which is not given")
     files = check_outputs(output, plot, report, bisectors)
     plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
     outputs = Outputs()
     with watched(quiet) as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
-        foretell_missing_pictures(mesh, source, {"--plot": plot, "--report": report})
+        if explode is not None and mesh.dim == 2:
+            raise click.UsageError(f"--explode is for solids; {mesh.name or source} is 2-D")
         refuse_metrics(mesh, metrics)
         if not quiet:
             explain_compilation()
@@ -81,7 +91,7 @@ def run(
     elif not quiet:
         show(f"{mesh.name or source}: {mesh.n_cells:,} cells, h0 = {number(mesh.h)}", runs)
     with watched(quiet) as progress:
-        draw_runs(outputs, mesh, runs, plot, report, metrics, progress)
+        draw_runs(outputs, mesh, runs, plot, report, metrics, progress, explode=explode)
     return outputs.finish(listed=not (as_json or quiet))
 
 

@@ -13,7 +13,7 @@ from agglo_core.cli.arguments import COMPONENT, FILE, agglomeration_options, loa
 from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import Outputs, check_picture, foretell_missing_pictures
+from agglo_core.cli.outputs import Outputs, check_picture
 from agglo_core.cli.runs import watched
 from agglo_core.cli.solve_outputs import (
     check_more,
@@ -109,7 +109,6 @@ def solve(
     with watched() as progress:
         with phase(progress, "reading", source):
             mesh = load_mesh(source)
-        foretell_missing_pictures(mesh, source, {"--plot": plot})
         title = solver_title(solver)
         trusted = bool(agglomeration.get("allow_code"))
         posed = posed_by(problem, mesh, tool, solver, allow_code=trusted)

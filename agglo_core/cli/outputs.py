@@ -17,7 +17,7 @@ import click
 from agglo_core.cli.console import say
 from agglo_core.cli.stopping import stopped_by
 from agglo_core.cli.tables import print_lines
-from agglo_core.errors import AggloError, FileError, OptionError
+from agglo_core.errors import AggloError, FileError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.containment import PLUGIN_FAILURES, printable, raised
 
@@ -32,7 +32,6 @@ __all__ = [
     "check_picture",
     "check_report",
     "draw_runs",
-    "foretell_missing_pictures",
     "weigh_runs",
 ]
 
@@ -104,8 +103,6 @@ def check_outputs(
     ------
     FileError
         For an unknown suffix, a folder that does not exist, or a path that is a folder.
-    OptionError
-        If a picture is asked for and matplotlib is not installed.
     """
     if plot is not None:
         check_picture(plot)
@@ -130,6 +127,7 @@ def draw_runs(
     metrics: list[Any] | None,
     progress: Listener | None,
     solves: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    explode: float | None = None,
 ) -> None:
     """Make picture and report, where they are wanted; means of the ``metrics`` stand in the titles.
 
@@ -139,7 +137,7 @@ def draw_runs(
         from agglo_core.draw.plot import draw
 
         done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
-        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress))
+        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress, explode=explode))
     if report is not None:
         from agglo_core.draw.webpage import write_page
 
@@ -162,19 +160,10 @@ def check_report(report: Path) -> None:
     check_page(report)
 
 
-def foretell_missing_pictures(mesh: Mesh, source: str, wanted: Mapping[str, Path | None]) -> None:
-    """Warn if a picture of a 3-D mesh is wanted, by option: whoever wants no more can stop in time."""
-    flags = [flag for flag, path in wanted.items() if path is not None]
-    if flags and mesh.dim != 2:
-        verb = "draws" if len(flags) == 1 else "draw"
-        text = "%s %s plane meshes; %s is %d-dimensional: the rest is made without"
-        _log.warning(text, " and ".join(flags), verb, mesh.name or source, mesh.dim)
-
-
 def check_picture(plot: Path, flag: str = "--plot") -> None:
     """Raise FileError unless a picture can be written there, as far as can be told in advance.
 
-    Raises OptionError without matplotlib, which the option ``flag`` needs.
+    Without matplotlib, which the option ``flag`` needs, a warning says in time that there will be none.
     """
     if plot.is_dir():
         raise FileError(f"{plot} is a folder; expected the name of a picture")
@@ -186,7 +175,10 @@ def check_picture(plot: Path, flag: str = "--plot") -> None:
 
     check_replaceable(plot)
     if find_spec("matplotlib") is None:
-        raise OptionError(f"{flag} needs matplotlib, which is not installed: pip install 'agglo[plot]'")
+        text = (
+            "%s needs matplotlib, which is not installed: pip install 'agglo[plot]'; the rest is made without"
+        )
+        _log.warning(text, flag)
 
 
 def as_file_name(spec: str) -> str:

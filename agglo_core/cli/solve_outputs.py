@@ -85,13 +85,13 @@ def report_solution(
     solves: Mapping[str, Mapping[str, Any]],
     progress: Listener | None,
 ) -> None:
-    """Make the report: the solution, and the levels that were made for it if they can be drawn."""
+    """Make the report: the solution, and the levels that were made for it, if any."""
     from agglo_core.draw.webpage import write_page
     from agglo_core.measure.agglomerates import measure_levels
 
     def make() -> None:
         runs = []
-        if made.hierarchy is not None and made.hierarchy.levels and mesh.dim == 2:
+        if made.hierarchy is not None and made.hierarchy.levels:
             runs = [replace(made, levels=measure_levels(mesh, made.hierarchy))]
         write_page(path, mesh, runs, note, solves=solves)
 

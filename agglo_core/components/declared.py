@@ -67,12 +67,15 @@ SAMPLES = {
     "boxes": "Unit cube of n × n × n cubes.",
     "tetrahedra": "Unit cube of n × n × n cubes, each cut in six tetrahedra.",
     "random_tetrahedra": "Delaunay tetrahedra of up to n random points, evenly spread, in the unit cube.",
-    "voronoi_solids": "Voronoi cells of n random points in the unit cube.",
+    "voronoi3d": "Voronoi cells of n random points in the unit cube.",
+    "prisms": "Delaunay triangles of n random points, extruded to layers in the unit cube.",
+    "layered": "Layers of rock, tilted and folded, with two faults (about n³/2 hexahedra).",
     "paper": "The paper's fine grids: triangles, squares, random or voronoi.",
     "brain": "Section of a human brain: 13,978 triangles.",
     "brain_holes": "The same section with five holes: 13,327 triangles.",
+    "brain3d": "Human brain in cubes of so many millimetres, with its tissues.",
 }
-SOLID_SAMPLES = ("boxes", "tetrahedra", "random_tetrahedra", "voronoi_solids")
+SOLID_SAMPLES = ("boxes", "tetrahedra", "random_tetrahedra", "voronoi3d", "prisms", "layered", "brain3d")
 PROBLEMS = {
     "diffusion": ("diffusion:Diffusion", "−∇·(κ∇u) = f; data by cell tag and boundary tag in a file."),
     "linear": ("linear:Linear", "A x = b from files, with unknowns in the cells of the mesh."),

@@ -14,7 +14,7 @@ from agglo_core.registry import KINDS, Component, default
 __all__ = ["compliance_page", "laws_page", "own_components", "own_result", "own_results"]
 
 _REGULAR = ("triangles", "squares", "hexagons", "strip", "disconnected", "boxes", "tetrahedra")
-_RANDOM = ("random_triangles", "voronoi", "ring", "random_tetrahedra", "voronoi_solids")
+_RANDOM = ("random_triangles", "voronoi", "ring", "random_tetrahedra", "voronoi3d", "prisms")
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     "diameter_ratio": {"h_star": 0.5},
     "paper": {"name": "squares"},

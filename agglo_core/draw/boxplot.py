@@ -43,12 +43,17 @@ def draw_boxes(
     Raises
     ------
     OptionError
-        Without matplotlib, or with no run to draw.
+        Without matplotlib, with no run to draw, or if a run has no values of a metric.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """
     if not runs:
         raise OptionError("nothing to draw: no run is given")
+    for name, values in runs.items():
+        if missing := [metric for metric in metrics if metric not in values]:
+            raise OptionError(
+                f"run {name!r} has no values of {', '.join(missing)}; it has {', '.join(values)}"
+            )
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agglo_core.arrays import Int
-from agglo_core.errors import FileError, MeshError, OptionError
+from agglo_core.draw.colours import INK, PALETTE, colouring
+from agglo_core.draw.plane_panels import PlanePanels
+from agglo_core.draw.solid_panels import SolidPanels
+from agglo_core.errors import FileError, OptionError
 from agglo_core.measure.agglomerates import Level, measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, part, phase
@@ -22,22 +24,9 @@ if TYPE_CHECKING:
 
 __all__ = ["PALETTE", "colouring", "draw", "save_figure", "short_name"]
 
-PALETTE = (  # Paul Tol's "light" scheme, safe for colour-blind readers, and two more
-    "#77AADD",
-    "#EE8866",
-    "#EEDD88",
-    "#99DDFF",
-    "#FFAABB",
-    "#44BB99",
-    "#C9A6DD",
-    "#BBCC33",
-    "#B5DBA4",
-)
-_INK, _FINE, _PAPER = "#222222", "#777777", "#F4F1EA"
 _DPI = 160
-_IN_TITLES = ("UF", "CR")
-_DENSE = 20_000
-"""Fine edges inside agglomerates are drawn up to this many cells."""
+_IN_TITLES = {2: ("UF", "CR"), 3: ("UF", "J")}
+_EXPLODE = 0.35
 
 
 def draw(
@@ -47,34 +36,39 @@ def draw(
     metrics: Iterable[Metric] | None = None,
     registry: Registry | None = None,
     progress: Listener | None = None,
+    *,
+    explode: float | None = None,
+    section: Sequence[float] | None = None,
 ) -> None:
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
     Neighbouring agglomerates differ in colour; titles give the number of parts and the means of the
-    metrics, UF and CR by default. Nothing is left behind if the picture cannot be written.
+    metrics, UF and CR by default, in 3-D UF and J. Solids are seen from above and a side, their
+    agglomerates moved apart. Nothing is left behind if the picture cannot be written.
 
     Parameters
     ----------
     mesh : Mesh
-        2-D.
     hierarchies : mapping of run name to Hierarchy
         At least one.
     path : path
         The suffix chooses the format: .png, .pdf, .svg, …
     metrics, registry, progress : optional
         As for :func:`agglo_core.measure.measure_levels`.
+    explode : float, optional
+        In 3-D: agglomerates are moved by so many times the way from the middle of the mesh to theirs,
+        from 0 (they stay in place) to 10; by default 0.35.
+    section : (3,) float, optional
+        In 3-D: cells beyond the plane with this normal through the middle of the mesh are left out. The eye
+        is at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
 
     Raises
     ------
-    MeshError
-        For a 3-D mesh.
     OptionError
-        Without matplotlib, or with no run to draw.
+        Without matplotlib, with no run to draw, or if ``explode`` or ``section`` do not fit.
     FileError
         If the file cannot be written, or its suffix is unknown.
     """
-    if mesh.dim != 2:
-        raise MeshError(f"pictures exist only for 2-D meshes; {mesh.name or 'this one'} is {mesh.dim}-D")
     if not hierarchies:
         raise OptionError("nothing to draw: no hierarchy is given")
     try:
@@ -83,11 +77,11 @@ def draw(
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
-    wanted = _IN_TITLES if metrics is None else list(metrics)
+    wanted = _IN_TITLES[mesh.dim] if metrics is None else list(metrics)
+    panels = _panels(mesh, explode, section)
     columns = 1 + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
-    extent = np.ptp(mesh.points[mesh.face_vertices], axis=0)
-    height = width * float(np.clip(extent[1] / extent[0], 0.15, 2.0)) + 0.55
+    height = width * float(np.clip(panels.ratio, 0.15, 2.0)) + 0.55
     figure = Figure(figsize=(columns * width, len(hierarchies) * height), dpi=_DPI)
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
     FigureCanvasAgg(figure)
@@ -95,104 +89,32 @@ def draw(
     with phase(progress, "drawing") as tell:
         for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
             own = part(tell, place, 1 + len(hierarchies), name)
-            _draw_fine(row[0], mesh, name)
+            panels.fine(row[0])
+            about = f"{short_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells"
+            _entitle(row[0], f"{short_name(name)}\n{about}")
             measured = measure_levels(mesh, hierarchy, registry, wanted)
             for number, (axis, level) in enumerate(zip(row[1:], measured, strict=False)):
                 part(own, 1 + number, columns, f"level {number}")
-                _draw_level(axis, mesh, level.labels, _title(level))
+                panels.level(axis, level.labels)
+                _entitle(axis, _title(level))
             for axis in row[1 + len(hierarchy.levels) :]:
                 axis.set_axis_off()
         part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)
         save_figure(figure, Path(path))
 
 
-def colouring(mesh: Mesh, n_colours: int) -> Int:
-    """Colour of each cell ``(n_cells,)``, different from its neighbours' wherever a colour is left.
-
-    Rounds of greedy colouring (Jones and Plassmann): in each, the cells that precede all their
-    uncoloured neighbours take a free colour. Cells of many neighbours come first.
-    """
-    graph = mesh.graph
-    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
-    shuffled = np.random.default_rng(0).permutation(graph.n)
-    rank = np.empty(graph.n, np.int64)
-    rank[np.lexsort((shuffled, np.diff(graph.indptr)))] = np.arange(graph.n)
-    colours = np.full(graph.n, -1, np.int64)
-    taken = np.zeros((graph.n, n_colours), bool)
-    while (colours < 0).any():
-        ready = colours < 0
-        ready[rows[(colours[graph.indices] < 0) & (rank[graph.indices] > rank[rows])]] = False
-        chosen = np.flatnonzero(ready)
-        wish = (shuffled[chosen, None] + np.arange(n_colours)) % n_colours  # all colours in equal share
-        pick = (~taken[chosen[:, None], wish]).argmax(axis=1)
-        colours[chosen] = wish[np.arange(len(chosen)), pick]
-        told = ready[graph.indices]
-        taken[rows[told], colours[graph.indices[told]]] = True
-    return colours
+def _panels(mesh: Mesh, explode: float | None, section: Sequence[float] | None) -> PlanePanels | SolidPanels:
+    """What draws the panels of a mesh; OptionError for what a plane mesh cannot have."""
+    if mesh.dim == 3:
+        return SolidPanels(mesh, _EXPLODE if explode is None else explode, section)
+    for name, given in (("explode", explode), ("section", section)):
+        if given is not None:
+            raise OptionError(f"{name} is for pictures of solids; {mesh.name or 'this mesh'} is 2-D")
+    return PlanePanels(mesh)
 
 
-def _draw_fine(axis: Any, mesh: Mesh, name: str) -> None:
-    whole = mesh.coarsen(np.zeros(mesh.n_cells, np.int64))
-    _fill(axis, whole, np.zeros(1, np.int64), (_PAPER,))
-    _edges(axis, mesh, _FINE, _line_width(axis, mesh.n_cells, 0.6))
-    _edges(axis, whole, _INK, 0.9)
-    _frame(axis, mesh, f"{short_name(name)}\n{short_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells")
-
-
-def _draw_level(axis: Any, mesh: Mesh, labels: Int, title: str) -> None:
-    coarse = mesh.coarsen(labels)
-    _fill(axis, coarse, colouring(coarse, len(PALETTE)), PALETTE)
-    if mesh.n_cells <= _DENSE:
-        _edges(axis, mesh, _FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
-    _edges(axis, coarse, _INK, _line_width(axis, coarse.n_cells, 1.1))
-    _frame(axis, mesh, title)
-
-
-def _fill(axis: Any, mesh: Mesh, colours: Int, palette: tuple[str, ...]) -> None:
-    """Fill the cells: one path for all cells of a colour, whatever their number; holes stay open."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path as Outline
-
-    loops = mesh.boundary_loops
-    starts, stops = loops.loop_offsets[:-1], loops.loop_offsets[1:]
-    vertices = np.insert(loops.vertices, stops, loops.vertices[starts])
-    number = np.arange(len(starts))
-    codes = np.full(len(vertices), Outline.LINETO, np.uint8)
-    codes[starts + number] = Outline.MOVETO
-    codes[stops + number] = Outline.CLOSEPOLY
-    colour = np.repeat(np.repeat(colours, np.diff(loops.cell_offsets)), stops - starts + 1)
-    for k, tone in enumerate(palette):
-        mine = colour == k
-        if mine.any():
-            outline = Outline(mesh.local_points[vertices[mine]], codes[mine])
-            # not add_patch: it walks every edge in Python to find limits, which _frame sets
-            axis.add_artist(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
-
-
-def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
-    from matplotlib.collections import LineCollection
-
-    if width > 0:
-        segments: Any = mesh.local_points[mesh.face_pairs]
-        lines = LineCollection(segments, colors=colour, linewidths=width, alpha=alpha, capstyle="round")
-        axis.add_collection(lines, autolim=False)
-
-
-def _line_width(axis: Any, n_cells: int, most: float) -> float:
-    """Width in points that leaves cells visible; 0 where they are hardly larger than a dot."""
-    inches = axis.figure.get_figwidth() / axis.get_gridspec().ncols
-    cell = 72.0 * inches / np.sqrt(n_cells)
-    return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))
-
-
-def _frame(axis: Any, mesh: Mesh, title: str) -> None:
-    used = mesh.local_points[mesh.face_vertices]
-    low, high = used.min(axis=0), used.max(axis=0)
-    margin = 0.01 * float((high - low).max())
-    axis.set_xlim(low[0] - margin, high[0] + margin)
-    axis.set_ylim(low[1] - margin, high[1] + margin)
-    axis.set_aspect("equal")
-    axis.set_title(title, fontsize=8, color=_INK)
+def _entitle(axis: Any, title: str) -> None:
+    axis.set_title(title, fontsize=8, color=INK)
     axis.set_axis_off()
 
 

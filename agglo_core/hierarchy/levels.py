@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from agglo_core.hierarchy.cuts import Cut
 from agglo_core.hierarchy.forest import Forest
 from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elsewhere import made_by
 
 __all__ = ["Hierarchy"]
 
@@ -125,6 +127,17 @@ class Hierarchy:
         if self.fine is None:
             raise MeshError("this hierarchy belongs to a graph: it has no mesh")
         return self.fine.coarsen(self._level(level))
+
+    def view(
+        self,
+        level: int = 0,
+        *,
+        explode: float = 0.0,
+        section: Sequence[float] | None = None,
+        path: str | PathLike[str] | None = None,
+    ) -> None:
+        """Show a level of a solid in a window or a picture: :func:`agglo_core.draw.solid_scene.view`."""
+        made_by("agglo_core.draw.solid_scene:view")(self, level, explode=explode, section=section, path=path)
 
     # -- cuts ----------------------------------------------------------------------------------
     @cached_property

@@ -11,23 +11,28 @@ Mesh('squares 4x4', 2-D, 16 cells, 40 faces, 25 points)
 
 from __future__ import annotations
 
+from agglo_core.samples.brain_head import brain3d
 from agglo_core.samples.brain_section import brain, brain_holes
 from agglo_core.samples.by_name import from_spec, names
 from agglo_core.samples.clouds import random_triangles, voronoi
+from agglo_core.samples.layered_ground import layered
 from agglo_core.samples.paper_grids import paper
 from agglo_core.samples.regular import disconnected, hexagons, ring, squares, strip, triangles
-from agglo_core.samples.solid_clouds import random_tetrahedra, voronoi_solids
-from agglo_core.samples.solids import boxes, tetrahedra
+from agglo_core.samples.solid_clouds import random_tetrahedra, voronoi3d
+from agglo_core.samples.solids import boxes, prisms, tetrahedra
 
 __all__ = [
     "boxes",
     "brain",
+    "brain3d",
     "brain_holes",
     "disconnected",
     "from_spec",
     "hexagons",
+    "layered",
     "names",
     "paper",
+    "prisms",
     "random_tetrahedra",
     "random_triangles",
     "ring",
@@ -36,5 +41,5 @@ __all__ = [
     "tetrahedra",
     "triangles",
     "voronoi",
-    "voronoi_solids",
+    "voronoi3d",
 ]

@@ -11,7 +11,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.samples.clouds import merge_close
 from agglo_core.samples.regular import check_size
 
-__all__ = ["random_tetrahedra", "voronoi_solids"]
+__all__ = ["random_tetrahedra", "voronoi3d"]
 
 _SNAP = 1e-10
 """Points this close are one; rounding leaves 1e-13 or so."""
@@ -52,7 +52,7 @@ def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
     return Mesh.from_polyhedra(points, mesh, name=f"random tetrahedra n={n} seed={seed}")
 
 
-def voronoi_solids(n: int, seed: int = 0) -> Mesh:
+def voronoi3d(n: int, seed: int = 0) -> Mesh:
     """Voronoi cells of ``n`` uniform points, clipped to the unit cube; cell i belongs to point i.
 
     Parameters
@@ -64,8 +64,8 @@ def voronoi_solids(n: int, seed: int = 0) -> Mesh:
     """
     from scipy.spatial import Voronoi
 
-    n = check_size(n, 1, "n", "voronoi_solids")
-    seeds = np.random.default_rng(check_size(seed, 0, "seed", "voronoi_solids", 0)).random((n, 3))
+    n = check_size(n, 1, "n", "voronoi3d")
+    seeds = np.random.default_rng(check_size(seed, 0, "seed", "voronoi3d", 0)).random((n, 3))
     images = [seeds]  # mirror images clip the cells exactly
     for axis, side in product(range(3), (0.0, 1.0)):
         image = seeds.copy()

@@ -1,4 +1,4 @@
-"""3-D samples: hexahedra and tetrahedra filling the unit cube."""
+"""3-D samples: hexahedra, tetrahedra and prisms filling the unit cube."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
+from agglo_core.samples.clouds import random_triangles
 from agglo_core.samples.regular import check_size
 
-__all__ = ["boxes", "tetrahedra"]
+__all__ = ["boxes", "prisms", "tetrahedra"]
 
 
 def boxes(n: int) -> Mesh:
@@ -48,6 +49,37 @@ def tetrahedra(n: int) -> Mesh:
         paths.append([0, x, x + y, 7] if even else [0, x + y, x, 7])
     cells = polyhedra_from_elements({"tetra": corners[:, paths].reshape(-1, 4)})
     return Mesh.from_polyhedra(points, cells, name=f"tetrahedra {n}x{n}x{n}x6")
+
+
+def prisms(n: int, layers: int = 0, seed: int = 0) -> Mesh:
+    """Unit cube in layers of prisms: Delaunay triangles of ``n`` random points, extruded.
+
+    Parameters
+    ----------
+    n : int
+        Random points of the triangulation, that of :func:`random_triangles`: about 2n prisms a layer.
+    layers : int
+        Layers along z; 0 for round(√n), which makes prisms about as high as wide.
+    seed : int
+        Of the random numbers: 0 or more, the same seed gives the same mesh.
+
+    Examples
+    --------
+    >>> prisms(100).n_cells == 10 * random_triangles(100).n_cells
+    True
+    """
+    from agglo_core.mesh.elements import polyhedra_from_elements
+
+    plane = random_triangles(check_size(n, 1, "n", "prisms"), check_size(seed, 0, "seed", "prisms", 0))
+    layers = check_size(layers, 0, "layers", "prisms") or max(1, round(np.sqrt(n)))
+    triangles = plane.boundary_loops.vertices.reshape(-1, 3)
+    sheet = np.arange(layers)[:, None, None] * plane.n_points
+    below, above = triangles + sheet, triangles + sheet + plane.n_points
+    wedges = np.concatenate((below[..., ::-1], above[..., ::-1]), axis=2).reshape(-1, 6)
+    height = np.repeat(np.linspace(0.0, 1.0, layers + 1), plane.n_points)
+    points = np.column_stack((np.tile(plane.points, (layers + 1, 1)), height))
+    cells = polyhedra_from_elements({"wedge": wedges})
+    return Mesh.from_polyhedra(points, cells, name=f"prisms n={n} layers={layers} seed={seed}")
 
 
 def _cubes(n: int) -> tuple[Float, Int]:

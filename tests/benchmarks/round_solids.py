@@ -35,7 +35,7 @@ PER_PART = 32
 BASE = "kmeans"
 MESHES: dict[str, Callable[[int, int], Mesh]] = {
     "tetrahedra": lambda cells, seed: samples.random_tetrahedra(round(0.172 * cells), seed=seed),
-    "Voronoi solids": lambda cells, seed: samples.voronoi_solids(cells, seed=seed),
+    "Voronoi solids": lambda cells, seed: samples.voronoi3d(cells, seed=seed),
 }
 _ANNEALED: dict[str, Any] = {"post_refiners": ("compactness", ("anneal", {"objective": "roundness"}))}
 METHODS: dict[str, dict[str, Any]] = {

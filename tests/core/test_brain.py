@@ -89,6 +89,7 @@ def test_brain_agglomerates_into_connected_parts_of_the_target_size(name: str) -
 
 def test_data_are_small_and_carry_the_notice_of_the_template() -> None:
     assert all(len((DATA / f"{name}.npz").read_bytes()) < 250_000 for name in BRAINS)
+    assert len((DATA / "brain3d.npz").read_bytes()) < 40_000
     notice = (DATA / "NOTICE.txt").read_text()
     assert "Louis Collins" in notice
     assert "provided that the above copyright notice appear in all copies" in notice

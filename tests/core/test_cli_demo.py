@@ -29,7 +29,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 def few(small: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two bisectors and a ring."""
     demo = importlib.import_module("agglo_core.cli.cmd_demo")
-    monkeypatch.setattr(demo, "_bisectors", lambda quiet: ["kmeans", "inertial"])
+    monkeypatch.setattr(demo, "_bisectors", lambda quiet, solid: ["kmeans", "inertial"])
 
 
 class Wrong:
@@ -135,7 +135,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 def test_the_brain_of_the_demo(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [name for name in active() if name in ("kmeans", "metis")]
-    monkeypatch.setattr(importlib.import_module("agglo_core.cli.cmd_demo"), "_bisectors", lambda quiet: names)
+    monkeypatch.setattr(
+        importlib.import_module("agglo_core.cli.cmd_demo"), "_bisectors", lambda quiet, solid: names
+    )
     code, out, _ = agglo("demo", "--json", "--quiet")
     assert code == 0
     data = json.loads(out)
@@ -155,3 +157,33 @@ def test_bisectors_can_be_chosen(agglo: Agglo, small: None, tmp_path: Path) -> N
     names = {file.name for file in (tmp_path / "agglo-demo").iterdir()}
     assert {"inertial.vtu", "kmeans_iterations_5.vtu", "kmeans_iterations_5_level0.vtu"} <= names
     assert agglo("demo", "--bisector", "kmean").err.count("did you mean 'kmeans'?") == 1
+
+
+def test_a_brain_in_voxels_with_tissues_apart(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    head = samples.brain3d(12)
+    monkeypatch.setattr(samples, "brain3d", lambda: head)
+    code, out, err = agglo("demo", "--3d", "--bisector", "kmeans", "--json")
+    assert (code, err) == (0, "")
+    data = json.loads(out)
+    assert data["mesh"]["name"] == "brain3d 12 mm"
+    names = {Path(file).name for file in data["files"]}
+    assert names >= {"report.html", "boxplots.png", "kmeans.png", "kmeans.vtu", "kmeans_level0.vtu"}
+    assert all(Path(file).is_file() for file in data["files"])
+    mesh, stored = io.read_hierarchy("agglo-demo/kmeans.vtu")
+    assert stored is not None
+    tissue = mesh.cell_tags["tissue"]
+    for labels in stored.levels:
+        pairs = np.unique(np.stack((labels, tissue)), axis=1)
+        assert pairs.shape[1] == labels.max() + 1
+
+
+def test_bisectors_of_the_plane_are_left_out_of_a_solid(
+    wrong: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo = importlib.import_module("agglo_core.cli.cmd_demo")
+    assert "kmeans" in demo._bisectors(False, True)
+    said = capsys.readouterr().err
+    assert "note: without wrong: it does not promise to work in 3-D" in said
+    assert "note: without lame: it needs no_such_module" in said
+    assert "wrong" in demo._bisectors(True)

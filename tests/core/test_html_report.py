@@ -7,8 +7,6 @@ import hashlib
 import html
 import json
 import re
-import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,35 +15,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, data_of, unpacked, visited
 
 from agglo_core import samples
 from agglo_core.draw.plot import PALETTE, colouring
 from agglo_core.draw.webpage import write_page
 from agglo_core.draw.webpage.sections import OWN
-from agglo_core.errors import FileError, MeshError, OptionError
+from agglo_core.errors import FileError, OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure.comparison import RunResult, measure_levels
 from agglo_core.mesh import Mesh
 from agglo_core.registry import Component, Registry, hookimpl
 
 EVIL = '<b>&amp;</script><script>document.title = "taken"</script><!--title-->/*data*/'
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-sync",
-    "--disable-component-update",
-    "--disable-background-networking",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--enable-logging=stderr",
-    "--virtual-time-budget=3000",
-    "--window-size=1200,900",
-    "--dump-dom",
-)
-KINDS = {"Uint8": "<u1", "Uint16": "<u2", "Uint32": "<u4", "Float32": "<f4"}
 
 
 def sectors(mesh: Mesh, k: int) -> np.ndarray:
@@ -78,16 +60,6 @@ def page(mesh: Mesh, runs: list[RunResult], tmp_path_factory: pytest.TempPathFac
     write_page(path, mesh, runs, note="a <note>")
     assert list(path.parent.iterdir()) == [path]
     return path
-
-
-def data_of(page: Path) -> dict[str, Any]:
-    (found,) = re.findall(r'<script type="application/json" id="data">(.*?)</script>', page.read_text())
-    data: dict[str, Any] = json.loads(found)
-    return data
-
-
-def unpacked(packed: dict[str, str]) -> np.ndarray:
-    return np.frombuffer(base64.b64decode(packed["data"]), KINDS[packed["type"]])
 
 
 def test_arrays_are_those_of_the_mesh_and_levels(page: Path, mesh: Mesh, runs: list[RunResult]) -> None:
@@ -144,9 +116,6 @@ def test_what_cannot_be_shown_is_refused_and_leaves_nothing(
     mesh: Mesh, runs: list[RunResult], tmp_path: Path
 ) -> None:
     (tmp_path / "folder.html").mkdir()
-    solid = samples.boxes(1)
-    with pytest.raises(MeshError, match="only 2-D"):
-        write_page(tmp_path / "a.html", solid, runs)
     for nothing in ([], [runs[1]]):
         with pytest.raises(OptionError, match="nothing to report"):
             write_page(tmp_path / "a.html", mesh, nothing)
@@ -267,26 +236,7 @@ def visit(page: Path, tmp_path: Path) -> Visit:
         pytest.skip("Chromium is not installed: the report is not tested in a browser")
 
     def call(fragment: str, script: str) -> Any:
-        probe = f"""<script>
-          const pre = document.createElement("pre");
-          pre.id = "answer";
-          pre.textContent = JSON.stringify((() => {{ {script} }})());
-          document.body.append(pre);
-        </script></body>"""
-        copy = tmp_path / "copy.html"
-        text = re.sub(r"script-src '[^']*'", "script-src 'unsafe-inline'", page.read_text())
-        copy.write_text(text.replace("</body>", probe))
-        done = subprocess.run(
-            [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", f"{copy.as_uri()}#{fragment}"],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=True,
-        )
-        console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-        assert not console
-        (answer,) = re.findall(r'<pre id="answer">(.*?)</pre>', done.stdout)
-        return json.loads(html.unescape(answer))
+        return visited(page, tmp_path, fragment, script)
 
     return call
 

@@ -43,7 +43,8 @@ MAY_IMPORT = {
     "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
     "interchange": EVERYBODY | {"graph", "hierarchy", "io", "kernels", "mesh"},
     "measure": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
-    "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "problems", "registry"},
+    "draw": EVERYBODY
+    | {"hierarchy", "interchange", "io", "kernels", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
     | {"agglomeration", "components", "graph", "hierarchy", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},

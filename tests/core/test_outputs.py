@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -178,20 +179,54 @@ def test_the_demo_leaves_what_it_can(agglo: Agglo, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize(
     ("command", "flag"), [("run", "--plot"), ("run", "--report"), ("compare", "--report")]
 )
-def test_a_picture_of_a_solid_costs_no_result(agglo: Agglo, command: str, flag: str) -> None:
+def test_solids_have_pictures_as_plane_meshes_have(agglo: Agglo, command: str, flag: str) -> None:
     pytest.importorskip("matplotlib")
     picture = "a.png" if flag == "--plot" else "a.html"
-    output = ["-o", "a.vtu"] if command == "run" else []
-    code, out, err = agglo(
-        command, "boxes:n=3", "--bisector", "inertial", "--parts", "3", *output, flag, picture
-    )
+    code, out, err = agglo(command, "boxes:n=3", "--bisector", "inertial", "--parts", "3", flag, picture)
+    assert (code, err) == (0, "")
+    assert f"wrote {picture}" in out
+    assert Path(picture).stat().st_size > 10_000
+
+
+def test_a_picture_of_a_solid_that_fails_costs_no_result(
+    agglo: Agglo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    for made in ("agglo_core.draw.solid_panels.seen", "agglo_core.draw.webpage.stills.seen"):
+        monkeypatch.setattr(made, raising(MemoryError("so many pixels")))
+    wanted = ["-o", "a.npz", "--plot", "a.png", "--report", "a.html", "--parts", "3"]
+    code, out, err = agglo("run", "boxes:n=3", "--bisector", "inertial", *wanted)
     assert code == 3
-    assert "inertial" in out
-    assert not Path(picture).exists()
-    assert not output or io.read("a.vtu").n_cells == 27
-    note, *_, error = err.splitlines()
-    assert note.startswith(f"note: {flag} draws plane meshes; boxes 3x3x3 is 3-dimensional")
-    assert error.startswith(f"error: {picture}: ")
+    assert levels("a.npz") == 1
+    assert "wrote a.npz" in out
+    missing = [line for line in err.splitlines() if line.startswith("error: ")]
+    assert missing == [f"error: a.{end}: MemoryError: so many pixels" for end in ("png", "html")]
+
+
+def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("agglo_core.cli.outputs.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    code, out, err = agglo("run", "squares:n=8", "--parts", "4", "-o", "a.npz", "--plot", "a.png")
+    assert (code, levels("a.npz")) == (3, 1)
+    assert "4 parts" in out
+    first, *_, last = err.splitlines()
+    assert first.startswith(
+        "note: --plot needs matplotlib, which is not installed: pip install 'agglo[plot]'"
+    )
+    assert last.startswith('error: a.png: drawing needs matplotlib: pip install "agglo[plot]"')
+
+
+def test_explode_is_for_pictures_of_solids(agglo: Agglo) -> None:
+    pytest.importorskip("matplotlib")
+    run = ["run", "boxes:n=2", "--bisector", "inertial", "--parts", "2"]
+    assert agglo(*run, "--plot", "a.png", "--explode", "1.5").code == 0
+    said = agglo(*run, "--explode", "1")
+    assert (said.code, "--explode is for --plot" in said.err) == (2, True)
+    said = agglo(*run, "--plot", "b.png", "--explode", "11")
+    assert (said.code, "at least 0 and at most 10" in said.err) == (2, True)
+    said = agglo("run", "squares:n=2", "--plot", "b.png", "--explode", "1")
+    assert (said.code, "--explode is for solids; squares 2x2 is 2-D" in said.err) == (2, True)
+    assert not Path("b.png").exists()
 
 
 def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:

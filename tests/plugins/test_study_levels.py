@@ -24,7 +24,7 @@ from agglo_paper.study.study_work import SOLVERS, metrics_of
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("source", ["voronoi:n=300,seed=1", "voronoi_solids:n=300,seed=1"])
+@pytest.mark.parametrize("source", ["voronoi:n=300,seed=1", "voronoi3d:n=300,seed=1"])
 def test_levels_are_nested_and_of_the_size_or_number_asked_for(source: str, kind: Kind) -> None:
     mesh = samples.from_spec(source)
     target = target_of(mesh, kind, [4, 16, 64])
@@ -95,7 +95,7 @@ def test_linear_functions_on_single_cells_and_on_all_come_up_to_what_they_can() 
 
 
 def test_solids_are_measured_and_bad_shapes_cost() -> None:
-    asked = ("voronoi_solids:n=400,seed=2", "counts", [32])
+    asked = ("voronoi3d:n=400,seed=2", "counts", [32])
     good, bad = (measured_solids(*asked, name, 0) for name in ("kmeans", "branches"))
     names = {f"{name} {what}" for name in SOLID_SOLVERS for what in ("κ = 1", "κ jumps")}
     assert set(good["outcomes"]) == names | {"approximation"}

@@ -8,7 +8,7 @@ function unpacked({ type, data }) {
 }
 
 function decoded(report) {
-  for (const name of ["points", "faces", "sides"]) report[name] = unpacked(report[name]);
+  for (const name of ["points", "faces", "sides"]) if (report[name]) report[name] = unpacked(report[name]);
   for (const run of report.runs) {
     for (const level of run.levels) {
       level.labels = unpacked(level.labels);

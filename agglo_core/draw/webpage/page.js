@@ -6,7 +6,7 @@ const runNow = () => REPORT.runs[state.run];
 const levelNow = () => (state.level < 0 ? null : runNow().levels[state.level]);
 
 const format = ({ low, high }) => (low >= 0 && high <= 1 ? fixed(3) : shown);
-const BASE = [["cells", "cells", shown], ["diameter", "diameter", shown], ["area", "measure", shown]];
+const BASE = [["cells", "cells", shown], ["diameter", "diameter", shown], [REPORT.size, "measure", shown]];
 const LAST = ["components", "components", shown];
 const measured = METRICS.filter(({ name }) => ![...BASE, LAST].some(([, key]) => key === name));
 const FACTS = [...BASE, ...measured.map((metric) => [metric.name, metric.name, format(metric)]), LAST];
@@ -52,7 +52,9 @@ function showPart() {
   const facts = level && state.part !== null ? FACTS.filter(([, key]) => level.values[key]) : [];
   $("facts").replaceChildren(...facts.flatMap(([label, key, show]) =>
     [element("dt", {}, label), element("dd", {}, show(level.values[key][state.part]))]));
-  $("hint").textContent = level ? "Point at the mesh, or type a number." : "Move the slider to a coarse level.";
+  const hidden = REPORT.stills && level && state.part !== null && !painted.made.parts.includes(state.part);
+  $("hint").textContent = !level ? "Move the slider to a coarse level."
+    : hidden ? "It cannot be seen from here: choose another view." : "Point at the mesh, or type a number.";
   for (const row of $("parts").tBodies[0]?.rows ?? []) row.classList.toggle("chosen", Number(row.dataset.part) === state.part);
   remember();
 }
@@ -112,6 +114,7 @@ function showRuns() {
 function remember() {
   const words = new URLSearchParams({ run: runNow().name, level: state.level });
   if (state.part !== null) words.set("hover", state.part);
+  if (REPORT.stills) words.set("view", $("side").value);
   history.replaceState(null, "", `#${words}`);
 }
 
@@ -121,6 +124,7 @@ function recalled() {
   if (run >= 0) change.run = run;
   if (words.has("level")) change.level = Number.parseInt(words.get("level"), 10) || 0;
   if (words.has("hover")) change.part = Number.parseInt(words.get("hover"), 10);
+  if (REPORT.stills && words.has("view")) showSide(words.get("view"));
   return change;
 }
 

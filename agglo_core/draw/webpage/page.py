@@ -37,7 +37,11 @@ _NO_RUNS: Final = MappingProxyType(
     }
 )
 """The page without the parts that show runs."""
-_SCRIPTS = ("data.js", "map.js", "charts.js", "page.js")
+_SCRIPTS = {
+    2: ("data.js", "map.js", "charts.js", "page.js"),
+    3: ("data.js", "stills.js", "charts.js", "page.js"),
+}
+"""By dimension of the mesh."""
 _INERT = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
 """Names come from files and may hold ``</script>``: inside JSON these are the same characters, inert."""
 
@@ -59,7 +63,7 @@ def write_page(
     path : path
         Ends in ``.html`` or ``.htm``.
     mesh : Mesh
-        2-D if there are runs.
+        A solid is shown as stills, from several sides and cut open.
     runs : sequence of RunResult
         At least one that did not fail; none if only solutions are to be reported.
     note : str
@@ -72,8 +76,6 @@ def write_page(
 
     Raises
     ------
-    MeshError
-        For runs on a 3-D mesh.
     OptionError
         If there is neither a run nor a solution to show.
     FileError
@@ -121,12 +123,12 @@ def _page(
 def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registry) -> dict[str, str]:
     """The parts of the page that show runs, and the script that draws them."""
     data = json.dumps(payload(mesh, runs, note), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    script = "\n".join(['"use strict";', *map(_text, _SCRIPTS)])
+    script = "\n".join(['"use strict";', *map(_text, _SCRIPTS[mesh.dim])])
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     return {
         "/*policy*/": f"'sha256-{digest}'",  # the one script that runs: none of a section, none of a name
         "<!--noscript-->": _text("noscript.html"),
-        "<!--own-->": own_sections(),
+        "<!--own-->": own_sections(mesh.dim),
         "<!--scripts-->": f'<script type="application/json" id="data">{data.translate(_INERT)}</script>\n'
         f"<script>{script}</script>\n",
         "<!--theirs-->": sections_of_plugins(mesh, runs, registry),

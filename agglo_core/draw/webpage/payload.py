@@ -1,16 +1,16 @@
-"""What the page shows, as JSON: arrays in base64, in the smallest type that holds them."""
+"""What the page shows, as JSON."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.draw.plot import PALETTE, colouring
-from agglo_core.errors import MeshError, OptionError
+from agglo_core.draw.colours import PALETTE, colouring
+from agglo_core.draw.webpage.packing import integers, reals
+from agglo_core.draw.webpage.stills import apart, stills
+from agglo_core.errors import OptionError
 from agglo_core.measure.comparison import Level, RunResult, wanted
 from agglo_core.mesh import Mesh
 from agglo_core.registry.discovery import version_of
@@ -18,33 +18,39 @@ from agglo_core.registry.discovery import version_of
 __all__ = ["payload"]
 
 _ROUNDING = 1e-6
-_INTEGERS = (("Uint8", "<u1"), ("Uint16", "<u2"), ("Uint32", "<u4"))
 
 
 def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, Any]:
     """Plain data of mesh and runs for the page; raises as :func:`write_page` does.
 
-    Coordinates are relative to the origin of the mesh, as float32: a millionth of its size. The
-    outside of the domain is cell ``n_cells``.
+    A plane mesh is there as points and faces, a solid as stills from several sides.
     """
-    if mesh.dim != 2:
-        raise MeshError(f"reports show only 2-D meshes; {mesh.name or 'this one'} is {mesh.dim}-D")
     if all(run.hierarchy is None for run in runs):
         raise OptionError("nothing to report: there is no run, or none came to an end")
-    used, vertices = np.unique(mesh.face_vertices, return_inverse=True)
     return {
         "version": version_of("agglo"),
         "name": mesh.name or "mesh",
         "note": note,
         "cells": mesh.n_cells,
         "h0": mesh.h,
-        "points": _reals(mesh.local_points[used]),
-        "faces": _integers(vertices),
-        "sides": _integers(np.where(mesh.face_cells < 0, mesh.n_cells, mesh.face_cells)),
+        "size": "area" if mesh.dim == 2 else "volume",
+        **(_plane(mesh) if mesh.dim == 2 else {"stills": stills(mesh)}),
         "palette": PALETTE,
         "metrics": _axes(runs),
         "objectives": list(dict.fromkeys(name for level in _levels(runs) for name in level.objectives)),
-        "runs": [_run(run) for run in runs],
+        "runs": [_run(run, mesh) for run in runs],
+    }
+
+
+def _plane(mesh: Mesh) -> dict[str, Any]:
+    """Coordinates relative to the origin of the mesh, as float32: a millionth of its size; the outside of
+    the domain is cell ``n_cells``.
+    """
+    used, vertices = np.unique(mesh.face_vertices, return_inverse=True)
+    return {
+        "points": reals(mesh.local_points[used]),
+        "faces": integers(vertices),
+        "sides": integers(np.where(mesh.face_cells < 0, mesh.n_cells, mesh.face_cells)),
     }
 
 
@@ -68,8 +74,11 @@ def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
     return axes
 
 
-def _run(run: RunResult) -> dict[str, Any]:
+def _run(run: RunResult, mesh: Mesh) -> dict[str, Any]:
     levels = [_level(level) for level in run.levels]
+    if mesh.dim == 3:
+        for made, level in zip(levels, run.levels, strict=True):
+            made["apart"] = apart(mesh, level.labels)
     return {"name": run.name, "seconds": run.seconds, "error": run.error, "levels": levels}
 
 
@@ -77,9 +86,9 @@ def _level(level: Level) -> dict[str, Any]:
     return {
         **{key: _finite(value) for key, value in level.line.items() if key != "target"},
         "target": wanted(level.target),
-        "labels": _integers(level.labels),
-        "colours": _integers(colouring(level.mesh, len(PALETTE))),
-        "values": {name: _reals(values) for name, values in level.values.items()},
+        "labels": integers(level.labels),
+        "colours": integers(colouring(level.mesh, len(PALETTE))),
+        "values": {name: reals(values) for name, values in level.values.items()},
     }
 
 
@@ -88,18 +97,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _finite(each) for key, each in value.items()}
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def _integers(values: ArrayLike) -> dict[str, str]:
-    array = np.asarray(values)
-    largest = int(array.max(initial=0))
-    name, kind = next(pair for pair in _INTEGERS if largest <= np.iinfo(pair[1]).max)
-    return _packed(name, array.astype(kind))
-
-
-def _reals(values: ArrayLike) -> dict[str, str]:
-    return _packed("Float32", np.asarray(values).astype("<f4"))
-
-
-def _packed(name: str, array: NDArray[Any]) -> dict[str, str]:
-    return {"type": name, "data": base64.b64encode(array.tobytes()).decode("ascii")}

@@ -86,7 +86,7 @@ def sources(size: Size) -> list[str]:
         if size.what == "solids":
             side = round(size.cells ** (1 / 3)) + place // 3
             points = max(1, round(0.172 * size.cells))
-            kinds = (f"voronoi_solids:n={size.cells}", f"random_tetrahedra:n={points}", f"boxes:n={side}")
+            kinds = (f"voronoi3d:n={size.cells}", f"random_tetrahedra:n={points}", f"boxes:n={side}")
         else:
             side = round(size.cells**0.5) + 2 * (place // 3)
             kinds = (f"voronoi:n={size.cells}", f"random_triangles:n={size.cells // 2}", f"squares:n={side}")

@@ -1,0 +1,94 @@
+"""Panels of a plane mesh: cells filled by agglomerate, outlines, the edges of fine cells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Int
+from agglo_core.draw.colours import FINE, INK, PALETTE, PAPER, colouring
+from agglo_core.mesh import Mesh
+
+__all__ = ["PlanePanels"]
+
+_DENSE = 20_000
+"""Fine edges inside agglomerates are drawn up to this many cells."""
+
+
+class PlanePanels:
+    """What the panels of a 2-D mesh show.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        2-D.
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
+        extent = np.ptp(mesh.points[mesh.face_vertices], axis=0)
+        self.ratio = float(extent[1] / extent[0])
+        """Height over width."""
+
+    def fine(self, axis: Any) -> None:
+        """Draw the mesh."""
+        whole = self.mesh.coarsen(np.zeros(self.mesh.n_cells, np.int64))
+        _fill(axis, whole, np.zeros(1, np.int64), (PAPER,))
+        _edges(axis, self.mesh, FINE, _line_width(axis, self.mesh.n_cells, 0.6))
+        _edges(axis, whole, INK, 0.9)
+        self._frame(axis)
+
+    def level(self, axis: Any, labels: Int) -> None:
+        """Draw the agglomerates of a level."""
+        coarse, n_cells = self.mesh.coarsen(labels), self.mesh.n_cells
+        _fill(axis, coarse, colouring(coarse, len(PALETTE)), PALETTE)
+        if n_cells <= _DENSE:
+            _edges(axis, self.mesh, FINE, 0.5 * _line_width(axis, n_cells, 0.6), alpha=0.35)
+        _edges(axis, coarse, INK, _line_width(axis, coarse.n_cells, 1.1))
+        self._frame(axis)
+
+    def _frame(self, axis: Any) -> None:
+        used = self.mesh.local_points[self.mesh.face_vertices]
+        low, high = used.min(axis=0), used.max(axis=0)
+        margin = 0.01 * float((high - low).max())
+        axis.set_xlim(low[0] - margin, high[0] + margin)
+        axis.set_ylim(low[1] - margin, high[1] + margin)
+        axis.set_aspect("equal")
+
+
+def _fill(axis: Any, mesh: Mesh, colours: Int, palette: tuple[str, ...]) -> None:
+    """Fill the cells: one path for all cells of a colour, whatever their number; holes stay open."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    loops = mesh.boundary_loops
+    starts, stops = loops.loop_offsets[:-1], loops.loop_offsets[1:]
+    vertices = np.insert(loops.vertices, stops, loops.vertices[starts])
+    number = np.arange(len(starts))
+    codes = np.full(len(vertices), Outline.LINETO, np.uint8)
+    codes[starts + number] = Outline.MOVETO
+    codes[stops + number] = Outline.CLOSEPOLY
+    colour = np.repeat(np.repeat(colours, np.diff(loops.cell_offsets)), stops - starts + 1)
+    for k, tone in enumerate(palette):
+        mine = colour == k
+        if mine.any():
+            outline = Outline(mesh.local_points[vertices[mine]], codes[mine])
+            # not add_patch: it walks every edge in Python to find limits, which are set at the end
+            axis.add_artist(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
+
+
+def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
+    from matplotlib.collections import LineCollection
+
+    if width > 0:
+        segments: Any = mesh.local_points[mesh.face_pairs]
+        lines = LineCollection(segments, colors=colour, linewidths=width, alpha=alpha, capstyle="round")
+        axis.add_collection(lines, autolim=False)
+
+
+def _line_width(axis: Any, n_cells: int, most: float) -> float:
+    """Width in points that leaves cells visible; 0 where they are hardly larger than a dot."""
+    inches = axis.figure.get_figwidth() / axis.get_gridspec().ncols
+    cell = 72.0 * inches / np.sqrt(n_cells)
+    return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))

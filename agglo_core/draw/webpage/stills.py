@@ -1,0 +1,67 @@
+"""What the page shows of a solid: which cell is seen at each pixel from several sides, and how bright."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from agglo_core.arrays import Int
+from agglo_core.draw.shading import brightness
+from agglo_core.draw.surfaces import SIDE, Surface, beyond, outer_faces, seen
+from agglo_core.draw.webpage.packing import integers
+from agglo_core.mesh import Mesh
+
+__all__ = ["apart", "stills"]
+
+_PIXELS, _PIXELS_APART = 720, 600
+_EXPLODE = 0.35
+_SIDES: Final = {
+    "from +x −y, above": SIDE,
+    "from +x +y, above": (30.0, 30.0),
+    "from −x +y, above": (120.0, 30.0),
+    "from −x −y, above": (210.0, 30.0),
+    "from +x −y, below": (-60.0, -35.0),
+}
+_CUTS: Final = {
+    "cut open across x": ((1.0, 0.0, 0.0), (-35.0, 25.0)),
+    "cut open across y": ((0.0, -1.0, 0.0), (-60.0, 25.0)),
+    "cut open across z": ((0.0, 0.0, 1.0), (-60.0, 55.0)),
+}
+"""The half that is left out, and where the eye is."""
+
+
+def stills(mesh: Mesh) -> list[dict[str, Any]]:
+    """The mesh from five sides, and cut open in its middle along three planes: for all levels."""
+    one = np.zeros(mesh.n_cells, np.int64)
+    whole = outer_faces(mesh, one)
+    made = [_still(name, whole, side, _PIXELS) for name, side in _SIDES.items()]
+    for name, (normal, side) in _CUTS.items():
+        made.append(_still(name, outer_faces(mesh, one, kept=~beyond(mesh, normal)), side, _PIXELS))
+    return made
+
+
+def apart(mesh: Mesh, labels: Int) -> dict[str, Any]:
+    """The parts of a level moved apart."""
+    return _still("moved apart", outer_faces(mesh, labels, _EXPLODE), SIDE, _PIXELS_APART)
+
+
+def _still(name: str, surface: Surface, side: tuple[float, float], pixels: int) -> dict[str, Any]:
+    """Runs of equal pixels, row by row: number of the face seen, 0 for none, and how many pixels it goes on.
+
+    Of the face numbered k + 1, entry k of ``cells`` and ``bright`` tells cell and brightness (255 is full).
+    """
+    sight = seen(surface, side, pixels)
+    faces, numbers = np.unique(np.append(sight.faces.ravel(), -1), return_inverse=True)
+    numbers = numbers[:-1]  # face −1, which is in any case there, became 0
+    starts = np.flatnonzero(np.append(True, numbers[1:] != numbers[:-1]))
+    bright = brightness(surface, sight)[faces[1:]]
+    return {
+        "name": name,
+        "height": sight.faces.shape[0],
+        "width": sight.faces.shape[1],
+        "faces": integers(numbers[starts]),
+        "lengths": integers(np.diff(np.append(starts, len(numbers)))),
+        "cells": integers(surface.cells[faces[1:]]),
+        "bright": integers(np.rint(255.0 * bright)),
+    }
