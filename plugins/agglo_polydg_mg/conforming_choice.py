@@ -72,6 +72,7 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     * Degree 1 on another mesh that is not bad, with κ of about one size: aggregates of vertices, in the
       W-cycle. They are cheap, and alone slow. Classical levels elsewhere, in the V-cycle: they hold where
       couplings jump or point one way, and their matrices are fuller.
+    * In space: single cells, or vertex patches if the mesh is bad, without a continuous space.
     * Double precision where κ spans more than eight decades.
 
     Parameters
@@ -94,6 +95,8 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     '0 % strong faces, at most 4 faces a cell'
     """
     strong = _strong_part(mesh, sigma)
+    if mesh.dim == 3:
+        return _in_space(strong, kappa)
     sides = np.diff(mesh.cell_faces[0])
     bad, faces = strong > _BAD, int(sides.max())
     layers = bool(np.mean(sides > 4) < 0.5) and _weak_part(mesh, sigma) > _LAYERS
@@ -114,6 +117,21 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
         dtype=dtype,
         strong=strong,
         reason=reason,
+    )
+
+
+def _in_space(strong: float, kappa: Float) -> Difficulty:
+    """Cells, or patches on bad meshes, and smoothed agglomerates in the V-cycle."""
+    dtype = np.float64 if kappa.max() > _CONTRAST * kappa.min() else np.float32
+    return Difficulty(
+        "patches" if strong > _BAD else "cells",
+        bubbles=False,
+        vertices="aggregates",
+        layers=False,
+        kind="V",
+        dtype=dtype,
+        strong=strong,
+        reason=f"{100 * strong:.0f} % strong faces, in space",
     )
 
 

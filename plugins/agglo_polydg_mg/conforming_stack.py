@@ -18,7 +18,7 @@ from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.coupling_network import coupling_network
 from agglo_polydg_mg.nodal_traces import nodal_basis, nodal_network
 
-__all__ = ["conforming_stack", "labels_of_unknowns"]
+__all__ = ["cell_sweeps", "conforming_stack", "labels_of_unknowns"]
 
 _SMALL = 1e-5
 """Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
