@@ -92,29 +92,23 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
 
     See :func:`~agglo_polydg_mg.conforming_choice.difficulty`.
 
-    In space levels are smoothed agglomerates, of patches on bad meshes and of single cells on others.
-
     Raises
     ------
     OptionError
-        For the recipe ``"agglomerates"`` in the plane, ``"conforming"`` in space.
+        For the recipe ``"agglomerates"`` in the plane.
     """
     solid = basis.mesh.dim == 3
     if wishes.recipe == "agglomerates" and not solid:
         raise OptionError("recipe 'agglomerates' is for linear systems; a diffusion problem takes another")
-    if wishes.recipe == "conforming" and solid:
-        raise OptionError("recipe 'conforming' is for plane meshes; in 3-D take 'agglomerates' or 'patches'")
     double = {"auto": None, "single": False, "double": True}[wishes.precision]
     found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
-    by_itself: Any = "patches" if found.smoother == "patches" else "agglomerates"
-    by_itself = by_itself if solid else "conforming"
-    recipe: Any = by_itself if wishes.recipe == "auto" else wishes.recipe
+    recipe: Any = found.recipe if wishes.recipe == "auto" else wishes.recipe
     by_default = "W" if recipe == "patches" else found.kind
     kind: Any = by_default if wishes.cycle == "auto" else wishes.cycle
     sizes = fine.A.diagonal()
     far = not (sizes.min() > _FINE[0] and sizes.max() < _FINE[1])
-    own = np.float64 if far else found.dtype
-    dtype = own if double is None else (np.float64 if double else np.float32)
+    by_itself = np.float64 if far else found.dtype
+    dtype = by_itself if double is None else (np.float64 if double else np.float32)
     smoother: Any = {"patches": "patches", "agglomerates": "cells"}.get(recipe, found.smoother)
     below = "its aggregates" if found.vertices == "aggregates" else "classical levels"
     space = f"continuous space and {below}" if recipe == "conforming" else "smoothed agglomerates"
