@@ -1,7 +1,7 @@
 """Multigrid levels for PolyDG by smoothed agglomeration: few iterations on any mesh.
 
 Each level is smoothed by vertex patches, or cell by cell, which in space is cheaper; prolongations are
-injections between polynomials of one degree on nested agglomerates, smoothed by a damped step of block
+injections between polynomials on nested agglomerates, smoothed by a damped step of block
 Jacobi; coarse matrices are Galerkin products. The unknowns of each cell are scaled so that its diagonal block
 is the identity: in single precision the blocks of flat cells would otherwise keep no digit.
 """
@@ -33,13 +33,14 @@ def patch_stack(
     *,
     damping: float = 4 / 3,
     overlap: bool = True,
+    coarse_degree: int | None = None,
 ) -> multigrid.LevelStack:
     """Levels of a multigrid method of polynomials on agglomerates, to the first of at most 1500 unknowns.
 
     Parameters
     ----------
     basis : Basis
-        Of the space on the mesh; coarse levels have its degree.
+        Of the space on the mesh.
     A : (n, n) sparse
         Symmetric and positive definite matrix of that space.
     labels : sequence of (n_cells,) int
@@ -51,6 +52,8 @@ def patch_stack(
         Of :func:`~agglo_core.multigrid.smoothed_prolongation`.
     overlap : bool
         Whether vertex patches are smoothed, or else single cells and agglomerates: block Gauss–Seidel.
+    coarse_degree : int, optional
+        Degree of the polynomials on agglomerates; by default that of the mesh.
 
     Raises
     ------
@@ -59,8 +62,8 @@ def patch_stack(
     LinAlgError
         If A is not positive definite.
     """
-    mesh, width = basis.mesh, basis.n_local
-    fine = block_matrix(A, width)
+    mesh, low = basis.mesh, basis.degree if coarse_degree is None else min(basis.degree, coarse_degree)
+    fine = block_matrix(A, basis.n_local)
     fine.sort_indices()
     A, T, LT = multigrid.block_scaled(fine)
     levels: list[multigrid.Level] = []
@@ -71,11 +74,11 @@ def patch_stack(
         nested = multigrid.parents(own, coarse)
         if nested is None:
             raise OptionError(f"the agglomerates of level {at} are not unions of those of the level before")
-        below = Basis(mesh.coarsen(coarse), basis.degree, basis.scaled)
+        below = Basis(mesh.coarsen(coarse), low, basis.scaled)
         P = multigrid.smoothed_prolongation(
             A, LT @ project_between(basis, below, nested), damping, scaled=True
         )
-        offsets, patches = _offsets(A, width), None
+        offsets, patches = _offsets(A, basis.n_local), None
         smoother: Any = None
         if overlap:
             patches = multigrid.vertex_patches(mesh, own if at else None)
@@ -87,7 +90,7 @@ def patch_stack(
         P = sparse.bsr_array(P @ T.T).astype(dtype)
         levels.append(multigrid.Level(finer, offsets, P, smoother, own, patches))
         basis, own = below, coarse
-    levels.append(multigrid.Level(A.astype(dtype), _offsets(A, width), labels=own))
+    levels.append(multigrid.Level(A.astype(dtype), _offsets(A, basis.n_local), labels=own))
     return multigrid.LevelStack(levels, multigrid.direct_solver(A, dtype, _DENSE), dtype, scaling)
 
 

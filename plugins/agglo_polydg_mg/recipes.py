@@ -27,6 +27,8 @@ PRECISIONS: Final = ("auto", "single", "double")
 
 _FINE: Final = (1e-33, 1e35)
 """Entries of the diagonal that single precision holds with room for products and sums."""
+_LOW: Final = 1
+"""Degree of polynomials on agglomerates in space: levels of full degree take more time than they save."""
 _CELLS_PER_PART: Final = 8
 _FEWEST: Final = 60
 """Parts of the coarsest level that is made by default."""
@@ -71,7 +73,9 @@ class Plan:
             If a matrix is not positive definite.
         """
         if self.recipe != "conforming":
-            return patch_stack(basis, fine.A, labels, self.dtype, overlap=self.recipe == "patches")
+            low = _LOW if self.solid else None
+            overlap = self.recipe == "patches"
+            return patch_stack(basis, fine.A, labels, self.dtype, overlap=overlap, coarse_degree=low)
         offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
         system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
         given = (system, basis, _required(fine.sigma), cell_means(basis.mesh, problem.kappa))
