@@ -22,13 +22,16 @@ def constant(source: float = 8.0) -> Diffusion:
 
 
 def sine() -> Diffusion:
-    """f = 2π² sin πx sin πy, that of the paper's text: u = sin πx sin πy on the unit square."""
+    """f = 2π² sin πx sin πy, that of the paper's text: u = sin πx sin πy on the unit square.
+
+    In space f = 3π² u with u = sin πx sin πy sin πz on the unit cube.
+    """
     return Diffusion(source=_sine_source, exact=_sine)
 
 
 def _sine(points: Float) -> Float:
-    return np.asarray(np.sin(np.pi * points[:, 0]) * np.sin(np.pi * points[:, 1]))
+    return np.asarray(np.sin(np.pi * points).prod(axis=1))
 
 
 def _sine_source(points: Float) -> Float:
-    return 2.0 * np.pi**2 * _sine(points)
+    return np.asarray(points.shape[1] * np.pi**2 * _sine(points))

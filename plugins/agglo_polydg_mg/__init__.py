@@ -11,7 +11,7 @@ def agglo_components() -> list[Component]:
             kind="solver",
             name="polydg_mg",
             target="agglo_polydg_mg.polydg_multigrid:PolyDGMultigrid",
-            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PolyDG with preconditioned conjugate gradients; the recipe is chosen by the mesh.",
         ),
         Component(
@@ -25,21 +25,21 @@ def agglo_components() -> list[Component]:
             kind="solver",
             name="multigrid",
             target="agglo_polydg_mg.composed_multigrid:ComposedMultigrid",
-            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PolyDG by multigrid of your own choice: transfer, smoother, cycle and more by name.",
         ),
         Component(
             kind="solver",
             name="polydg_cg",
             target="agglo_polydg_mg.plain_cg:PlainCG",
-            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PolyDG with plain conjugate gradients, for comparison.",
         ),
         Component(
             kind="solver",
             name="direct",
             target="agglo_polydg_mg.direct:Direct",
-            promises={"deterministic": True, "pickles": True, "symmetric": True},
+            promises={"deterministic": True, "3d": True, "pickles": True, "symmetric": True},
             summary="PolyDG by a sparse direct solver: PARDISO, CHOLMOD or SuperLU.",
         ),
         Component(

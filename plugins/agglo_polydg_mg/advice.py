@@ -17,8 +17,8 @@ from agglo_polydg_mg.penalty import PAPER, Penalty
 
 __all__ = ["MANY", "Kind", "advice_of_direct", "advice_of_multigrid"]
 
-Kind = Literal["cells", "groups", "linear"]
-"""Single cells of at most four faces; polygons, or cells smoothed together; a linear system."""
+Kind = Literal["cells", "groups", "solids", "linear"]
+"""Single cells of at most four faces; polygons, or cells smoothed together; polyhedra; a linear system."""
 
 MANY: Final = 10
 """Right-hand sides from which they count as many."""

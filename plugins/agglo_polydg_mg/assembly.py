@@ -1,4 +1,4 @@
-"""Symmetric interior penalty discretisation of −∇·(κ∇u) = f on polygons.
+"""Symmetric interior penalty discretisation of −∇·(κ∇u) = f on polygons and polyhedra.
 
 a(u, v) = Σ_K ∫ κ∇u·∇v − Σ_F ∫ ({κ∇u}·[v] + {κ∇v}·[u]) + Σ_F γ_F σ_F ∫ [u][v], boundary faces with
 Dirichlet data included (Nitsche). Where κ jumps, averages are weighted with the κ of the other side and
@@ -32,17 +32,20 @@ from agglo_polydg_mg.boundary import (
     dirichlet_load,
     dirichlet_values,
     neumann_load,
+    rule_of,
 )
+from agglo_polydg_mg.face_quadrature import all_faces, face_coefficients
+from agglo_polydg_mg.gauss_points import gauss
 from agglo_polydg_mg.penalty import PAPER, Penalty, face_penalty
-from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample, weighted_moments
+from agglo_polydg_mg.quadrature import per_cell, sample, weighted_moments
 from agglo_polydg_mg.sharp_penalty import sharp_penalty
+from agglo_polydg_mg.side_sums import add_sides
 from agglo_polydg_mg.unit_forms import UnitForms
 
 __all__ = [
     "Lifted",
     "cell_means",
     "discretise",
-    "face_coefficients",
     "jump_penalty",
     "lifted",
     "load",
@@ -61,7 +64,7 @@ def discretise(
     Parameters
     ----------
     mesh : Mesh
-        2-D; cells of any shape.
+        Cells of any shape.
     degree : int
         p, 1..6.
     problem : Diffusion
@@ -77,7 +80,7 @@ def discretise(
     Raises
     ------
     MeshError
-        For a mesh in 3-D or of degenerate cells.
+        For degenerate cells; in 3-D, with a constant C, for cells that are not convex.
     OptionError
         For a degree outside 1..6, κ that is not positive, data that are not finite or of another
         shape, tags the boundary does not have, a component of the domain without Dirichlet faces
@@ -125,7 +128,7 @@ def lifted(
     boundary = boundary_faces(mesh, problem)
     kappa = positive(mesh, problem.kappa)
     kept = units if units is not None and units.fit and not callable(kappa) else None
-    on_faces = face_coefficients(mesh, kappa, degree + 2)
+    on_faces = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2)
     inside = stiffness(basis, kappa) if kept is None else None
     sigma = jump_penalty(basis, kappa, penalty, boundary.natural, on_faces, inside, kept)
     A = _matrix(basis, inside, on_faces, sigma, kappa, kept)
@@ -135,13 +138,14 @@ def lifted(
     if not g.any():
         b = frozen_float(loads.ravel())
         return Lifted(System.trusted(A, b, offsets, mesh), b, frozen_float(np.zeros(basis.n)), sigma)
-    functional = dirichlet_load(basis, boundary, on_faces[:, 0], sigma)
+    own = face_coefficients(mesh, kappa, boundary.dirichlet, degree + 2)[:, 0]
+    functional = dirichlet_load(basis, boundary, own, sigma)
     b = frozen_float((loads + functional(g)).ravel())
     system = System.trusted(A, b, offsets, mesh)
-    c = data_offset(basis, problem, boundary, on_faces[:, 0])
+    c = data_offset(basis, problem, boundary, own)
     if not c.any():
         return Lifted(system, b, frozen_float(np.zeros(basis.n)), sigma)
-    rest = functional(g - c[mesh.face_cells[boundary.dirichlet, 0], None])
+    rest = functional(g - c[mesh.face_cells[rule_of(basis, boundary.dirichlet).faces, 0], None])
     return Lifted(system, frozen_float((loads + rest).ravel()), basis.constants(c), sigma)
 
 
@@ -173,7 +177,8 @@ def jump_penalty(
     if penalty != "sharp":
         constant = PAPER if penalty == "paper" else penalty
         return face_penalty(basis.mesh, basis.degree, constant, natural)
-    on_faces = face_coefficients(basis.mesh, kappa, basis.degree + 2) if on_faces is None else on_faces
+    if on_faces is None:
+        on_faces = face_coefficients(basis.mesh, kappa, all_faces(basis.mesh), basis.degree + 2)
     if inside is None and units is None:
         inside = stiffness(basis, kappa)
     return sharp_penalty(basis, kappa, on_faces, inside, natural, units)
@@ -190,20 +195,22 @@ def _matrix(
     blocks = np.zeros((len(indices), basis.n_local, basis.n_local))
     if inside is not None:
         blocks[diagonal] = inside
-    across = basis.across
+    across, cells = basis.across, mesh.face_cells if mesh.dim == 2 else basis.sides.cells
 
     def add(start: int, stop: int) -> None:
         """Rows of the cells of one strip of the mesh; only faces between two strips are looked at twice."""
         mine = np.zeros(mesh.n_cells + 1, bool)  # the last one is outside
         mine[across[start:stop]] = True
         faces = frozen_int(np.flatnonzero(mine.take(cells).any(axis=1)))
-        if units is None:
+        if mesh.dim == 3:
+            add_sides(basis, faces, mine, sigma, on_faces, blocks)
+        elif units is None:
             face_blocks(points, pairs, cells, faces, mine, slots, *frames, sigma, on_faces, *rule, blocks)
         else:
             parts = slots, diagonal, sigma, frozen_float(kappa), units.stiffness, units.faces
             scaled_blocks(cells, faces, mine, *parts, blocks)
 
-    points, pairs, cells = mesh.local_points, mesh.face_pairs, mesh.face_cells
+    points, pairs = mesh.local_points, mesh.face_pairs if mesh.dim == 2 else None
     frames = basis.boxes, basis.scale
     over_ranges(add, mesh.n_cells, few=_FEW, shares=1)
     return sparse.bsr_array((blocks, indices, indptr), shape=(basis.n, basis.n))
@@ -234,23 +241,7 @@ def cell_means(mesh: Mesh, field: Field) -> Float:
     """Mean of κ over each cell ``(n_cells,)``."""
     if not callable(field):
         return per_cell(field, mesh.n_cells, "kappa")
-    boxes = np.tile([0.0, 0.0, 1.0, 1.0, 1.0, 0.0], (mesh.n_cells, 1))
-    integrals = weighted_moments(mesh, field, boxes, 0, "kappa")[:, 0]  # of κ / 2: L₀ is the root of 1/2
-    return frozen_float(2.0 * integrals / mesh.cell_measures)
-
-
-def face_coefficients(mesh: Mesh, kappa: Field, n: int) -> Float:
-    """κ on both sides of each face ``(n_faces, 2, 1 or n)``; outside the domain as inside.
-
-    Values per cell are taken as they are. A callable is sampled at the Gauss points of the faces, moved
-    into either cell by 1e-7 of the face's length.
-    """
-    owner, other = mesh.face_cells.T
-    sides = np.stack((owner, np.where(other < 0, owner, other)), axis=1)
-    if not callable(kappa):
-        return frozen_float(per_cell(kappa, mesh.n_cells, "kappa")[sides][:, :, None])
-    points = face_points(mesh, frozen_int(np.arange(mesh.n_faces)), n)[:, None]
-    away = 1e-7 * (mesh.face_normals * mesh.face_measures[:, None])[:, None, None]
-    outward = np.where(sides[:, :1] == sides, -1.0, 1.0)[:, :, None, None]
-    values = sample(kappa, (points + outward * away).reshape(-1, 2) + mesh.origin, "kappa")
-    return frozen_float(values.reshape(mesh.n_faces, 2, n))
+    unit = [0.0, 0.0, 1.0, 1.0, 1.0, 0.0] if mesh.dim == 2 else [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    boxes = np.tile(unit, (mesh.n_cells, 1))
+    integrals = weighted_moments(mesh, field, boxes, 0, "kappa")[:, 0]
+    return frozen_float(2.0 ** (0.5 * mesh.dim) * integrals / mesh.cell_measures)  # L₀ is the root of 1/2

@@ -1,14 +1,15 @@
 """Polynomials of each cell.
 
 On cell K the basis is L_i(x̂) L_j(ŷ), i + j <= p: Legendre polynomials orthonormal on [−1, 1], (x̂, ŷ)
-running over [−1, 1]² in the bounding box of K. They need no mapping, so K may be any polygon.
+running over [−1, 1]² in the bounding box of K. They need no mapping, so K may be any polygon. In space it is
+L_i(x̂) L_j(ŷ) L_k(ẑ), i + j + k <= p, and K any polyhedron.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -18,50 +19,26 @@ from agglo_core.authoring import (
     Float,
     Int,
     Mesh,
-    MeshError,
     OptionError,
     frozen_float,
     frozen_int,
     over_ranges,
 )
 from agglo_polydg_mg.option_checks import require_count
-from agglo_polydg_mg.quadrature import gauss, moments, per_cell, weighted_moments
+from agglo_polydg_mg.polynomials import legendre, n_polynomials, orders, products, slopes
+from agglo_polydg_mg.quadrature import moments, per_cell, weighted_moments
+from agglo_polydg_mg.sides import Sides, sides_of
+from agglo_polydg_mg.solid_geometry import boxes_of_solids
 
-__all__ = ["Basis", "block_diagonal", "legendre", "one_per_row", "orders", "products", "slopes", "stiffness"]
-
+__all__ = ["Basis", "block_diagonal", "one_per_row", "stiffness"]
 
 _FILL = 0.1
 """A cell that fills less of its bounding box may have one that is turned."""
 
 
-@cache
-def orders(degree: int) -> Int:
-    """Degrees ``(m, 2)`` in x and y of the polynomials of a cell, by total degree."""
-    return frozen_int([(total - j, j) for total in range(degree + 1) for j in range(total + 1)])
-
-
-def legendre(x: Float, degree: int) -> Float:
-    """Orthonormal Legendre polynomials 0..degree at ``x (q,)``, shape ``(degree + 1, q)``."""
-    values = np.empty((degree + 1, *np.shape(x)))
-    before, value = np.zeros_like(x), np.ones_like(x)
-    for k in range(degree + 1):
-        values[k] = value * np.sqrt(k + 0.5)
-        before, value = value, ((2 * k + 1) * x * value - k * before) / (k + 1)
-    return values
-
-
-def slopes(values: Float) -> Float:
-    """Derivatives of the polynomials ``values (degree + 1, q)``: P'_{k+1} = P'_{k−1} + (2k + 1) P_k."""
-    result = np.zeros_like(values)
-    for k in range(len(values) - 1):
-        below = result[k - 1] / np.sqrt(k - 0.5) if k else 0.0
-        result[k + 1] = (below + 2 * np.sqrt(k + 0.5) * values[k]) * np.sqrt(k + 1.5)
-    return result
-
-
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Discontinuous polynomials of a degree on the cells of a 2-D mesh.
+    """Discontinuous polynomials of a degree on the cells of a mesh.
 
     The unknowns of cell c are ``c * n_local … (c + 1) * n_local``.
 
@@ -71,14 +48,14 @@ class Basis:
     degree : int
         p, 1..6.
     scaled : bool
-        Divide by the square root of the box's quarter area, so that the basis is orthonormal on the
-        box itself, and turn the boxes of cells that fill less than a tenth of theirs: otherwise the
-        polynomials are linearly dependent, nearly. The paper's basis is neither.
+        Divide by the square root of the box's quarter area (eighth of its volume), so that the basis is
+        orthonormal on the box itself, and in 2-D turn the boxes of cells that fill less than a tenth of
+        theirs: otherwise the polynomials are linearly dependent, nearly. The paper's basis is neither.
 
     Raises
     ------
-    MeshError, OptionError
-        For a mesh in 3-D, a degree outside 1..6.
+    OptionError
+        For a degree outside 1..6.
     """
 
     mesh: Mesh
@@ -86,14 +63,12 @@ class Basis:
     scaled: bool = False
 
     def __post_init__(self) -> None:
-        if self.mesh.dim != 2:
-            raise MeshError(f"PolyDG takes 2-D meshes; given {self.mesh!r}")
         require_count("degree", self.degree, 1, 6)
 
     @property
     def n_local(self) -> int:
-        """Unknowns of a cell, (p + 1)(p + 2) / 2."""
-        return (self.degree + 1) * (self.degree + 2) // 2
+        """Unknowns of a cell: (p + 1)(p + 2) / 2, in 3-D times (p + 3) / 3."""
+        return n_polynomials(self.degree, self.mesh.dim)
 
     @property
     def n(self) -> int:
@@ -102,7 +77,9 @@ class Basis:
 
     @cached_property
     def boxes(self) -> Float:
-        """Bounding boxes ``(n_cells, 6)``: centre from the mesh's origin, half sides, direction of one."""
+        """Bounding boxes ``(n_cells, 6)``: centre from the mesh's origin, half sides; in 2-D a direction."""
+        if self.mesh.dim == 3:
+            return boxes_of_solids(self.mesh)
         from agglo_polydg_mg.legendre_kernels import bounding_boxes
 
         mesh, least = self.mesh, _FILL if self.scaled else 0.0
@@ -115,16 +92,26 @@ class Basis:
 
         return frozen_float(np.concatenate(over_ranges(boxes, mesh.n_cells)))
 
+    @property
+    def centres(self) -> Float:
+        """Centres ``(n_cells, d)`` of the boxes, from the mesh's origin."""
+        return self.boxes[:, : self.mesh.dim]
+
+    @property
+    def halves(self) -> Float:
+        """Half sides ``(n_cells, d)`` of the boxes."""
+        return self.boxes[:, self.mesh.dim : 2 * self.mesh.dim]
+
     @cached_property
     def scale(self) -> Float:
         """Factor of the polynomials of each cell ``(n_cells,)``: 1 unless ``scaled``."""
-        quarter = self.boxes[:, 2] * self.boxes[:, 3]
+        quarter = self.halves.prod(axis=1)
         return frozen_float(1 / np.sqrt(quarter) if self.scaled else np.ones(len(quarter)))
 
     @property
     def fill(self) -> Float:
         """Part of its box that each cell fills ``(n_cells,)``."""
-        return frozen_float(self.mesh.cell_measures / (4.0 * self.boxes[:, 2] * self.boxes[:, 3]))
+        return frozen_float(self.mesh.cell_measures / (2.0**self.mesh.dim * self.halves.prod(axis=1)))
 
     @cached_property
     def across(self) -> Int:
@@ -136,8 +123,17 @@ class Basis:
         """Blocks of a matrix that joins neighbours, as rows; see ``block_pattern`` in ``face_kernels``."""
         from agglo_polydg_mg.face_kernels import block_pattern
 
-        indptr, indices, diagonal, slots = block_pattern(*self.mesh.cell_faces, self.mesh.face_cells)
+        if self.mesh.dim == 3:
+            joined = self.sides.cell_offsets, self.sides.cell_sides, self.sides.cells
+        else:
+            joined = *self.mesh.cell_faces, self.mesh.face_cells
+        indptr, indices, diagonal, slots = block_pattern(*joined)
         return frozen_int(indptr), frozen_int(indices), frozen_int(diagonal), frozen_int(slots)
+
+    @cached_property
+    def sides(self) -> Sides:
+        """Sides of the cells of a mesh in 3-D: what two cells share is one, however many faces it has."""
+        return sides_of(self.mesh)
 
     @cached_property
     def _integrals(self) -> Float:
@@ -151,27 +147,40 @@ class Basis:
         """
         if callable(field):
             return weighted_moments(self.mesh, field, self.boxes, degree, name)
-        values, count = per_cell(field, self.mesh.n_cells, name), (degree + 1) * (degree + 2) // 2
+        values, count = per_cell(field, self.mesh.n_cells, name), n_polynomials(degree, self.mesh.dim)
         if not values.any():
             return np.zeros((len(values), count))
         return np.asarray(self._integrals[:, :count] * values[:, None])
 
     def values(self, cells: Int, points: Float) -> Float:
-        """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, 2)`` relative to the origin."""
-        i, j = orders(self.degree).T
-        lx, ly = (legendre(x, self.degree) for x in self._inside(cells, points))
-        return np.asarray((lx[i] * ly[j] * self.scale[cells]).T)
+        """Polynomials ``(q, n_local)`` of ``cells (q,)`` at ``points (q, d)`` relative to the origin."""
+        lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
+        return np.asarray((self._products(lines) * self.scale[cells]).T)
 
     def gradients(self, cells: Int, points: Float) -> Float:
-        """Their gradients ``(q, 2, n_local)``."""
-        (i, j), (c, s) = orders(self.degree).T, self.boxes[cells, 4:].T
-        lx, ly = (legendre(x, self.degree) for x in self._inside(cells, points))
-        both = np.stack((slopes(lx)[i] * ly[j], lx[i] * slopes(ly)[j]))
-        along, across = both * self.scale[cells] / self.boxes[cells, 2:4].T[:, None]
-        return np.transpose(np.stack((c * along - s * across, s * along + c * across)), (2, 0, 1))
+        """Their gradients ``(q, d, n_local)``."""
+        lines = [legendre(x, self.degree) for x in self._inside(cells, points)]
+        steep = [
+            self._products([slopes(line) if at == axis else line for at, line in enumerate(lines)])
+            for axis in range(len(lines))
+        ]
+        found = np.stack(steep) * self.scale[cells] / self.halves[cells].T[:, None]
+        if self.mesh.dim == 2:
+            (c, s), (along, across) = self.boxes[cells, 4:].T, found
+            found = np.stack((c * along - s * across, s * along + c * across))
+        return np.transpose(found, (2, 0, 1))
+
+    def _products(self, lines: list[Float]) -> Float:
+        """Products ``(n_local, q)`` of polynomials ``(degree + 1, q)`` along each axis."""
+        first, *rest = (line[own] for line, own in zip(lines, orders(self.degree, len(lines)).T, strict=True))
+        for each in rest:
+            first = first * each
+        return first
 
     def _inside(self, cells: Int, points: Float) -> Float:
-        """Coordinates ``(2, q)`` of points in the boxes of cells, −1..1 inside."""
+        """Coordinates ``(d, q)`` of points in the boxes of cells, −1..1 inside."""
+        if self.mesh.dim == 3:
+            return np.asarray(((points - self.centres[cells]) / self.halves[cells]).T)
         box = self.boxes[cells]
         (x, y), (c, s) = (points - box[:, :2]).T, box[:, 4:].T
         return np.stack((c * x + s * y, c * y - s * x)) / box[:, 2:4].T
@@ -179,7 +188,7 @@ class Basis:
     def evaluate(self, x: Float, cells: Int, points: Float) -> Float:
         """Values ``(q,)`` of the function with coefficients ``x (n,)`` in a cell each.
 
-        ``cells (q,)`` and ``points (q, 2)`` belong together. Points are in user coordinates,
+        ``cells (q,)`` and ``points (q, d)`` belong together. Points are in user coordinates,
         and need not lie in the cells.
         """
         values = self.values(cells, np.asarray(points, float) - self.mesh.origin)
@@ -194,7 +203,7 @@ class Basis:
     def constants(self, values: Float) -> Float:
         """Coefficients ``(n,)`` of the function with constant ``values (n_cells,)`` on each cell."""
         x = np.zeros((self.mesh.n_cells, self.n_local))
-        x[:, 0] = 2.0 * values / self.scale  # L₀ is the root of 1/2
+        x[:, 0] = 2.0 ** (0.5 * self.mesh.dim) * values / self.scale  # L₀ is the root of 1/2
         return frozen_float(x.ravel())
 
     def project(self, function: Field | Callable[[Float], Float]) -> Float:
@@ -207,65 +216,22 @@ class Basis:
     def mass_blocks(self) -> Float:
         """Mass matrix ∫ φ_i φ_j of each cell ``(n_cells, n_local, n_local)``."""
         integrals = moments(self.mesh, self.boxes, 2 * self.degree)
-        return frozen_float(products([integrals * self.scale[:, None] ** 2], self.degree, [(0, 0)]))
+        return frozen_float(
+            products([integrals * self.scale[:, None] ** 2], self.degree, [(0,) * self.mesh.dim])
+        )
 
     def mass(self) -> sparse.bsr_array:
         """Mass matrix, block diagonal."""
         return block_diagonal(self.mass_blocks)
 
 
-def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, int]]) -> Float:
-    """Blocks ``(n, m, m)`` of the integrals of products of derivatives of polynomials, summed over a list.
-
-    A product of two Legendre polynomials is a sum of Legendre polynomials, so what is needed of a cell
-    are the integrals ``(n, k)`` of polynomials up to the degree of the product; each of the list is taken
-    with one pair of orders of differentiation in x and y.
-    """
-    from agglo_polydg_mg.legendre_kernels import sparse_products
-
-    size = (degree + 1) * (degree + 2) // 2
-    blocks = np.zeros((len(integrals[0]), size, size))
-    for weights, (dx, dy) in zip(integrals, derivatives, strict=True):
-        most = (int(np.sqrt(8 * weights.shape[1] + 1)) - 3) // 2
-        given, terms = frozen_float(weights), _expansion(degree, most, dx, dy)
-        over_ranges(
-            lambda start, stop: sparse_products(given[start:stop], *terms, blocks[start:stop]),  # noqa: B023
-            len(blocks),
-        )
-    return blocks
-
-
 def stiffness(basis: Basis, kappa: Field) -> Float:
     """∫ κ∇φ_i·∇φ_j of each cell ``(n_cells, n_local, n_local)``."""
     integrals = basis.weighted_moments(kappa, 2 * basis.degree - 2, "kappa")
     integrals *= (basis.scale**2)[:, None]
-    along = [integrals / basis.boxes[:, k, None] ** 2 for k in (2, 3)]
-    return products(along, basis.degree, [(1, 0), (0, 1)])
-
-
-@cache
-def _expansion(degree: int, most: int, dx: int, dy: int) -> tuple[Int, Int, Float]:
-    """Products of derivatives of two polynomials as sums of polynomials of degree ``most`` or less.
-
-    Pairs of the two ``(t, 2)``, polynomials ``(t,)`` and factors ``(t,)`` of the terms that are not 0.
-    """
-    i, j = orders(degree).T
-    a, b = orders(most).T
-    first, second = np.tril_indices(len(i))
-    along_x, along_y = _triple(degree, dx), _triple(degree, dy)
-    table = along_x[i[first], i[second], a[:, None]] * along_y[j[first], j[second], b[:, None]]
-    pairs, columns = np.nonzero(np.abs(table.T) > 1e-13 * np.abs(table).max())
-    places = np.stack((first[pairs], second[pairs]), axis=1)
-    return frozen_int(places), frozen_int(columns), frozen_float(table[columns, pairs])
-
-
-@cache
-def _triple(degree: int, derivative: int) -> Float:
-    """Integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
-    nodes, weights = gauss(2 * degree + 1)
-    values = legendre(nodes, 2 * degree)
-    low = slopes(values[: degree + 1]) if derivative else values[: degree + 1]
-    return np.asarray(np.einsum("iq,kq,aq,q->ika", low, low, values, weights))
+    along = [integrals / half[:, None] ** 2 for half in basis.halves.T]
+    once = [tuple(row) for row in np.eye(len(along), dtype=int).tolist()]
+    return products(along, basis.degree, once)
 
 
 def block_diagonal(blocks: Float) -> sparse.bsr_array:

@@ -9,7 +9,8 @@ import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, OptionError, frozen_int
 from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.quadrature import face_points, gauss, per_cell, sample
+from agglo_polydg_mg.face_quadrature import FaceRule, face_rule, on_pieces
+from agglo_polydg_mg.quadrature import per_cell, sample
 
 __all__ = [
     "Boundary",
@@ -19,6 +20,7 @@ __all__ = [
     "dirichlet_load",
     "dirichlet_values",
     "neumann_load",
+    "rule_of",
 ]
 
 
@@ -85,12 +87,12 @@ def _require_dirichlet(mesh: Mesh, dirichlet: np.ndarray) -> None:
 def boundary_values(
     mesh: Mesh, boundary: Boundary, data: Mapping[int, Field], faces: Int, points: Float, name: str
 ) -> Float:
-    """Data ``(f, q)`` on boundary ``faces (f,)`` at ``points (f, q, 2)``, 0 where the tag has none."""
+    """Data ``(t, q)`` on boundary ``faces (t,)`` at ``points (t, q, d)``, 0 where the tag has none."""
     values = np.zeros(points.shape[:2])
     for tag, field in data.items():
         on = boundary.tags[faces] == tag
         if callable(field):
-            given = sample(field, points[on].reshape(-1, 2) + mesh.origin, f"{name} of tag {tag}")
+            given = sample(field, points[on].reshape(-1, mesh.dim) + mesh.origin, f"{name} of tag {tag}")
             values[on] = given.reshape(-1, points.shape[1])
         else:
             cells = per_cell(field, mesh.n_cells, f"{name} of tag {tag}")
@@ -99,11 +101,16 @@ def boundary_values(
 
 
 def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
-    """Dirichlet data ``(f, q)`` at the Gauss points of ``boundary.dirichlet (f,)``."""
+    """Dirichlet data ``(t, q)`` at the points of the :func:`rule_of` the faces ``boundary.dirichlet``."""
     if not problem.dirichlet:
         return np.zeros((len(boundary.dirichlet), basis.degree + 2))
-    points = face_points(basis.mesh, boundary.dirichlet, basis.degree + 2)
-    return boundary_values(basis.mesh, boundary, problem.dirichlet, boundary.dirichlet, points, "dirichlet")
+    rule = rule_of(basis, boundary.dirichlet)
+    return boundary_values(basis.mesh, boundary, problem.dirichlet, rule.faces, rule.points, "dirichlet")
+
+
+def rule_of(basis: Basis, faces: Int) -> FaceRule:
+    """Points of faces at which boundary data are taken."""
+    return face_rule(basis.mesh, faces, basis.degree + 2)
 
 
 def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
@@ -112,13 +119,15 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
     In each component of the domain it is the number nearest to 0 between the least and the largest of the
     data: 0 if they change sign. Only faces count whose κ is at least a hundredth of the largest: they decide
     what rounding does. A constant added to the data is added to the solution, whatever κ, and alters nothing
-    else. ``kappa (n_faces, 1 or q)`` is the coefficient in the owner.
+    else. ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces.
     """
-    mesh, faces = basis.mesh, boundary.dirichlet
+    mesh = basis.mesh
     g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
     if not g.any():
         return np.zeros(mesh.n_cells)
-    of_face, of_kappa = component[mesh.face_cells[faces, 0]], kappa[faces].max(axis=1)
+    rule = rule_of(basis, boundary.dirichlet)
+    of_face = component[mesh.face_cells[rule.faces, 0]]
+    of_kappa = on_pieces(kappa, boundary.dirichlet, rule).max(axis=1)
     n = int(component.max()) + 1
     largest, least, most = np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf)
     np.maximum.at(largest, of_face, of_kappa)
@@ -129,40 +138,38 @@ def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Flo
 
 
 def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
-    """Map from data g ``(f, q)`` to its right-hand side ``(n_cells, n_local)``: ∫ σκ g v − κ g ∂v/∂n.
+    """Map from data g ``(t, q)`` to its right-hand side ``(n_cells, n_local)``: ∫ σκ g v − κ g ∂v/∂n.
 
-    g is given as by :func:`dirichlet_values`; ``kappa (n_faces, 1 or q)`` is the coefficient in the owner,
-    ``sigma (n_faces,)`` the penalty.
+    g is given as by :func:`dirichlet_values`; ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners
+    of the Dirichlet faces, ``sigma (n_faces,)`` the penalty.
     """
-    mesh, faces = basis.mesh, boundary.dirichlet
-    points, weights, tests = _traces(basis, faces)
-    cells = np.repeat(mesh.face_cells[faces, 0], points.shape[1])
-    slopes = basis.gradients(cells, points.reshape(-1, 2))
-    normals = np.repeat(mesh.face_normals[faces], points.shape[1], axis=0)
+    mesh, rule = basis.mesh, rule_of(basis, boundary.dirichlet)
+    tests, faces = _traces(basis, rule), rule.faces
+    cells = np.repeat(mesh.face_cells[faces, 0], rule.points.shape[1])
+    slopes = basis.gradients(cells, rule.points.reshape(-1, mesh.dim))
+    normals = np.repeat(rule.normals, rule.points.shape[1], axis=0)
     fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(tests.shape)
-    tests = kappa[faces][:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
-    return lambda g: _gathered(basis, faces, weights * g, tests)
+    own = on_pieces(kappa, boundary.dirichlet, rule)
+    tests = own[:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
+    return lambda g: _gathered(basis, faces, rule.weights * g, tests)
 
 
 def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
     """Right-hand side ``(n_cells, n_local)`` of Neumann data: ∫ flux v."""
-    faces = boundary.natural
-    points, weights, tests = _traces(basis, faces)
-    g = boundary_values(basis.mesh, boundary, problem.neumann, faces, points, "neumann")
-    return _gathered(basis, faces, weights * g, tests)
+    rule = rule_of(basis, boundary.natural)
+    g = boundary_values(basis.mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
+    return _gathered(basis, rule.faces, rule.weights * g, _traces(basis, rule))
 
 
-def _traces(basis: Basis, faces: Int) -> tuple[Float, Float, Float]:
-    """Gauss points ``(f, q, 2)`` of faces, weights ``(f, q)``, values of the basis ``(f, q, n_local)``."""
-    n = basis.degree + 2
-    points = face_points(basis.mesh, faces, n)
-    weights = basis.mesh.face_measures[faces][:, None] * gauss(n)[1] / 2
-    tests = basis.values(np.repeat(basis.mesh.face_cells[faces, 0], n), points.reshape(-1, 2))
-    return points, weights, tests.reshape(len(faces), n, basis.n_local)
+def _traces(basis: Basis, rule: FaceRule) -> Float:
+    """Values ``(t, q, n_local)`` of the polynomials of the owners at the points of a rule."""
+    count, n, dim = rule.points.shape
+    cells = np.repeat(basis.mesh.face_cells[rule.faces, 0], n)
+    return basis.values(cells, rule.points.reshape(-1, dim)).reshape(count, n, basis.n_local)
 
 
 def _gathered(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
-    """Σ_q values (f, q) tests (f, q, k), summed over the faces of each cell."""
+    """Σ_q values (t, q) tests (t, q, k), summed over the faces of each cell."""
     load = np.zeros((basis.mesh.n_cells, basis.n_local))
-    np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("fq,fqk->fk", values, tests))
+    np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))
     return load

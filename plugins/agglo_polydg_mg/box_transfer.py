@@ -6,8 +6,9 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int
-from agglo_polydg_mg.basis import Basis, legendre, one_per_row, orders
-from agglo_polydg_mg.quadrature import gauss
+from agglo_polydg_mg.basis import Basis, one_per_row
+from agglo_polydg_mg.gauss_points import gauss
+from agglo_polydg_mg.polynomials import legendre, orders
 
 __all__ = ["project_between"]
 
@@ -35,21 +36,28 @@ def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array
     labels = np.asarray(labels)
     if labels.shape != (fine.mesh.n_cells,) or labels.max() + 1 != coarse.mesh.n_cells:
         raise OptionError(f"labels of shape {labels.shape} do not lead from {fine.mesh!r} to {coarse.mesh!r}")
-    outer, inner = coarse.boxes[labels], fine.boxes
     blocks = np.empty((len(labels), fine.n_local, coarse.n_local))
-    turned = (outer[:, 5] != 0.0) | (inner[:, 5] != 0.0)
-    some = np.flatnonzero(turned)
-    blocks[some] = _sampled(fine, coarse, frozen_int(some), frozen_int(labels[some]))
-    outer, inner, others = outer[~turned], inner[~turned], labels[~turned]
-    shift = inner[:, :2] - outer[:, :2] + (fine.mesh.origin - coarse.mesh.origin)
-    along_x, along_y = (
-        _restricted(shift[:, k] / outer[:, 2 + k], inner[:, 2 + k] / outer[:, 2 + k], fine.degree)
-        for k in range(2)
-    )
-    (i, j), (k, m) = orders(coarse.degree).T, orders(fine.degree).T
-    stretched = along_x[:, k[:, None], i] * along_y[:, m[:, None], j]
-    blocks[~turned] = stretched * (coarse.scale[others] / fine.scale[~turned])[:, None, None]
+    turned = np.zeros(len(labels), bool)
+    if fine.mesh.dim == 2:
+        turned = (coarse.boxes[labels, 5] != 0.0) | (fine.boxes[:, 5] != 0.0)
+        some = np.flatnonzero(turned)
+        blocks[some] = _sampled(fine, coarse, frozen_int(some), frozen_int(labels[some]))
+    blocks[~turned] = _stretched(fine, coarse, frozen_int(np.flatnonzero(~turned)), labels[~turned])
     return one_per_row(blocks, labels, (fine.n, coarse.n))
+
+
+def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
+    """Coefficients ``(n, fine.n_local, coarse.n_local)`` where boxes have the same directions."""
+    outer, inner = coarse.halves[labels], fine.halves[cells]
+    shift = fine.centres[cells] - coarse.centres[labels] + (fine.mesh.origin - coarse.mesh.origin)
+    dim = fine.mesh.dim
+    found = np.ones((len(cells), fine.n_local, coarse.n_local))
+    for axis, (into, of) in enumerate(
+        zip(orders(fine.degree, dim).T, orders(coarse.degree, dim).T, strict=True)
+    ):
+        along = _restricted(shift[:, axis] / outer[:, axis], inner[:, axis] / outer[:, axis], fine.degree)
+        found *= along[:, into[:, None], of]
+    return np.asarray(found * (coarse.scale[labels] / fine.scale[cells])[:, None, None])
 
 
 def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:

@@ -139,7 +139,7 @@ class ComposedMultigrid:
             If problem, hierarchy and parts do not fit together, no level is coarser than the mesh, data are
             not finite, or the cycle is not linear and symmetric where ``outer`` is ``cg``.
         MeshError
-            For a mesh in 3-D, or of cells that overlap themselves; for such agglomerates if rediscretised.
+            For a mesh of cells that overlap themselves; for such agglomerates if rediscretised.
         """
         watch = Stopwatch()
         labels = chosen_levels(hierarchy, self.levels)

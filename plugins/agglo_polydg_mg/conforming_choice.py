@@ -20,6 +20,9 @@ _LAYERS = 0.02
 """A mesh has layers if this part of its inner faces is weak: in both cells a jump costs less than 0.1 of what
 it may cost at another face."""
 _CONTRAST = 1e8
+_HEXAHEDRON = 6
+_BAD_IN_SPACE = 0.03
+"""The part of strong faces from which tetrahedra are bad: on slivers the continuous space loses conjugacy."""
 _SMOOTH = 100.0
 """Up to this ratio of the largest to the smallest κ aggregates serve as well as classical levels."""
 
@@ -47,6 +50,8 @@ class Difficulty:
         Part of the inner faces that are strong.
     reason : str
         What of the mesh decided, in words, for a report.
+    recipe : "conforming", "patches" or "agglomerates"
+        That of the solver.
     """
 
     smoother: Literal["cells", "groups", "patches"]
@@ -57,6 +62,7 @@ class Difficulty:
     dtype: Any
     strong: float
     reason: str
+    recipe: Literal["conforming", "patches", "agglomerates"] = "conforming"
 
 
 def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficulty:
@@ -72,6 +78,8 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     * Degree 1 on another mesh that is not bad, with κ of about one size: aggregates of vertices, in the
       W-cycle. They are cheap, and alone slow. Classical levels elsewhere, in the V-cycle: they hold where
       couplings jump or point one way, and their matrices are fuller.
+    * In space: a continuous space if most cells have at most 6 faces, smoothed agglomerates if not;
+      vertex patches on bad meshes, and on tetrahedra and hexahedra where κ spans more than two decades.
     * Double precision where κ spans more than eight decades.
 
     Parameters
@@ -94,6 +102,8 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     '0 % strong faces, at most 4 faces a cell'
     """
     strong = _strong_part(mesh, sigma)
+    if mesh.dim == 3:
+        return _in_space(mesh, strong, kappa, degree)
     sides = np.diff(mesh.cell_faces[0])
     bad, faces = strong > _BAD, int(sides.max())
     layers = bool(np.mean(sides > 4) < 0.5) and _weak_part(mesh, sigma) > _LAYERS
@@ -114,6 +124,26 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
         dtype=dtype,
         strong=strong,
         reason=reason,
+    )
+
+
+def _in_space(mesh: Mesh, strong: float, kappa: Float, degree: int) -> Difficulty:
+    """Tetrahedra and hexahedra have a continuous space, bad meshes and jumps patches, others single cells."""
+    contrast = float(kappa.max() / kappa.min())
+    sides = np.diff(mesh.cell_faces[0])
+    polyhedra = bool(np.mean(sides > _HEXAHEDRON) > 0.5)
+    bad = strong > _BAD if polyhedra else strong > _BAD_IN_SPACE or contrast > _SMOOTH
+    recipe: Literal["conforming", "patches", "agglomerates"] = "agglomerates" if polyhedra else "conforming"
+    return Difficulty(
+        "patches" if bad else "cells",
+        bubbles=not polyhedra,
+        vertices="aggregates" if contrast <= _SMOOTH else "classical",
+        layers=False,
+        kind="W" if degree == 1 and recipe == "conforming" else "V",
+        dtype=np.float64 if contrast > _CONTRAST else np.float32,
+        strong=strong,
+        reason=f"{100 * strong:.0f} % strong faces, at most {sides.max()} faces a cell",
+        recipe="patches" if bad else recipe,
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.legendre_kernels import along_box
 
-__all__ = ["cluster_vertices", "corner_unknowns", "corners_of_cells", "fit_traces"]
+__all__ = ["cluster_vertices", "corner_unknowns", "corners_of_cells", "fit_traces", "solve_rows"]
 
 
 @helper
@@ -150,7 +150,7 @@ def _add_point(weight, values, normal, n):
 
 
 @helper
-def _solve(normal, right, n, count):
+def solve_rows(normal, right, n, count):
     """Replace the rows of ``right (count, n)`` by solutions; ``normal`` becomes its Cholesky factor."""
     for i in range(n):
         for j in range(i + 1):
@@ -255,7 +255,7 @@ def fit_traces(
             for _ in range(total + 1):
                 normal[k, k] += regularisation * total * total if total > 1 else 0.0
                 k += 1
-        _solve(normal, right, n, count)
+        solve_rows(normal, right, n, count)
         column = corners
         for h in range(offsets[c], offsets[c + 1]):
             f = faces[h]

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_float, frozen_index, frozen_int
 from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.quadrature import gauss
+from agglo_polydg_mg.gauss_points import gauss
 
 __all__ = ["ConformingSpace", "bubble_signs", "conforming_space", "directions"]
 

@@ -17,8 +17,9 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.coupling_network import coupling_network
 from agglo_polydg_mg.nodal_traces import nodal_basis, nodal_network
+from agglo_polydg_mg.solid_space import solid_space
 
-__all__ = ["conforming_stack", "labels_of_unknowns"]
+__all__ = ["cell_sweeps", "conforming_stack", "labels_of_unknowns"]
 
 _SMALL = 1e-5
 """Entries of the matrix with bubbles below this times the root of both diagonal ones are left out."""
@@ -93,7 +94,10 @@ def conforming_stack(
         Precision of the cycle; matrices are set up in double precision.
     """
     nodal = layers and vertices == "classical" and bubbles and basis.degree > 1
-    space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal)
+    if basis.mesh.dim == 2:
+        space = conforming_space(basis, sigma, kappa, bubbles=bubbles, orthogonal=not nodal)
+    else:
+        space = solid_space(basis, bubbles=bubbles)
     inner = space.n > space.n_vertices
     even = smoother is None and not (inner or layers) and kappa.max() <= _ONE_SIZE * kappa.min()
     held = _SMALLEST_KAPPA * kappa.min() / kappa.max()

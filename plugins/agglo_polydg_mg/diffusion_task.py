@@ -146,7 +146,7 @@ class DiffusionTask:
 
         Aggregates of vertices come as well from the graph of their matrix (a recipe with a continuous space).
         """
-        return not self.hierarchy.levels and (self.plan.recipe == "patches" or self.count is not None)
+        return not self.hierarchy.levels and (self.plan.recipe != "conforming" or self.count is not None)
 
     @cached_property
     def labels(self) -> list[Int]:
@@ -188,7 +188,7 @@ class DiffusionTask:
     def parts(self, stack: Any) -> tuple[int | None, ...]:
         """Agglomerates of each level; None of a level with unknowns at vertices."""
         below, cells = stack.levels[1:], self.hierarchy.graph.n
-        if self.plan.recipe != "patches":
+        if self.plan.recipe == "conforming":
             return cells, *(None for _ in below)
         return cells, *(int(each.labels.max()) + 1 for each in below)
 

@@ -93,7 +93,7 @@ class Direct:
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-            For a mesh in 3-D, or of cells that overlap themselves.
+            For a mesh of cells that overlap themselves.
         """
         watch = Stopwatch()
         with watch("assemble"), phase(progress, "assembling"):

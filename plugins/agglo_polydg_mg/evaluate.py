@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.authoring import Float, Int, Mesh, OptionError, frozen_int
 from agglo_polydg_mg.basis import Basis
+from agglo_polydg_mg.locate_solids import cells_that_hold
 
 __all__ = ["evaluate", "locate"]
 
@@ -14,7 +15,7 @@ _NEAR = 1e-9  # of the mesh's size: points on a face may miss both of its cells 
 
 
 def evaluate(basis: Basis, x: Float, points: ArrayLike) -> Float:
-    """Values ``(q,)`` of the function with coefficients ``x (n,)`` at ``points (q, 2)``; NaN outside.
+    """Values ``(q,)`` of the function with coefficients ``x (n,)`` at ``points (q, d)``; NaN outside.
 
     On a face, where the function has two values, that of the cell with the lower number.
 
@@ -37,13 +38,15 @@ def locate(mesh: Mesh, points: ArrayLike) -> Int:
     Raises
     ------
     OptionError
-        For points of another shape than ``(q, 2)``.
+        For points of another shape than ``(q, d)``.
     """
+    points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != mesh.dim:
+        raise OptionError(f"points must have shape (q, {mesh.dim}); given {points.shape}")
+    if mesh.dim == 3:
+        return cells_that_hold(mesh, np.asarray(points - mesh.origin))
     import shapely
 
-    points = np.asarray(points, dtype=float)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise OptionError(f"points must have shape (q, 2); given {points.shape}")
     tree = shapely.STRtree(mesh.to_shapely())
     cells = np.full(len(points), mesh.n_cells)
     np.minimum.at(cells, *tree.query(shapely.points(points), predicate="intersects"))

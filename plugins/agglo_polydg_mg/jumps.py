@@ -9,18 +9,18 @@ from functools import cached_property
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Int, frozen_int
-from agglo_polydg_mg.assembly import face_coefficients, jump_penalty, positive, stiffness
+from agglo_polydg_mg.assembly import jump_penalty, positive, stiffness
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import Boundary, boundary_faces, boundary_values, data_offset
+from agglo_polydg_mg.face_quadrature import face_coefficients, face_rule, on_pieces
 from agglo_polydg_mg.penalty import Penalty
-from agglo_polydg_mg.quadrature import face_points, gauss
 
 __all__ = ["EnergyNorm", "jumps", "offset_of"]
 
 _FACES = 20_000  # taken at once
 
 Outside = Callable[[Int, Float], Float]
-"""Values ``(f, q)`` outside of boundary faces ``(f,)`` at points ``(f, q, 2)`` relative to the origin."""
+"""Values ``(t, q)`` outside of boundary faces ``(t,)`` at points ``(t, q, d)`` relative to the origin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,30 +71,34 @@ class EnergyNorm:
 
 def offset_of(basis: Basis, problem: Diffusion) -> Float:
     """The :func:`~agglo_polydg_mg.boundary.data_offset` of a problem ``(n_cells,)``."""
-    on_faces = face_coefficients(basis.mesh, positive(basis.mesh, problem.kappa), basis.degree + 2)
-    return data_offset(basis, problem, boundary_faces(basis.mesh, problem), on_faces[:, 0])
+    mesh, boundary = basis.mesh, boundary_faces(basis.mesh, problem)
+    kappa = positive(mesh, problem.kappa)
+    own = face_coefficients(mesh, kappa, boundary.dirichlet, basis.degree + 2)[:, 0]
+    return data_offset(basis, problem, boundary, own)
 
 
 def jumps(basis: Basis, x: Float, outside: Outside, kappa: Field, sigma: Float) -> float:
     """Σ_F γσ ‖[u]‖² over interior and Dirichlet faces, of the function with coefficients ``x (n,)``."""
     mesh, n, total = basis.mesh, basis.degree + 4, 0.0
-    on_faces, weights = face_coefficients(mesh, kappa, n), gauss(n)[1]
     chosen = np.flatnonzero(sigma > 0)
     for first in range(0, len(chosen), _FACES):
         faces = frozen_int(chosen[first : first + _FACES])
-        points = face_points(mesh, faces, n)
-        inner, both = mesh.face_cells[faces, 1] >= 0, on_faces[faces]
-        jump = _traces(basis, x, mesh.face_cells[faces, 0], points)
-        jump[inner] -= _traces(basis, x, mesh.face_cells[faces[inner], 1], points[inner])
-        jump[~inner] -= outside(frozen_int(faces[~inner]), points[~inner])
+        rule = face_rule(mesh, faces, n)
+        own, points = rule.faces, rule.points
+        inner, both = (
+            mesh.face_cells[own, 1] >= 0,
+            on_pieces(face_coefficients(mesh, kappa, faces, n), faces, rule),
+        )
+        jump = _traces(basis, x, mesh.face_cells[own, 0], points)
+        jump[inner] -= _traces(basis, x, mesh.face_cells[own[inner], 1], points[inner])
+        jump[~inner] -= outside(frozen_int(own[~inner]), points[~inner])
         harmonic = 2 * both[:, 0] * (both[:, 1] / both.sum(axis=1))  # κ itself where both sides agree
-        scaled = (sigma * mesh.face_measures)[faces, None] * harmonic
-        total += float((0.5 * weights * scaled * jump**2).sum())
+        total += float((rule.weights * sigma[own, None] * harmonic * jump**2).sum())
     return total
 
 
 def _traces(basis: Basis, x: Float, cells: Int, points: Float) -> Float:
-    """Values ``(f, q)`` of the function in ``cells (f,)`` at ``points (f, q, 2)``."""
-    values = basis.values(np.repeat(cells, points.shape[1]), points.reshape(-1, 2))
+    """Values ``(f, q)`` of the function in ``cells (f,)`` at ``points (f, q, d)``."""
+    values = basis.values(np.repeat(cells, points.shape[1]), points.reshape(-1, points.shape[2]))
     rows = np.repeat(basis.coefficients(x)[cells], points.shape[1], axis=0)
     return np.asarray(np.einsum("qk,qk->q", values, rows).reshape(points.shape[:2]))

@@ -47,7 +47,7 @@ def errors(
     x : (n,) float
     problem : Diffusion
         Its ``exact`` solution must be continuous across faces.
-    gradient : callable of points ``(q, 2)`` returning ``(q, 2)``, optional
+    gradient : callable of points ``(q, d)`` returning ``(q, d)``, optional
         Of the exact solution; by default its central differences over a ten-thousandth of the box.
     penalty : float, "paper" or "sharp"
         The penalty of the discretisation, which the DG norm contains.
@@ -77,7 +77,7 @@ def errors(
         sums += batch.weights @ e**2, square.sum(), here @ square
 
     def outside(faces: Int, points: Float) -> Float:
-        values = sample(exact, points.reshape(-1, 2) + basis.mesh.origin, "exact")
+        values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
         return values.reshape(points.shape[:2]) - c[basis.mesh.face_cells[faces, 0], None]
 
     sums[2] += jumps(basis, rest, outside, kappa, sigma)
@@ -85,7 +85,7 @@ def errors(
 
 
 def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:
-    """Gradient ``(q, 2)`` of a callable by central differences of fourth order.
+    """Gradient ``(q, d)`` of a callable by central differences of fourth order.
 
     The steps grow with what the offset ``(n_cells,)`` exceeds all the rest by: the callable's own rounding is
     of its size.
@@ -93,11 +93,13 @@ def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, b
     cells = batch.cells
     centres = sample(exact, batch.points + basis.mesh.origin, "exact") - offset[cells]
     excess = float(np.abs(offset).max()) / (float(np.abs(centres).max()) or 1.0)
-    sides, (c, s) = basis.boxes[:, 2:4], np.abs(basis.boxes[:, 4:].T[:, :, None])
-    extents = c * sides + s * sides[:, ::-1]  # along the axes
+    extents = basis.halves
+    if basis.mesh.dim == 2:
+        c, s = np.abs(basis.boxes[:, 4:].T[:, :, None])
+        extents = c * extents + s * extents[:, ::-1]  # along the axes
     steps = _STEP * max(1.0, excess) ** 0.2 * extents[cells]
     result = np.empty_like(steps)
-    for axis in range(2):
+    for axis in range(basis.mesh.dim):
         h = np.zeros_like(steps)
         h[:, axis] = steps[:, axis]
         at = [

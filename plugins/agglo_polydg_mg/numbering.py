@@ -35,7 +35,7 @@ __all__ = ["Numbering", "numbering_for"]
 _FEW: Final = 10_000
 """Cells whose systems are near enough to the processor in any order."""
 _SCATTERED: Final = 4.0
-"""Mean difference of the numbers of neighbours over the root of all: .5 row by row or along a curve."""
+"""Mean difference of the numbers of neighbours over √n, in 3-D n^⅔: .5 row by row or along a curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
         If the hierarchy belongs to another mesh.
     """
     mesh, graph = hierarchy.fine, hierarchy.graph
-    if mesh is None or mesh.dim != 2 or graph.n < _FEW or not _scattered(graph.indptr, graph.indices):
+    if mesh is None or graph.n < _FEW or not _scattered(graph.indptr, graph.indices, mesh.dim):
         return Numbering(hierarchy)
     cells = curve_order(graph.centroids)
     there = own_mesh(hierarchy).renumbered(cells)
@@ -146,11 +146,11 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
     return Numbering(replace(hierarchy, fine=there, graph=there.graph, levels=levels), cells)
 
 
-def _scattered(indptr: Int, indices: Int) -> bool:
+def _scattered(indptr: Int, indices: Int, dim: int) -> bool:
     """Whether neighbours are far from one another by their numbers."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
-    return bool(distances.mean() > _SCATTERED * np.sqrt(n)) if len(distances) else False
+    return bool(distances.mean() > _SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
 
 
 def _taken(values: Float, rows: Int) -> Float:

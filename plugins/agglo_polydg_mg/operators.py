@@ -212,7 +212,7 @@ def level_spaces(problem: Problem, hierarchy: Hierarchy, labels: Sequence[Int], 
     OptionError
         As :func:`fine_system`.
     MeshError
-        For a mesh in 3-D, or of cells that overlap themselves; what rediscretises for agglomerates that do.
+        For a mesh of cells that overlap themselves; what rediscretises for agglomerates that do.
     """
     fine = fine_system(problem, hierarchy, how)
     offsets = frozen_int(np.arange(0, fine.A.shape[0] + 1, fine.width))

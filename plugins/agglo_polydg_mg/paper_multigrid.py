@@ -121,7 +121,7 @@ class PaperMultigrid(ComposedMultigrid):
         OptionError
             If problem and hierarchy do not fit, no level is coarser than the mesh, or data are not finite.
         MeshError
-            For a mesh in 3-D, or of cells or agglomerates that overlap themselves.
+            For a mesh of cells or agglomerates that overlap themselves; in 3-D, that are not convex.
         """
         solution = super().solve(problem, hierarchy, progress)
         if solution.converged or solution.iterations >= self.max_iterations:

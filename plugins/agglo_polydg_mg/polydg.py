@@ -71,15 +71,15 @@ class PolyDG:
         require_truth("scaled_basis", self.scaled_basis)
 
     def basis(self, mesh: Mesh) -> Basis:
-        """Basis of the space on a mesh; a mesh in 3-D is a MeshError.
+        """Basis of the space on a mesh.
 
-        With the sharp penalty edges that continue one another between two cells are one side.
+        With the sharp penalty, in 2-D, edges that continue one another between two cells are one side.
         """
         seen = with_straight_sides(mesh) if self.penalty == "sharp" else mesh
         return Basis(seen, self.degree, self.scaled_basis)
 
     def check(self, problem: Problem, mesh: Mesh) -> None:
-        """Raise MeshError for a mesh in 3-D, OptionError for boundary data that do not fit."""
+        """Raise OptionError for boundary data that do not fit."""
         self.basis(mesh)
         boundary_faces(mesh, _diffusion(problem))
 
@@ -108,11 +108,11 @@ class PolyDG:
         return self.basis(mesh).project(function)
 
     def evaluate(self, mesh: Mesh, x: Float, points: Float) -> Float:
-        """Values ``(q,)`` at points ``(q, 2)``; NaN outside."""
+        """Values ``(q,)`` at points ``(q, d)``; NaN outside."""
         return evaluate(self.basis(mesh), x, points)
 
     def sample(self, mesh: Mesh, x: Float) -> Samples:
-        """The function at points of triangles that make up the cells."""
+        """The function at points of triangles, or tetrahedra, that make up the cells."""
         return samples_of(self.basis(mesh), x)
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:

@@ -33,7 +33,8 @@ class PolyDGMultigrid:
     recipe : "auto", "conforming", "patches" or "agglomerates"
         A continuous space inside the discontinuous one, with its own multigrid on the graph of its matrix,
         or on agglomerates if given (:mod:`~agglo_polydg_mg.conforming_stack`); or polynomials on
-        agglomerates, smoothed patch by patch (:mod:`~agglo_polydg_mg.patch_recipe`). Linear systems take
+        agglomerates, smoothed patch by patch (:mod:`~agglo_polydg_mg.patch_recipe`), or in 3-D cell by cell
+        ("agglomerates"). Linear systems take
         "auto", or "agglomerates" where the agglomerates are to be the aggregates even of a matrix with one
         unknown in each cell.
     cycle : "auto", "V", "W", "F" or "K"
@@ -94,7 +95,7 @@ class PolyDGMultigrid:
         OptionError
             If problem and hierarchy do not fit, or data are not finite.
         MeshError
-            For a mesh in 3-D, or of cells that overlap themselves.
+            Of cells that overlap themselves.
         """
         return self.repeated(hierarchy).solve(problem, progress)
 

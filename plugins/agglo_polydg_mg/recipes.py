@@ -27,6 +27,8 @@ PRECISIONS: Final = ("auto", "single", "double")
 
 _FINE: Final = (1e-33, 1e35)
 """Entries of the diagonal that single precision holds with room for products and sums."""
+_LOW: Final = 1
+"""Degree of polynomials on agglomerates in space: levels of full degree take more time than they save."""
 _CELLS_PER_PART: Final = 8
 _FEWEST: Final = 60
 """Parts of the coarsest level that is made by default."""
@@ -45,7 +47,7 @@ class Wishes:
 class Plan:
     """How the levels of a system are to be made; ``reason`` says it in words."""
 
-    recipe: Literal["conforming", "patches"]
+    recipe: Literal["conforming", "patches", "agglomerates"]
     cycle: Literal["V", "W", "F", "K"]
     dtype: Any
     smoother: Literal["cells", "groups", "patches"]
@@ -53,10 +55,13 @@ class Plan:
     vertices: Literal["aggregates", "classical"]
     layers: bool
     reason: str
+    solid: bool = False
 
     @property
     def kind(self) -> Kind:
         """Of system, as advice knows them."""
+        if self.solid:
+            return "solids"
         return "cells" if self.smoother == "cells" and self.bubbles else "groups"
 
     def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
@@ -67,8 +72,10 @@ class Plan:
         LinAlgError
             If a matrix is not positive definite.
         """
-        if self.recipe == "patches":
-            return patch_stack(basis, fine.A, labels, self.dtype)
+        if self.recipe != "conforming":
+            low = _LOW if self.solid else None
+            overlap = self.recipe == "patches"
+            return patch_stack(basis, fine.A, labels, self.dtype, overlap=overlap, coarse_degree=low)
         offsets = np.arange(0, fine.A.shape[0] + 1, fine.width)
         system = System.trusted(fine.A, fine.b, offsets, basis.mesh)
         given = (system, basis, _required(fine.sigma), cell_means(basis.mesh, problem.kappa))
@@ -92,24 +99,25 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     Raises
     ------
     OptionError
-        For the recipe ``"agglomerates"``.
+        For the recipe ``"agglomerates"`` in the plane.
     """
-    if wishes.recipe == "agglomerates":
+    solid = basis.mesh.dim == 3
+    if wishes.recipe == "agglomerates" and not solid:
         raise OptionError("recipe 'agglomerates' is for linear systems; a diffusion problem takes another")
     double = {"auto": None, "single": False, "double": True}[wishes.precision]
     found = difficulty(basis.mesh, _required(fine.sigma), cell_means(basis.mesh, problem.kappa), basis.degree)
-    recipe: Any = "conforming" if wishes.recipe == "auto" else wishes.recipe
+    recipe: Any = found.recipe if wishes.recipe == "auto" else wishes.recipe
     by_default = "W" if recipe == "patches" else found.kind
     kind: Any = by_default if wishes.cycle == "auto" else wishes.cycle
     sizes = fine.A.diagonal()
     far = not (sizes.min() > _FINE[0] and sizes.max() < _FINE[1])
     by_itself = np.float64 if far else found.dtype
     dtype = by_itself if double is None else (np.float64 if double else np.float32)
-    smoother: Any = "patches" if recipe == "patches" else found.smoother
+    smoother: Any = {"patches": "patches", "agglomerates": "cells"}.get(recipe, found.smoother)
     below = "its aggregates" if found.vertices == "aggregates" else "classical levels"
-    space = "smoothed agglomerates" if recipe == "patches" else f"continuous space and {below}"
+    space = f"continuous space and {below}" if recipe == "conforming" else "smoothed agglomerates"
     reason = f"{space}, {smoother}, {kind}-cycle, {np.dtype(dtype).name} ({found.reason})"
-    return Plan(recipe, kind, dtype, smoother, found.bubbles, found.vertices, found.layers, reason)
+    return Plan(recipe, kind, dtype, smoother, found.bubbles, found.vertices, found.layers, reason, solid)
 
 
 def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[Int]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from agglo_core.authoring import Field, Float, frozen_float, over_ranges
 from agglo_polydg_mg.basis import Basis, stiffness
-from agglo_polydg_mg.quadrature import gauss
+from agglo_polydg_mg.gauss_points import gauss
 
 __all__ = ["UnitForms"]
 
@@ -32,7 +32,9 @@ class UnitForms:
 
     @property
     def fit(self) -> bool:
-        """Whether all together take 2 GiB or less."""
+        """Whether there are any, which is so in 2-D, and all together take 2 GiB or less."""
+        if self.basis.mesh.dim != 2:
+            return False
         m, mesh = self.basis.n_local, self.basis.mesh
         numbers = mesh.n_faces * 2 * m * (2 * m + 1) + mesh.n_cells * m * m
         return 8 * (numbers + len(mesh.cell_faces[1]) * ((m - 1) * m // 2 + 1)) <= _MOST

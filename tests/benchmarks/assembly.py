@@ -6,6 +6,8 @@ Squares and random Voronoi cells of the unit square, one thread, CPU seconds of 
 warm-up, best of the repeats; the mesh with its faces, areas and boxes is at hand. ``kernels`` is
 ``discretise``: penalty, matrix and right-hand side. ``numpy`` is the matrix alone, by the tests' reference
 (quadrature points, einsum, one sparse sum), on fewer cells as it needs far more memory.
+
+Then tetrahedra, cubes and Voronoi cells of the unit cube, a quarter as many, with the sharp penalty.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
+from math import comb
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +42,13 @@ MESHES: dict[str, Callable[[int], Mesh]] = {
 }
 
 
+SOLIDS: dict[str, Callable[[int], Mesh]] = {
+    "tetrahedra": lambda n: samples.tetrahedra(round((n / 6) ** (1 / 3))),
+    "boxes": lambda n: samples.boxes(round(n ** (1 / 3))),
+    "solids": lambda n: samples.voronoi_solids(n, seed=0),
+}
+
+
 def cpu(call: Callable[[], Any], repeats: int) -> float:
     """Least CPU seconds of a call."""
     found = []
@@ -51,7 +61,8 @@ def cpu(call: Callable[[], Any], repeats: int) -> float:
 
 def ready(mesh: Mesh) -> Mesh:
     """The mesh, with what it computes once and keeps."""
-    _ = mesh.cell_faces, mesh.cell_vertices, mesh.cell_measures, mesh.face_normals, mesh.boundary_loops
+    _ = mesh.cell_faces, mesh.cell_vertices, mesh.cell_measures, mesh.face_normals
+    _ = mesh.boundary_loops if mesh.dim == 2 else None
     return mesh
 
 
@@ -83,6 +94,19 @@ def main() -> None:
             print(
                 f"{name:<10}{mesh.n_cells:>8}{p:>3}{unknowns:>10}{seconds:>8.3f}"
                 f"{unknowns / seconds / 1e6:>13.2f}{numpy_rate(small, p) / 1e6:>11.3f}",
+                flush=True,
+            )
+    discretise(samples.voronoi_solids(20), 1, problem, penalty="sharp")
+    for name, build in SOLIDS.items():
+        mesh = ready(build(options.cells // 4))
+        for p in options.degrees:
+            unknowns = mesh.n_cells * comb(p + 3, 3)
+            seconds = cpu(
+                lambda mesh=mesh, p=p: discretise(mesh, p, problem, penalty="sharp"), options.repeats
+            )
+            print(
+                f"{name:<10}{mesh.n_cells:>8}{p:>3}{unknowns:>10}{seconds:>8.3f}"
+                f"{unknowns / seconds / 1e6:>13.2f}",
                 flush=True,
             )
 

@@ -4,9 +4,10 @@
                                      [--meshes NAME ...] [--solvers NAME ...] [--hierarchy BISECTOR]
                                      [--tolerance T] [--repeats N]
 
-PolyDG for −∇·(κ∇u) = 8 on the unit square, one thread, CPU seconds of this process, best of the repeats after
-a warm-up at the same degree. Everybody gets the same mesh; direct solvers and PyAMG get the matrix of the
-solver that is judged. ``set-up`` is factorisation, hierarchy and levels; solvers of agglo make levels by
+PolyDG for −∇·(κ∇u) = 8 on the unit square; or on the unit cube, for meshes in space, which are left out
+unless they are named. One thread, CPU seconds of this process, best of the repeats after a warm-up at the
+same degree. Everybody gets the same mesh; direct solvers and PyAMG get the matrix of the solver that is
+judged. ``set-up`` is factorisation, hierarchy and levels; solvers of agglo make levels by
 themselves, or (the paper's, or with ``--hierarchy``) are given some with mean sizes of 8, 64, 512, … cells;
 assembly is apart. ``1e-6`` and ``1e-10`` are iterations to these tolerances by the solver's own test; seconds
 are for ``--tolerance``. ``ratio`` is set-up and solve over those of the best direct solver in the same row of
@@ -30,12 +31,13 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from importlib.util import find_spec
+from math import comb
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import cg
-from solve_cases import MESHES, problem_on
+from solve_cases import MESHES, SOLID, problem_on
 
 from agglo_core import AggloError, Hierarchy, Mesh, agglomerate
 from agglo_core.authoring import parse_spec
@@ -46,6 +48,7 @@ from agglo_polydg_mg.direct_backends import BACKENDS
 Row = dict[str, Any]
 PAPER = "polydg_mg_paper"
 MOST = 3000  # iterations of PyAMG
+PLANE = [name for name in MESHES if name not in SOLID]
 
 
 def clocked(call: Callable[[], Any]) -> tuple[float, Any]:
@@ -139,7 +142,7 @@ def measured(case: Row) -> Row:
 def one(case: Row, mesh: Mesh, problem: Diffusion) -> Row:
     """One run on a mesh."""
     name, degree = case["solver"], case["degree"]
-    unknowns = mesh.n_cells * (degree + 1) * (degree + 2) // 2
+    unknowns = mesh.n_cells * comb(degree + mesh.dim, mesh.dim)
     size = {"cells": mesh.n_cells, "unknowns": unknowns}
     if name not in BACKENDS and name != "pyamg":
         grown, hierarchy = clocked(lambda: levels_for(case, mesh))
@@ -226,7 +229,7 @@ def main() -> None:
     parser.add_argument("--solver", default="polydg_mg", help="the component that is judged")
     parser.add_argument("--cells", type=int, nargs="+", default=[4_096, 16_384])
     parser.add_argument("--degrees", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--meshes", nargs="+", choices=MESHES, default=list(MESHES))
+    parser.add_argument("--meshes", nargs="+", choices=MESHES, default=PLANE)
     parser.add_argument("--solvers", nargs="*", default=None, help="rivals (default: all installed)")
     parser.add_argument("--hierarchy", metavar="BISECTOR", help="levels for the solvers of agglo")
     parser.add_argument("--tolerance", type=float, choices=(1e-6, 1e-10), default=1e-10)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.spatial import Delaunay
 
-from agglo_core import Mesh, samples
+from agglo_core import Mesh, agglomerate, samples
+from agglo_core.mesh.elements import polyhedra_from_elements
 from agglo_core.problems import Diffusion
 
 
@@ -25,6 +28,33 @@ def graded(cells: int, ratio: float) -> Mesh:
     return Mesh.from_polygons(np.column_stack((layers, y)), even.boundary_loops.vertices.reshape(-1, 4))
 
 
+def edge(cells: int, each: int = 1) -> int:
+    """Cubes along an edge of a grid with so many cells, ``each`` of them to a cube."""
+    return max(2, round((cells / each) ** (1 / 3)))
+
+
+def slivers(n: int) -> Mesh:
+    """Delaunay tetrahedra of random points, as flat as they come, of about so many cells."""
+    rng, per_edge = np.random.default_rng(0), edge(n, 7)
+    inside, grid = rng.random((per_edge**3, 3)), np.array(list(product(range(per_edge), repeat=3)))
+    outer = (grid == 0) | (grid == per_edge - 1)
+    moves = np.where(outer, 0.0, rng.uniform(-0.3, 0.3, grid.shape))
+    surface = ((grid + moves) / (per_edge - 1))[outer.any(axis=1)]
+    points = np.concatenate((inside, surface))
+    cells = Delaunay(points).simplices.astype(np.int64)
+    volumes = np.linalg.det(points[cells[:, 1:]] - points[cells[:, :1]])
+    cells[volumes < 0.0] = cells[volumes < 0.0][:, [0, 2, 1, 3]]
+    kept = cells[np.abs(volumes) > 1e-10]
+    return Mesh.from_polyhedra(points, polyhedra_from_elements({"tetra": kept}))
+
+
+def lumps(n: int) -> Mesh:
+    """So many agglomerates of eight tetrahedra."""
+    fine = samples.tetrahedra(edge(8 * n, 6))
+    how: Any = {"bisector": "coordinate", "refiners": (), "polish": False}
+    return fine.coarsen(agglomerate(fine, cells_per_part=8, **how).levels[0])
+
+
 def half(n: int) -> int:
     """Points of about twice as many triangles."""
     return max(8, n // 2)
@@ -35,6 +65,11 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
     "triangles": lambda n: samples.triangles(side(n // 2)),
     "voronoi": lambda n: samples.voronoi(n, seed=0),
     "random": lambda n: samples.random_triangles(half(n), seed=0),
+    "boxes": lambda n: samples.boxes(edge(n)),
+    "tetrahedra": lambda n: samples.tetrahedra(edge(n, 6)),
+    "solids": lambda n: samples.voronoi_solids(n, seed=0),
+    "lumps": lumps,
+    "slivers": slivers,
     "graded": lambda n: graded(n, 1e3),
     "layers": lambda n: graded(n, 1e6),
     "halves": lambda n: samples.voronoi(n, seed=0),
@@ -42,8 +77,10 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
     "jumps": lambda n: samples.voronoi(n, seed=0),
     "contrasts": lambda n: samples.voronoi(n, seed=0),
 }
-"""Meshes by name: graded by 1e3 and, ``layers``, by 1e6; Voronoi cells with κ of 1 and 1e6 by halves, as a
+"""Meshes by name. Graded by 1e3 and, ``layers``, by 1e6; Voronoi cells with κ of 1 and 1e6 by halves, as a
 checkerboard and, ``contrasts``, cell by cell at random; on ``jumps`` log-uniform in 1e±3 cell by cell."""
+SOLID = ("boxes", "tetrahedra", "solids", "lumps", "slivers")
+"""Those in space: ``solids`` are Voronoi cells, ``lumps`` agglomerates of eight tetrahedra."""
 
 
 def problem_on(name: str, mesh: Mesh) -> Diffusion:

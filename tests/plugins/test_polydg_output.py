@@ -17,8 +17,8 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.evaluate import evaluate, locate
 from agglo_polydg_mg.norms import errors
-from agglo_polydg_mg.quadrature import triangulate
 from agglo_polydg_mg.sampling import sampled, samples_of
+from agglo_polydg_mg.triangulation import triangulate
 
 Array = NDArray[np.float64]
 

@@ -14,15 +14,16 @@ from scipy.sparse.linalg import spsolve
 import agglo_core as agglo
 from agglo_core import Mesh, OptionError, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import discretise, face_coefficients, jump_penalty, positive, stiffness
+from agglo_polydg_mg.assembly import discretise, jump_penalty, positive, stiffness
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.bound_kernels import largest_bounds
+from agglo_polydg_mg.face_quadrature import all_faces, face_coefficients, face_rule
+from agglo_polydg_mg.gauss_points import gauss
 from agglo_polydg_mg.legendre_kernels import LANES
 from agglo_polydg_mg.norms import Errors, errors
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
 from agglo_polydg_mg.plain_cg import PlainCG
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.quadrature import face_points, gauss
 from agglo_polydg_mg.sharp_penalty import MARGIN
 from agglo_polydg_mg.trace_kernels import side_penalties
 
@@ -67,7 +68,10 @@ def energies(mesh: Mesh, degree: int, problem: Diffusion) -> tuple[Array, Array]
     natural = np.flatnonzero((mesh.face_cells[:, 1] < 0) & ~_held(mesh, problem))
     sigma = jump_penalty(basis, kappa, "sharp", natural)
     rule = degree + 2
-    on, points = face_coefficients(mesh, kappa, rule), face_points(mesh, np.arange(mesh.n_faces), rule)
+    on, points = (
+        face_coefficients(mesh, kappa, all_faces(mesh), rule),
+        face_rule(mesh, np.arange(mesh.n_faces), rule).points,
+    )
     m, norm = basis.n_local, np.zeros((basis.n, basis.n))
     blocks = stiffness(basis, kappa)
     for c in range(mesh.n_cells):
@@ -168,7 +172,7 @@ def test_what_a_cell_asks_is_enough_and_no_more(callable_kappa: bool) -> None:
     mesh, degree = scattered(samples.voronoi(40, seed=4), 5, np.random.default_rng(1)), 3
     basis = Basis(mesh, degree)
     kappa = positive(mesh, WAVE.kappa if callable_kappa else np.linspace(1, 9, 5))
-    on, blocks = face_coefficients(mesh, kappa, degree + 2), stiffness(basis, kappa)
+    on, blocks = face_coefficients(mesh, kappa, all_faces(mesh), degree + 2), stiffness(basis, kappa)
     rule = degree if on.shape[2] == 1 else degree + 2
     fill = mesh.cell_measures / (4 * basis.boxes[:, 2] * basis.boxes[:, 3])
     asked = np.zeros((mesh.n_faces, 2))
@@ -180,7 +184,7 @@ def test_what_a_cell_asks_is_enough_and_no_more(callable_kappa: bool) -> None:
     for c in range(mesh.n_cells):
         sums = np.zeros_like(blocks[c])
         for f, side in zip(*np.nonzero(mesh.face_cells == c), strict=True):
-            points = face_points(mesh, np.array([f]), rule)[0]
+            points = face_rule(mesh, np.array([f]), rule).points[0]
             slopes = basis.gradients(np.full(rule, c), points).transpose(0, 2, 1) @ mesh.face_normals[f]
             own, other = on[f, side], on[f, 1 - side]
             share = own if mesh.face_cells[f, 1] < 0 else 0.5 * own * other / (own + other)
@@ -209,13 +213,13 @@ def test_what_cells_ask_is_what_the_formulas_say(degree: int) -> None:
     """Of more cells than are taken at a time."""
     mesh, rng = samples.voronoi(90, seed=7), np.random.default_rng(degree)
     basis, kappa = Basis(mesh, degree, True), rng.uniform(1, 9, mesh.n_cells)
-    on, blocks = face_coefficients(mesh, kappa, degree), stiffness(basis, kappa)
+    on, blocks = face_coefficients(mesh, kappa, all_faces(mesh), degree), stiffness(basis, kappa)
     expected = np.zeros((mesh.n_faces, 2))
     for c in range(mesh.n_cells):
         faces, sides = np.nonzero(mesh.face_cells == c)
         forms = []
         for f, side in zip(faces, sides, strict=True):
-            points = face_points(mesh, np.array([f]), degree)[0]
+            points = face_rule(mesh, np.array([f]), degree).points[0]
             slopes = basis.gradients(np.full(degree, c), points).transpose(0, 2, 1) @ mesh.face_normals[f]
             own, other = on[f, side, 0], on[f, 1 - side, 0]
             share = own if mesh.face_cells[f, 1] < 0 else 0.5 * own * other / (own + other)

@@ -16,7 +16,7 @@ from scipy.io import loadmat
 from scipy.sparse.linalg import eigsh, spsolve
 
 import agglo_core as agglo
-from agglo_core import AggloError, Mesh, MeshError, OptionError, samples
+from agglo_core import AggloError, Mesh, OptionError, samples
 from agglo_core.problems import Diffusion, System
 from agglo_polydg_mg.assembly import cell_means, discretise, load
 from agglo_polydg_mg.basis import Basis
@@ -359,7 +359,6 @@ BAD: dict[str, tuple[dict[str, object], type[AggloError], str]] = {
     "an unknown tag": ({"dirichlet": {7: 0.0}}, OptionError, r"tag 7; the boundary has the tags \[0\]"),
     "a tag twice": ({"dirichlet": {0: 0.0}, "neumann": {0: 0.0}}, OptionError, "give one of them"),
     "no penalty": ({"penalty": 0.0}, OptionError, "penalty constant must be positive"),
-    "3-D": ({"mesh": samples.boxes}, MeshError, "2-D"),
 }
 
 
@@ -367,7 +366,7 @@ BAD: dict[str, tuple[dict[str, object], type[AggloError], str]] = {
 def test_bad_input_is_refused(name: str) -> None:
     given, kind, message = BAD[name]
     data = {key: given[key] for key in ("kappa", "source", "dirichlet", "neumann") if key in given}
-    mesh = samples.boxes(1) if "mesh" in given else samples.squares(2)
+    mesh = samples.squares(2)
     with pytest.raises(kind, match=message):
         discretise(mesh, given.get("degree", 2), Diffusion(**data), penalty=given.get("penalty", 10.0))
 

@@ -9,9 +9,10 @@ from random_diffusion import graded
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.problems import Diffusion, Solution
 from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.basis import Basis, legendre, orders
+from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.polynomials import legendre, orders
 from agglo_polydg_mg.quadrature import inside, moments
 
 SEED = int(np.random.default_rng().integers(10**6))

@@ -1,0 +1,296 @@
+"""PolyDG in space, against an assembly made slowly from points of tetrahedra and triangles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import eigvalsh
+from scipy.sparse.linalg import eigsh, spsolve
+
+from agglo_core import Mesh, MeshError, samples
+from agglo_core.problems import Diffusion
+from agglo_polydg_mg.assembly import discretise, jump_penalty, positive
+from agglo_polydg_mg.basis import Basis, stiffness
+from agglo_polydg_mg.box_transfer import project_between
+from agglo_polydg_mg.evaluate import evaluate, locate
+from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.sampling import sampled
+from agglo_polydg_mg.sharp_penalty import MARGIN
+from agglo_polydg_mg.sides import sides_of
+
+Array = NDArray[np.float64]
+NONE = np.empty(0, np.int64)
+
+
+def hollow() -> Mesh:
+    """Cubes in parts of any shape: one is hollow and holds another, others have a tunnel or branches."""
+    fine = samples.boxes(6)
+    c = fine.cell_centroids
+    seeds = np.random.default_rng(0).random((9, 3))
+    labels = np.argmin(((c[:, None] - seeds) ** 2).sum(axis=2), axis=1)
+    labels[np.abs(c - 0.4).max(axis=1) < 0.3] = 9
+    labels[np.abs(c - 0.4).max(axis=1) < 0.1] = 10
+    labels[(np.abs(c[:, :2] - 0.75).max(axis=1) < 0.1)] = 11
+    return fine.coarsen(np.unique(labels, return_inverse=True)[1])
+
+
+def tagged(mesh: Mesh) -> Mesh:
+    """Boundary faces of value 2 where z = 1, of value 1 elsewhere."""
+    top = mesh.face_centroids[:, 2] > 1 - 1e-9
+    return replace(mesh, face_tags={"boundary": np.where(top, 2, 1)})
+
+
+MESHES = {
+    "hexahedra": samples.boxes(3),
+    "tetrahedra": samples.tetrahedra(2),
+    "random tetrahedra": samples.random_tetrahedra(8, seed=3),
+    "Voronoi": samples.voronoi_solids(15, seed=1),
+    "agglomerates of Voronoi cells": samples.voronoi_solids(40, seed=2).coarsen(np.arange(40) % 7),
+    "hollow": hollow(),
+}
+
+
+def gauss_tetrahedron(n: int) -> tuple[Array, Array]:
+    """Points and weights by the numpy of a cube, folded onto a tetrahedron."""
+    x, w = np.polynomial.legendre.leggauss(n)
+    r, s, t = (each.ravel() for each in np.meshgrid(*[(1 + x) / 2] * 3, indexing="ij"))
+    weights = np.einsum("i,j,k->ijk", w, w, w).ravel() / 8 * (1 - s) * (1 - t) ** 2
+    return np.stack((r * (1 - s) * (1 - t), s * (1 - t), t), axis=1), weights
+
+
+def gauss_triangle(n: int) -> tuple[Array, Array]:
+    x, w = np.polynomial.legendre.leggauss(n)
+    s, t = (each.ravel() for each in np.meshgrid((1 + x) / 2, (1 + x) / 2, indexing="ij"))
+    return np.stack((s * (1 - t), t), axis=1), np.outer(w, w).ravel() / 4 * (1 - t)
+
+
+def loops(mesh: Mesh) -> list[Array]:
+    """Corners of each face, from the mesh's origin."""
+    return [mesh.local_points[each] for each in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]
+
+
+def slow_matrix(mesh: Mesh, degree: int, kappa: Array, sigma: Array) -> Array:
+    """The bilinear form, point by point, dense; cells are signed tetrahedra over their faces."""
+    basis, m = Basis(mesh, degree, True), Basis(mesh, degree).n_local
+    A = np.zeros((basis.n, basis.n))
+    faces, (points3, weights3), (points2, weights2) = (
+        loops(mesh),
+        gauss_tetrahedron(degree + 2),
+        gauss_triangle(degree + 2),
+    )
+    for c in range(mesh.n_cells):
+        own = slice(c * m, c * m + m)
+        for f, side in zip(*np.nonzero(mesh.face_cells == c), strict=True):
+            corner, ring = faces[f][0], faces[f]
+            for b, d in pairwise(ring[1:]):
+                edges = np.array((corner, b, d))  # the origin is the last corner
+                volume = np.linalg.det(edges) * (1 - 2 * side)
+                slopes = basis.gradients(np.full(len(points3), c), points3 @ edges)
+                A[own, own] += kappa[c] * np.einsum("q,qdi,qdj->ij", volume * weights3, slopes, slopes)
+    for f, (a, b) in enumerate(mesh.face_cells):
+        cells = [a] if b < 0 else [a, b]
+        k = np.array(kappa[cells])
+        mean = k[0] if b < 0 else k[0] * k[1] / k.sum()
+        ring = faces[f]
+        for first, second in pairwise(ring[1:]):
+            across = np.cross(first - ring[0], second - ring[0])
+            area, normal = np.linalg.norm(across), mesh.face_normals[f]
+            at = ring[0] + points2 @ np.array((first - ring[0], second - ring[0]))
+            jump, flux = np.zeros((len(at), basis.n)), np.zeros((len(at), basis.n))
+            for sign, c in zip((1.0, -1.0), cells, strict=False):
+                own = slice(c * m, c * m + m)
+                jump[:, own] = sign * basis.values(np.full(len(at), c), at)
+                flux[:, own] = mean * np.einsum("d,qdi->qi", normal, basis.gradients(np.full(len(at), c), at))
+            w = np.sign(across @ normal) * area * weights2[:, None]
+            stiff = sigma[f] * mean * (1 if b < 0 else 2)
+            A += jump.T @ (stiff * w * jump) - jump.T @ (w * flux) - flux.T @ (w * jump)
+    return A
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_matrices_are_those_of_a_slow_assembly(name: str, degree: int) -> None:
+    mesh = MESHES[name]
+    kappa = np.random.default_rng(1).choice([1.0, 1e3], mesh.n_cells)
+    sigma = jump_penalty(Basis(mesh, degree, True), kappa, "sharp", NONE)
+    A = discretise(mesh, degree, Diffusion(kappa=kappa), penalty="sharp", scaled_basis=True).A.toarray()
+    expected = slow_matrix(mesh, degree, kappa, sigma)
+    scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+    assert np.abs((A - expected) / scale).max() < 1e-11
+    assert (A == A.T).all()
+    assert eigvalsh(A / scale)[0] > 0
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_polynomials_are_reproduced(name: str, degree: int) -> None:
+    """Values given on all sides but one, the flux there; κ is one number, and a function."""
+    mesh = tagged(MESHES[name])
+
+    def exact(x: Array) -> Array:
+        return np.asarray((x @ (1.0, -0.5, 2.0) + 0.3) ** degree)
+
+    def flux(x: Array) -> Array:
+        return 2.0 * degree * 2.0 * (x @ (1.0, -0.5, 2.0) + 0.3) ** (degree - 1)
+
+    def source(x: Array) -> Array:
+        return -2.0 * degree * (degree - 1) * 5.25 * (x @ (1.0, -0.5, 2.0) + 0.3) ** max(degree - 2, 0)
+
+    for kappa in (2.0, lambda x: np.full(len(x), 2.0)):
+        problem = Diffusion(kappa=kappa, source=source, dirichlet={1: exact}, neumann={2: flux}, exact=exact)
+        how = PolyDG(degree, "sharp", scaled_basis=True)
+        system = how.assemble(problem, mesh)
+        x = spsolve(system.A.tocsc(), system.b)
+        expected = how.project(mesh, exact)
+        assert np.abs(x - expected).max() < 1e-9 * np.abs(expected).max()
+        found = errors(how.basis(mesh), x, problem, penalty="sharp")
+        assert found.l2 < 1e-9
+        assert found.dg < 1e-7
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_a_constant_penalty_serves_convex_cells(degree: int) -> None:
+    mesh = samples.boxes(2)
+    sigma = jump_penalty(Basis(mesh, degree), np.ones(8), 10.0, NONE)
+    np.testing.assert_allclose(sigma, 3 * 10 * degree**2 / 0.5)
+    with pytest.raises(MeshError, match="convex cells, and cells"):
+        discretise(MESHES["hollow"], degree, Diffusion())
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("degree", [1, 2])
+def test_the_sharp_penalty_keeps_its_margin(name: str, degree: int) -> None:
+    """Least eigenvalue of A beside the DG norm, made of jumps without normal derivatives."""
+    mesh, rng = MESHES[name], np.random.default_rng(2)
+    kappa = 10.0 ** rng.integers(-3, 4, mesh.n_cells)
+    basis = Basis(mesh, degree, True)
+    sigma = jump_penalty(basis, kappa, "sharp", NONE)
+    huge = slow_matrix(mesh, degree, kappa, 1e9 * sigma)
+    plain = slow_matrix(mesh, degree, kappa, 0.0 * sigma)
+    inside, m = np.zeros_like(plain), basis.n_local
+    for c, block in enumerate(stiffness(basis, positive(mesh, kappa))):
+        inside[c * m : c * m + m, c * m : c * m + m] = block
+    jumps = (huge - plain) / 1e9
+    least = eigvalsh(plain + jumps, inside + jumps)[0]
+    assert least > MARGIN - 1e-6
+
+
+def test_energies_do_not_lock_and_eigenvalues_converge() -> None:
+    """f = 8 on the unit cube: 1.2908; C = 10 leaves .806 with degree 1. The least eigenvalue is 3 π²."""
+    mesh = samples.boxes(8)
+    energies = {}
+    for penalty in ("sharp", 10.0):
+        system = discretise(mesh, 1, Diffusion(source=8.0), penalty=penalty, scaled_basis=True)
+        energies[penalty] = float(system.b @ spsolve(system.A.tocsc(), system.b))
+    assert energies["sharp"] == pytest.approx(1.2908, rel=0.01)
+    assert energies[10.0] == pytest.approx(0.806, rel=0.01)
+    gaps = []
+    for n in (2, 4, 6):
+        mesh = samples.boxes(n)
+        system = discretise(mesh, 2, Diffusion(), penalty="sharp", scaled_basis=True)
+        least = eigsh(system.A.tocsc(), 1, Basis(mesh, 2, True).mass().tocsc(), 0.0)[0][0]
+        gaps.append(abs(least / (3 * np.pi**2) - 1))
+    assert gaps[2] < 0.005
+    assert gaps[0] > 7 * gaps[1]
+
+
+def sine(x: Array) -> Array:
+    return np.asarray(np.sin(np.pi * x).prod(axis=1))
+
+
+def quarters(n: int) -> Mesh:
+    """Blocks of 8 cubes each, with every other one grown into its neighbour."""
+    mesh = samples.boxes(4 * n)
+    c = np.floor(mesh.cell_centroids * 4 * n).astype(int)
+    bent = c.copy()
+    bent[:, 0] += np.where((c[:, 1] % 2 == 1) & (c[:, 0] < 4 * n - 1), 1, 0)
+    return mesh.coarsen(np.unique(bent // 2 @ (1, 4 * n, 16 * n * n), return_inverse=True)[1])
+
+
+ORDERS = {
+    "hexahedra": (samples.boxes, ((8, 12), (3, 6), (3, 6))),
+    "tetrahedra": (samples.tetrahedra, ((6, 10), (2, 4), (2, 4))),
+    "Voronoi": (lambda n: samples.voronoi_solids(n**3, seed=0), ((8, 12), (3, 6), (3, 6))),
+    "agglomerates": (quarters, ((4, 6), (2, 3), (2, 3))),
+}
+_SLOW = ("Voronoi", "agglomerates")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in _SLOW else name for name in ORDERS]
+)
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_errors_fall_with_the_size_of_the_cells(name: str, degree: int) -> None:
+    """By their orders, p + 1 in L2 and p in the DG norm."""
+    build, sizes = ORDERS[name]
+    problem = Diffusion(source=lambda x: 3 * np.pi**2 * sine(x), exact=sine)
+    found, how = [], PolyDG(degree, "sharp", scaled_basis=True)
+    for n in sizes[degree - 1]:
+        mesh = build(n)
+        system = how.assemble(problem, mesh)
+        x = spsolve(system.A.tocsc(), system.b)
+        found.append(errors(how.basis(mesh), x, problem, penalty="sharp"))
+    finer = np.log(sizes[degree - 1][1] / sizes[degree - 1][0])
+    assert np.log(found[0].l2 / found[1].l2) / finer > degree + 1 - 0.3
+    assert np.log(found[0].dg / found[1].dg) / finer > degree - 0.2
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_transfers_are_injections(name: str) -> None:
+    """A polynomial of an agglomerate has the same values in its cells."""
+    mesh = MESHES[name]
+    labels = np.arange(mesh.n_cells) // 3
+    fine, coarse = Basis(mesh, 3, True), Basis(mesh.coarsen(labels), 2, True)
+    x = np.random.default_rng(3).standard_normal(coarse.n)
+    cells = np.repeat(np.arange(mesh.n_cells), 5)
+    points = mesh.cell_centroids[cells] + 0.1 * np.random.default_rng(4).standard_normal((len(cells), 3))
+    expected = coarse.evaluate(x, labels[cells], points)
+    y = project_between(fine, coarse, labels) @ x
+    np.testing.assert_allclose(fine.evaluate(y, cells, points), expected, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_points_are_found_in_their_cells(name: str) -> None:
+    mesh = MESHES[name]
+    basis = Basis(mesh, 1, True)
+    points = np.random.default_rng(5).random((400, 3)) * 1.2 - 0.1
+    cells = locate(mesh, points)
+    outside = ((points < 0) | (points > 1)).any(axis=1)
+    np.testing.assert_array_equal(cells < 0, outside)
+    values = evaluate(basis, basis.constants(np.arange(mesh.n_cells, dtype=float)), points)
+    np.testing.assert_allclose(values[~outside], cells[~outside], atol=1e-9)
+    if name == "hexahedra":
+        np.testing.assert_array_equal(cells[~outside], np.floor(points[~outside] * 3) @ (1, 3, 9))
+        assert locate(mesh, np.array([[1 / 3, 1 / 3, 1 / 3], [1, 1, 1], [2, 2, 2]])).tolist() == [0, 26, -1]
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_samples_fill_the_cells(degree: int) -> None:
+    mesh = MESHES["Voronoi"]
+    cells, points, simplices = sampled(Basis(mesh, degree))
+    corners = points[simplices]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+    assert (volumes > 0).all()
+    np.testing.assert_allclose(np.bincount(cells[simplices[:, 0]], volumes), mesh.cell_measures)
+    with pytest.raises(MeshError, match="star-shaped"):
+        sampled(Basis(MESHES["hollow"], degree))
+
+
+def test_sides_are_what_two_cells_share() -> None:
+    for mesh in MESHES.values():
+        sides = sides_of(mesh)
+        pairs = {tuple(sorted(each)) for each in mesh.face_cells.tolist() if each[1] >= 0}
+        inner = sides.cells[sides.cells[:, 1] >= 0]
+        assert sorted(map(tuple, inner.tolist())) == sorted(pairs)
+        for s, (a, b) in enumerate(sides.cells.tolist()):
+            faces = sides.faces[sides.offsets[s] : sides.offsets[s + 1]]
+            assert (sides.of_faces[faces] == s).all()
+            assert {tuple(sorted(each)) for each in mesh.face_cells[faces].tolist()} == {
+                tuple(sorted((a, b)))
+            }
+            assert b >= 0 or (mesh.face_normals[faces] @ mesh.face_normals[faces].T > 0).all()
