@@ -15,7 +15,7 @@ __all__ = ["boxes", "prisms", "tetrahedra"]
 
 
 def boxes(n: int) -> Mesh:
-    """Unit cube cut into ``n``³ cubes.
+    """Unit cube cut into n³ cubes.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def boxes(n: int) -> Mesh:
 
 
 def tetrahedra(n: int) -> Mesh:
-    """Unit cube cut into ``n``³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn).
+    """Unit cube cut into n³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn).
 
     Parameters
     ----------
