@@ -112,7 +112,7 @@ def _metrics() -> list[Component]:
     targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in METRICS.items()}
     targets |= {name: (f"round_shapes:{target}", summary) for name, (target, summary) in ROUND.items()}
     targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in SHAPES.items()}
-    plane = {"CR", "CRc", *SHAPES}
+    plane = {"CR", "CRc", "edge_ratio"}
     return [
         Component(
             kind="metric",

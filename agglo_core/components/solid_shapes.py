@@ -1,0 +1,95 @@
+"""What shape metrics of agglomerates in space are made of: hulls, boxes, kernels, flat faces.
+
+All see the surface of an agglomerate as triangles. Faces of cells that are not flat are taken to be those
+they are cut in, the same from both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.threads import over_ranges
+
+__all__ = ["face_area_ratios", "hull_volumes", "narrowest_boxes", "sight_volumes", "triangles_of"]
+
+_Hulls = tuple[Float, Int, Index, Index]
+
+_FEW = 500  # agglomerates one thread looks at in some milliseconds
+
+
+def hull_volumes(mesh: Mesh) -> Float:
+    """Volumes ``(n_cells,)`` of the convex hulls."""
+    return np.concatenate([volumes for volumes, *_ in _hulls(mesh)])
+
+
+def narrowest_boxes(mesh: Mesh) -> Float:
+    """Shortest over longest side ``(n_cells,)`` of the narrowest box around each cell, in any direction."""
+    from agglo_core.kernels.solid_boxes import solid_box_ratios
+
+    points = mesh.local_points
+    hulls = _hulls(mesh)
+    return np.concatenate([solid_box_ratios(points, *hull) for _, *hull in hulls])
+
+
+def sight_volumes(mesh: Mesh) -> Float:
+    """Volumes ``(n_cells,)`` of the points that see all of their cell."""
+    from agglo_core.kernels.solid_kernels import solid_kernel_volumes
+
+    return over_surfaces(mesh, solid_kernel_volumes)
+
+
+def face_area_ratios(mesh: Mesh) -> Float:
+    """Area of the smallest over that of the largest flat face of each cell ``(n_cells,)``."""
+    from agglo_core.kernels.flat_faces import face_ratios
+
+    return over_surfaces(mesh, face_ratios)
+
+
+def over_surfaces(mesh: Mesh, kernel: Callable[..., Any]) -> Float:
+    """What a kernel finds of the triangles around each cell ``(n_cells,)``."""
+    points, (offsets, faces) = mesh.local_points, mesh.cell_faces
+    triangles = triangles_of(mesh)
+
+    def of_cells(start: int, stop: int) -> Float:
+        own = offsets[start : stop + 1]
+        found: Float = kernel(points, start, own, faces, mesh.face_cells, *triangles)
+        return found
+
+    return np.concatenate(over_ranges(of_cells, mesh.n_cells, few=_FEW))
+
+
+def triangles_of(mesh: Mesh) -> tuple[Int, Index]:
+    """Where the triangles of each face begin ``(n_faces + 1,)``, and their vertices ``(t, 3)``."""
+    from agglo_core.kernels.solid_triangles import face_triangles
+
+    vectors = frozen_float(mesh.face_normals * mesh.face_measures[:, None])
+    starts, triangles = face_triangles(mesh.local_points, mesh.face_offsets, mesh.face_vertices, vectors)
+    return frozen_int(starts), frozen_index(triangles)
+
+
+def _hulls(mesh: Mesh) -> list[_Hulls]:
+    """Volumes of hulls, and their triangles as ``solid_hulls`` makes them, of cells one after another."""
+    from agglo_core.kernels.solid_hulls import solid_hulls
+
+    points, (corners, vertices) = mesh.local_points, mesh.cell_vertices
+
+    def hulls(start: int, stop: int) -> _Hulls:
+        first, last = corners[start], corners[stop]
+        own = frozen_int(corners[start : stop + 1] - first)
+        found: _Hulls = solid_hulls(points, own, vertices[first:last])
+        failed = np.flatnonzero(~(found[0] > 0.0))
+        if len(failed):
+            raise MeshError(
+                f"agglomerate {start + failed[0]} is too thin beside its extent to have a convex hull in "
+                "double precision"
+            )
+        volumes, ends, triangles, neighbours = found
+        return volumes, frozen_int(ends), frozen_index(triangles), frozen_index(neighbours)
+
+    return over_ranges(hulls, mesh.n_cells, few=_FEW)
