@@ -19,8 +19,8 @@ __all__ = [
 METRICS = {
     "UF": ("UniformityFactor", "Diameter over the largest diameter (paper, §4)."),
     "UF99": ("UniformityFactor99", "Diameter over the 99th percentile of diameters; may exceed 1."),
-    "CR": ("CircleRatio", "Largest inscribed circle's radius over half the diameter (paper, §4)."),
-    "CRc": ("CentredCircleRatio", "The same with the circle centred at the centroid."),
+    "CR": ("CircleRatio", "Radius of the largest circle (ball) inside over half the diameter (paper, §4)."),
+    "CRc": ("CentredCircleRatio", "The same with the circle (ball) centred at the centroid."),
     "diameter_ratio": ("DiameterRatio", "Diameter over a target h*."),
     "interface_length": ("InterfaceLength", "Measure of the faces shared with other agglomerates."),
     "cut": ("Cut", "Number of dual edges that leave (paper, §2.1)."),

@@ -1,22 +1,16 @@
-"""What shape metrics of agglomerates in space are made of: hulls, boxes, kernels, flat faces.
-
-All see the surface of an agglomerate as triangles. Faces of cells that are not flat are taken to be those
-they are cut in, the same from both sides.
-"""
+"""What shape metrics of agglomerates in space are made of: hulls, boxes, kernels, flat faces."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import Float, Index, Int, frozen_index, frozen_int
+from agglo_core.components.solid_surfaces import over_surfaces
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.threads import over_ranges
 
-__all__ = ["face_area_ratios", "hull_volumes", "narrowest_boxes", "sight_volumes", "triangles_of"]
+__all__ = ["face_area_ratios", "hull_volumes", "narrowest_boxes", "sight_volumes"]
 
 _Hulls = tuple[Float, Int, Index, Index]
 
@@ -49,28 +43,6 @@ def face_area_ratios(mesh: Mesh) -> Float:
     from agglo_core.kernels.flat_faces import face_ratios
 
     return over_surfaces(mesh, face_ratios)
-
-
-def over_surfaces(mesh: Mesh, kernel: Callable[..., Any]) -> Float:
-    """What a kernel finds of the triangles around each cell ``(n_cells,)``."""
-    points, (offsets, faces) = mesh.local_points, mesh.cell_faces
-    triangles = triangles_of(mesh)
-
-    def of_cells(start: int, stop: int) -> Float:
-        own = offsets[start : stop + 1]
-        found: Float = kernel(points, start, own, faces, mesh.face_cells, *triangles)
-        return found
-
-    return np.concatenate(over_ranges(of_cells, mesh.n_cells, few=_FEW))
-
-
-def triangles_of(mesh: Mesh) -> tuple[Int, Index]:
-    """Where the triangles of each face begin ``(n_faces + 1,)``, and their vertices ``(t, 3)``."""
-    from agglo_core.kernels.solid_triangles import face_triangles
-
-    vectors = frozen_float(mesh.face_normals * mesh.face_measures[:, None])
-    starts, triangles = face_triangles(mesh.local_points, mesh.face_offsets, mesh.face_vertices, vectors)
-    return frozen_int(starts), frozen_index(triangles)
 
 
 def _hulls(mesh: Mesh) -> list[_Hulls]:

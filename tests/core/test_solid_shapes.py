@@ -8,7 +8,8 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 from scipy.optimize import linprog
-from scipy.spatial import ConvexHull, HalfspaceIntersection, cKDTree
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+from solid_parts import MESHES, area_vector, outer_faces, planes, prism, ragged, turned
 
 from agglo_core import samples
 from agglo_core.components.shape_metrics import (
@@ -36,22 +37,6 @@ EVERY = {
 
 def measured(mesh: Mesh, labels: np.ndarray) -> dict[str, np.ndarray]:
     return {name: metric.measure(mesh, np.asarray(labels)) for name, metric in EVERY.items()}
-
-
-def turned(mesh: Mesh, seed: int = 4) -> Mesh:
-    """The mesh turned, a hundred times smaller, elsewhere."""
-    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
-    turn *= np.sign(np.linalg.det(turn))
-    return Mesh(0.01 * mesh.points @ turn + 3.0, mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
-
-
-def ragged(mesh: Mesh, k: int, seed: int, swaps: float) -> np.ndarray:
-    """Labels of about k agglomerates; with swaps they get cavities, islands and pinched edges."""
-    rng = np.random.default_rng(seed)
-    places = mesh.cell_centroids - mesh.points.min(axis=0)
-    labels = cKDTree(rng.random((k, 3))).query(places / np.ptp(mesh.points, axis=0))[1]
-    labels = np.where(rng.random(mesh.n_cells) < swaps, rng.integers(0, k, mesh.n_cells), labels)
-    return np.unique(labels, return_inverse=True)[1]
 
 
 # -- hand values --------------------------------------------------------------------------------
@@ -82,15 +67,6 @@ def test_cubes_are_exact(n: int, labels: np.ndarray, expected: tuple[float, ...]
     for (name, value), wanted in zip(values.items(), expected, strict=True):
         if wanted is not None:
             assert value[0] == pytest.approx(wanted, rel=1e-9, abs=1e-9), name
-
-
-def prism(n: int, height: float) -> Mesh:
-    """One cell over a regular polygon of n corners and radius 1."""
-    angle = 2 * np.pi * np.arange(n) / n
-    base = np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    points = np.concatenate([np.column_stack((base, np.full(n, z))) for z in (0.0, height)])
-    sides = [[i, (i + 1) % n, n + (i + 1) % n, n + i] for i in range(n)]
-    return Mesh.from_polyhedra(points, [[list(range(n))[::-1], list(range(n, 2 * n)), *sides]])
 
 
 @pytest.mark.parametrize("height", [0.4, 3.0])
@@ -153,32 +129,6 @@ def slow_box_ratio(points: np.ndarray) -> float:
     return max(ratios)
 
 
-def outer_faces(mesh: Mesh, labels: np.ndarray, part: int) -> list[np.ndarray]:
-    """Corners of the faces around a part, counter-clockwise from outside."""
-    inside = np.append(labels == part, False)[mesh.face_cells]
-    return [
-        mesh.points[mesh.face_vertices[mesh.face_offsets[f] : mesh.face_offsets[f + 1]]][
-            :: 1 if inside[f, 0] else -1
-        ]
-        for f in np.flatnonzero(inside[:, 0] != inside[:, 1])
-    ]
-
-
-def area_vector(corners: np.ndarray) -> np.ndarray:
-    """Normal of a face, as long as its area."""
-    arms = corners[1:] - corners[0]
-    return np.cross(arms[:-1], arms[1:]).sum(axis=0) / 2
-
-
-def planes(faces: list[np.ndarray]) -> np.ndarray:
-    """Outward unit normals and offsets ``(n, 4)``, the normal times x plus the offset negative inside."""
-    found = []
-    for corners in faces:
-        normal = area_vector(corners) / np.linalg.norm(area_vector(corners))
-        found.append([*normal, -normal @ corners[0]])
-    return np.array(found)
-
-
 def slow_kernel_volume(faces: list[np.ndarray]) -> float:
     """Intersection of half-spaces about the centre of the largest ball in all of them."""
     half = planes(faces)
@@ -219,14 +169,6 @@ def _check_shapes(mesh: Mesh, labels: np.ndarray, parts: range) -> None:
         }
         for name, value in expected.items():
             assert values[name][part] == pytest.approx(value, rel=1e-6, abs=1e-6), (name, part)
-
-
-MESHES = {
-    "tetrahedra": lambda: samples.random_tetrahedra(300, seed=1),
-    "voronoi": lambda: samples.voronoi_solids(300, seed=2),
-    "boxes": lambda: turned(samples.boxes(7)),
-    "regular": lambda: samples.tetrahedra(4),
-}
 
 
 @pytest.mark.parametrize("name", MESHES)
