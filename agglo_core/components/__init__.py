@@ -112,13 +112,13 @@ def _metrics() -> list[Component]:
     targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in METRICS.items()}
     targets |= {name: (f"round_shapes:{target}", summary) for name, (target, summary) in ROUND.items()}
     targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in SHAPES.items()}
-    plane = {"CR", "CRc", *SHAPES}
     return [
         Component(
             kind="metric",
             name=name,
             target=f"agglo_core.components.{target}",
-            promises={"deterministic": True, "pickles": True} | ({} if name in plane else {"3d": True}),
+            promises={"deterministic": True, "pickles": True}
+            | ({} if name == "edge_ratio" else {"3d": True}),
             summary=summary,
         )
         for name, (target, summary) in targets.items()

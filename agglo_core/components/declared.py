@@ -19,8 +19,8 @@ __all__ = [
 METRICS = {
     "UF": ("UniformityFactor", "Diameter over the largest diameter (paper, §4)."),
     "UF99": ("UniformityFactor99", "Diameter over the 99th percentile of diameters; may exceed 1."),
-    "CR": ("CircleRatio", "Largest inscribed circle's radius over half the diameter (paper, §4)."),
-    "CRc": ("CentredCircleRatio", "The same with the circle centred at the centroid."),
+    "CR": ("CircleRatio", "Radius of the largest circle (ball) inside over half the diameter (paper, §4)."),
+    "CRc": ("CentredCircleRatio", "The same with the circle (ball) centred at the centroid."),
     "diameter_ratio": ("DiameterRatio", "Diameter over a target h*."),
     "interface_length": ("InterfaceLength", "Measure of the faces shared with other agglomerates."),
     "cut": ("Cut", "Number of dual edges that leave (paper, §2.1)."),
@@ -33,13 +33,14 @@ ROUND = {
     "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared; 36π volume² over surface³."),
 }
 SHAPES = {
-    "convexity": ("Convexity", "Area over the area of the convex hull."),
+    "convexity": ("Convexity", "Area (volume) over that of the convex hull."),
     "star_shapedness": (
         "StarShapedness",
-        "Area of the kernel (the points that see the whole) over the area.",
+        "Area (volume) of the kernel (the points that see the whole) over its own.",
     ),
-    "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
+    "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle (box) around it."),
     "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
+    "face_ratio": ("FaceRatio", "Smallest over largest flat face of the boundary; in 2-D of its edges."),
 }
 FORMATS = {
     "vtu": ("vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
