@@ -7,6 +7,7 @@ __all__ = [
     "FORMATS",
     "METRICS",
     "MULTIGRID",
+    "NEEDED_BY_FORMATS",
     "PROBLEMS",
     "ROUND",
     "SAMPLES",
@@ -54,9 +55,11 @@ FORMATS = {
     "ply": ("plain_formats:Ply", "PLY: plane polygons, as text or binary."),
     "meshlane": ("meshlane_format:Meshlane", "Gmsh, legacy VTK and more, where no other format reads them."),
     "openfoam": ("foam_format:OpenFoam", "OpenFOAM cases, by way of the .foam file that marks them."),
+    "vtkhdf": ("vtkhdf_format:VtkHdf", "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf])."),
     "pvtu": ("plain_formats:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
 }
-SOLID_FORMATS = ("vtu", "npz", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
+NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
+SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
 SAMPLES = {
     "triangles": "Unit square of n × n squares, each cut in two triangles.",
     "squares": "Unit square of n × n squares.",

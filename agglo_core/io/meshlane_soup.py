@@ -163,14 +163,27 @@ def _polyhedra(cells: Any) -> Polyhedra:
 
 
 def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
-    """Integer cell data of one component, given for every block."""
+    """Integer cell data of one component, given for every block.
+
+    Gmsh's data are all real: what is whole there are integers.
+    """
     tags = {}
+    real = any(name.startswith("gmsh:") for name in found.cell_data)
     for name, blocks in found.cell_data.items():
         arrays = [np.asarray(block) for block in blocks]
+        if real:
+            arrays = _as_whole(arrays)
         whole = all(a.shape == (n,) and a.dtype.kind in "iu" for a, n in zip(arrays, counts, strict=True))
         if whole and arrays:
             tags[name] = tag_values(name, np.concatenate(arrays))
     return tags
+
+
+def _as_whole(arrays: list[Any]) -> list[Any]:
+    """Integers in place of reals that are all whole."""
+    real = [each for each in arrays if each.dtype.kind == "f"]
+    whole = all((np.abs(each) < 2**53).all() and (each == np.floor(each)).all() for each in real)
+    return [each.astype(np.int64) for each in arrays] if real and whole else arrays
 
 
 def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.listed_faces import ListedFaces, listed_faces
 from agglo_core.io.soup import Soup
 from agglo_core.io.tags import tag_values
 from agglo_core.io.vtk_pieces import Stored, check_counts, mesh_from_pieces, soup_of_piece
@@ -20,6 +21,8 @@ from agglo_core.io.vtu_arrays import TYPES, Document, is_derived, parse
 from agglo_core.mesh import Mesh
 
 __all__ = ["read_vtu", "stored_pieces"]
+
+_FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
 
 
 def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
@@ -41,10 +44,20 @@ def stored_pieces(content: bytes) -> Stored:
     grid = document.root.find("UnstructuredGrid")
     if grid is None:
         return Stored([], [])
-    _check_places(grid.iterfind("Piece//DataArray"))
+    _check_places(grid.iterfind(".//DataArray"))
     data = grid.iterfind("Piece/CellData/DataArray")
     left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
-    return Stored([_piece(document, piece) for piece in grid.findall("Piece")], left)
+    pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
+    if len(pieces) == 1 and document.root.get("agglo") == "mesh":  # in files of others it may be out of date
+        pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
+    return Stored(pieces, left)
+
+
+def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
+    """Faces with tags, from the field data."""
+    n, elements = len(piece.types), grid.findall("FieldData/DataArray")
+    fields = {each.get("Name", ""): document.array(each, _FACES * n) for each in elements}
+    return listed_faces(fields, len(piece.points), n)
 
 
 def _check_places(elements: Iterable[ElementTree.Element]) -> None:
