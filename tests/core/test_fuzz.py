@@ -22,10 +22,12 @@ SHARE = {
     ".vtu": 80,
     ".npz": 60,
     ".msh": 2,
-    **{suffix: 3 if suffix in (".ele", ".off", ".obj") else 20 for suffix in FIELD},  # meshlane is asked, too
+    **{suffix: 3 if suffix == ".ele" else 20 for suffix in FIELD},  # meshlane is asked, too
     ".graph": 1400,
     ".xyz": 300,
     ".part.4": 300,
+    ".grf": 300,
+    ".map": 100,
     ".toml": 20,
     ".problem.toml": 20,
     ".safetensors": 20,

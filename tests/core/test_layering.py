@@ -45,7 +45,7 @@ MAY_IMPORT = {
     "measure": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
     "draw": EVERYBODY | {"hierarchy", "io", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
-    | {"agglomeration", "components", "graph", "hierarchy", "measure", "mesh", "problems"}
+    | {"agglomeration", "components", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},
     "cli": EVERYBODY
     | {"agglomeration", "conformance", "draw", "hierarchy", "io", "kernels", "measure", "mesh", "problems"}
