@@ -7,19 +7,19 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.conformance import small_meshes
 from agglo_core.conformance.mesh_cases import bands
-from agglo_core.conformance.reference_pages import own_components
+from agglo_core.conformance.own_components import own_components
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io import read, read_hierarchy, write
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
-from agglo_core.registry import Registry, default
 
 __all__ = ["BEGIN", "END", "FOREIGN", "format_names", "format_row", "format_table", "round_trips"]
 
@@ -38,34 +38,35 @@ _COLUMNS = ("lossless", "plane cells", "holes", "solid cells", "digits", "number
 
 def format_names() -> list[tuple[str, str]]:
     """Name and first suffix of each of agglo's own formats, those of meshlane one by one."""
-    own = [component.name for component in own_components() if component.kind == "format"]
+    own = [record.name for record in own_components().list() if record.kind == "format"]
     first = {name: FOREIGN if name == "meshlane" else _suffixes(name)[:1] for name in own}
     return [(name, suffix) for name in own for suffix in first[name]]
 
 
 def _suffixes(name: str) -> tuple[str, ...]:
     """Those of one of agglo's own formats, also if a package that it needs is missing."""
-    component = next(c for c in own_components() if (c.kind, c.name) == ("format", name))
-    suffixes: tuple[str, ...] = made_by(component.target).suffixes  # type: ignore[attr-defined]
+    component = own_components().record("format", name).component
+    found: Any = made_by(component.target) if component is not None else None
+    suffixes: tuple[str, ...] = found.suffixes
     return suffixes
 
 
-def format_table(registry: Registry | None = None) -> str:
+def format_table() -> str:
     """The table of all formats (Markdown), between its marks."""
-    rows = [format_row(name, suffix, registry) for name, suffix in format_names()]
+    rows = [format_row(name, suffix) for name, suffix in format_names()]
     head = ["files", "format", *_COLUMNS]
     lines = [_line(head), _line(["---"] * len(head)), *rows]
     return "\n".join((BEGIN, "", *lines, "", END))
 
 
-def format_row(name: str, suffix: str, registry: Registry | None = None) -> str:
+def format_row(name: str, suffix: str) -> str:
     """The row of one format, or of one suffix of meshlane; PluginError if it cannot be used here."""
-    record = (registry or default()).record("format", name)
+    record = own_components().record("format", name)
     if record.state != "ok":
         raise PluginError(f"format {name!r}: {record.reason}")
     files = [suffix] if name == "meshlane" else _suffixes(name)
     shown = " ".join(f"`{each}`" for each in files)
-    found = round_trips(suffix, registry)
+    found = round_trips(suffix)
     answers = found or {"lossless": "only read"}
     return _line([shown, f"`{name}`", *(answers.get(column, "") for column in _COLUMNS)])
 
@@ -74,18 +75,18 @@ def _line(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def round_trips(suffix: str, registry: Registry | None = None) -> dict[str, str] | None:
+def round_trips(suffix: str) -> dict[str, str] | None:
     """What became of each thing that was written under a suffix and read; None if nothing can be written.
 
     ``yes`` if it came back, ``lost`` if it did not, ``refused`` if writing it is an error; of cells the
     largest class that came back. Coarse meshes are ``yes`` if they are files beside: labels say the same.
     """
-    shapes = {shape: _became(partial(_shape, mesh, suffix, registry)) for shape, mesh in _shapes().items()}
+    shapes = {shape: _became(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
     kept = [shape for shape, answer in shapes.items() if answer == "yes"]
     if not kept:
         return None
     mesh = _shapes()[max(kept, key=_RICH.index)]
-    answers = {name: _became(partial(trait, mesh, suffix, registry)) for name, trait in _TRAITS.items()}
+    answers = {name: _became(partial(trait, mesh, suffix)) for name, trait in _TRAITS.items()}
     answers["holes"] = shapes["holes"]
     for column, whole, part in (
         ("plane cells", "polygons", "triangles"),
@@ -122,15 +123,15 @@ def _shapes() -> dict[str, Mesh]:
     }
 
 
-def _back(mesh: Mesh, suffix: str, registry: Registry | None) -> Mesh:
+def _back(mesh: Mesh, suffix: str) -> Mesh:
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
-        write(file, mesh, registry=registry)
-        return read(file, registry=registry)
+        write(file, mesh)
+        return read(file)
 
 
-def _shape(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
-    back = _back(mesh, suffix, registry)
+def _shape(mesh: Mesh, suffix: str) -> bool:
+    back = _back(mesh, suffix)
     if (back.dim, back.n_cells) != (mesh.dim, mesh.n_cells):
         return False
     links = abs(back.graph.to_scipy() - mesh.graph.to_scipy())
@@ -138,31 +139,29 @@ def _shape(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
     return bool(alike and links.max() < 1e-9)
 
 
-def _digits(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
-    ours, theirs = (
-        each.points[np.unique(each.face_vertices)] for each in (mesh, _back(mesh, suffix, registry))
-    )
+def _digits(mesh: Mesh, suffix: str) -> bool:
+    ours, theirs = (each.points[np.unique(each.face_vertices)] for each in (mesh, _back(mesh, suffix)))
     return np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
 
 
-def _numbering(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
-    back = _back(mesh, suffix, registry)
+def _numbering(mesh: Mesh, suffix: str) -> bool:
+    back = _back(mesh, suffix)
     return all(np.array_equal(getattr(mesh, name), getattr(back, name)) for name in _ARRAYS)
 
 
-def _tags(name: str, mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
+def _tags(name: str, mesh: Mesh, suffix: str) -> bool:
     values = np.arange(mesh.n_cells) % 3 - 1
-    found = _back(replace(mesh, cell_tags={name: values}), suffix, registry).cell_tags
+    found = _back(replace(mesh, cell_tags={name: values}), suffix).cell_tags
     return name in found and np.array_equal(found[name], values)
 
 
-def _faces(outer: bool, mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
+def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
     """Faces with a name: which are marked is told by where they are."""
     own = np.flatnonzero((mesh.face_cells[:, 1] < 0) == outer)[::2]
     marked = np.zeros(mesh.n_faces, np.int64)
     marked[own] = 1
     mesh = replace(mesh, face_tags={"inlet": marked})
-    back = _back(mesh, suffix, registry)
+    back = _back(mesh, suffix)
     if "inlet" not in back.face_tags:
         return False
     ours, theirs = (each.face_centroids[each.face_tags["inlet"] == 1] for each in (mesh, back))
@@ -170,37 +169,37 @@ def _faces(outer: bool, mesh: Mesh, suffix: str, registry: Registry | None) -> b
     return len(ours) == len(theirs) and np.allclose(np.sort(ours @ along), np.sort(theirs @ along))
 
 
-def _levels(mesh: Mesh, suffix: str, registry: Registry | None) -> tuple[Hierarchy, Hierarchy | None, bool]:
+def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
     """A hierarchy, what came back of it, and whether the coarse mesh came back from a file of its own."""
     labels = bands(mesh, 2)
     own = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
     with TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
-        write(file, mesh, own, registry=registry)
+        write(file, mesh, own)
         beside = Path(folder) / f"m_level0{suffix}"
-        coarse = beside.exists() and _same_cells(read(beside, registry=registry), own.mesh(0))
-        return own, read_hierarchy(file, registry=registry)[1], coarse
+        coarse = beside.exists() and _same_cells(read(beside), own.mesh(0))
+        return own, read_hierarchy(file)[1], coarse
 
 
 def _same_cells(mesh: Mesh, other: Mesh) -> bool:
     return mesh.n_cells == other.n_cells and np.allclose(mesh.cell_measures, other.cell_measures)
 
 
-def _labels(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
-    own, found, _ = _levels(mesh, suffix, registry)
+def _labels(mesh: Mesh, suffix: str) -> bool:
+    own, found, _ = _levels(mesh, suffix)
     return found is not None and np.array_equal(found.levels[0], own.levels[0])
 
 
-def _targets(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
-    own, found, _ = _levels(mesh, suffix, registry)
+def _targets(mesh: Mesh, suffix: str) -> bool:
+    own, found, _ = _levels(mesh, suffix)
     return found is not None and list(found.targets) == list(own.targets)
 
 
-def _coarse(mesh: Mesh, suffix: str, registry: Registry | None) -> bool:
-    return _levels(mesh, suffix, registry)[2]
+def _coarse(mesh: Mesh, suffix: str) -> bool:
+    return _levels(mesh, suffix)[2]
 
 
-_TRAITS: Mapping[str, Callable[[Mesh, str, Registry | None], bool]] = {
+_TRAITS: Mapping[str, Callable[[Mesh, str], bool]] = {
     "digits": _digits,
     "numbering": _numbering,
     "cell tags": partial(_tags, "rock"),
