@@ -79,6 +79,16 @@ def test_five_thousand_damaged_files(tmp_path: Path) -> None:
     assert [part.returncode for part in parts] == [0, 0], "\n".join(said)
 
 
+NEWER = [suffix for suffix in (".ovm", ".ply", ".vtkhdf", ".grf", ".map") if suffix in SHARE]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", NEWER)
+def test_two_thousand_damaged_files(suffix: str) -> None:
+    verdicts = [verdict for _, verdict in fuzz({suffix: 2000}, seed=5, keep=None, every=60)]
+    assert [verdict for verdict in verdicts if verdict.fault] == []
+
+
 @pytest.mark.parametrize("suffix", [".vtu", ".npz", ".safetensors", ".geojson"])
 def test_bombs_cost_what_they_declare(suffix: str, tmp_path: Path) -> None:
     """Files of half a megabyte that hold 400 MB, or claim to."""
