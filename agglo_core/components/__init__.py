@@ -7,6 +7,7 @@ from agglo_core.components.declared import (
     FORMATS,
     METRICS,
     MULTIGRID,
+    NEEDED_BY_FORMATS,
     PROBLEMS,
     ROUND,
     SAMPLES,
@@ -131,7 +132,7 @@ def _formats() -> list[Component]:
             kind="format",
             name=name,
             target=f"agglo_core.io.{target}",
-            requires=("meshlane",) if target.startswith("meshlane") else (),
+            requires=NEEDED_BY_FORMATS.get(name, ()),
             promises={"pickles": True} | ({"3d": True} if name in SOLID_FORMATS else {}),
             summary=summary,
         )

@@ -7,6 +7,7 @@ __all__ = [
     "FORMATS",
     "METRICS",
     "MULTIGRID",
+    "NEEDED_BY_FORMATS",
     "PROBLEMS",
     "ROUND",
     "SAMPLES",
@@ -45,17 +46,21 @@ SHAPES = {
 FORMATS = {
     "vtu": ("vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
     "npz": ("npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
-    "fvca": ("fvca_format:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
+    "fvca": ("plain_formats:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
     "matlab": ("matlab_format:Matlab", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
-    "rf": ("rf_format:RegnFace", "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE)."),
-    "hedra": ("hedra_format:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
-    "off": ("polygon_format:Off", "OFF: plane polygons, as cinolib and others write them."),
-    "obj": ("polygon_format:Obj", "Wavefront OBJ: plane polygons."),
+    "rf": ("plain_formats:RegnFace", "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE)."),
+    "hedra": ("plain_formats:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
+    "ovm": ("plain_formats:Ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
+    "off": ("plain_formats:Off", "OFF: plane polygons, as cinolib and others write them."),
+    "obj": ("plain_formats:Obj", "Wavefront OBJ: plane polygons."),
+    "ply": ("plain_formats:Ply", "PLY: plane polygons, as text or binary."),
     "meshlane": ("meshlane_format:Meshlane", "Gmsh, legacy VTK and more, where no other format reads them."),
     "openfoam": ("foam_format:OpenFoam", "OpenFOAM cases, by way of the .foam file that marks them."),
-    "pvtu": ("pvtu_format:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
+    "vtkhdf": ("vtkhdf_format:VtkHdf", "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf])."),
+    "pvtu": ("plain_formats:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
 }
-SOLID_FORMATS = ("vtu", "npz", "pvtu", "matlab", "openfoam", "rf", "hedra")
+NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
+SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
 SAMPLES = {
     "triangles": "Unit square of n × n squares, each cut in two triangles.",
     "squares": "Unit square of n × n squares.",
