@@ -31,7 +31,19 @@ FOREIGN = (".vtk", ".msh", ".avs", ".mesh", ".su2")
 
 _ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
 _NAME = "a name, 50 %"
-_RICH = ("triangles", "tetrahedra", "holes", "polyhedra", "polygons")  # which one tags are tried with
+_CLASSES = {
+    "plane cells": ("polygons", "triangles", "quadrilaterals"),
+    "solid cells": ("polyhedra", "tetrahedra", "hexahedra"),
+}
+_RICH = (
+    "quadrilaterals",
+    "triangles",
+    "hexahedra",
+    "tetrahedra",
+    "holes",
+    "polyhedra",
+    "polygons",
+)  # which one tags are tried with
 _COLUMNS = ("lossless", "plane cells", "holes", "solid cells", "digits", "numbering", "cell tags", "any name",
             "outer faces", "inner faces", "labels", "targets", "coarse meshes")  # fmt: skip
 
@@ -79,7 +91,7 @@ def round_trips(suffix: str) -> dict[str, str] | None:
     """What became of each thing that was written under a suffix and read; None if nothing can be written.
 
     ``yes`` if it came back, ``lost`` if it did not, ``refused`` if writing it is an error; of cells the
-    largest class that came back. Coarse meshes are ``yes`` if they are files beside: labels say the same.
+    classes that came back. Coarse meshes are ``yes`` if they are files beside: labels say the same.
     """
     shapes = {shape: _became(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
     kept = [shape for shape, answer in shapes.items() if answer == "yes"]
@@ -88,11 +100,9 @@ def round_trips(suffix: str) -> dict[str, str] | None:
     mesh = _shapes()[max(kept, key=_RICH.index)]
     answers = {name: _became(partial(trait, mesh, suffix)) for name, trait in _TRAITS.items()}
     answers["holes"] = shapes["holes"]
-    for column, whole, part in (
-        ("plane cells", "polygons", "triangles"),
-        ("solid cells", "polyhedra", "tetrahedra"),
-    ):
-        answers[column] = next((shape for shape in (whole, part) if shape in kept), shapes[part])
+    for column, (whole, *parts) in _CLASSES.items():
+        some = ", ".join(part for part in parts if part in kept)
+        answers[column] = whole if whole in kept else some or shapes[parts[0]]
     answers["coarse meshes"] = "yes" if answers["coarse meshes"] == "yes" else "no"
     answers["lossless"] = "no" if {"lost", "refused"} & set(answers.values()) else "yes"
     return answers
@@ -113,9 +123,11 @@ def _shapes() -> dict[str, Mesh]:
     around[1:4, 1:4] = 0
     whole = {
         "triangles": small_meshes.halved_squares(),
+        "quadrilaterals": small_meshes.grid(4, 3),
         "polygons": small_meshes.grid(4, 3).coarsen(frozen_int([0, 0, 0, 1, 0, 2, 2, 1, 3, 3, 1, 1])),
         "holes": small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())),
         "tetrahedra": small_meshes.tetrahedra(),
+        "hexahedra": small_meshes.boxes(3, 2, 2),
         "polyhedra": small_meshes.boxes(3, 2, 2).coarsen(frozen_int([0, 0, 1, 0, 1, 1, 2, 2, 3, 2, 3, 3])),
     }
     return {
