@@ -60,14 +60,14 @@ def heights(p: np.ndarray, faces: list[np.ndarray]) -> np.ndarray:
     return np.where(np.abs(winding) > 2 * np.pi, distance, -distance)
 
 
-def sampled_radius(faces: list[np.ndarray], seed: int) -> float:
+def sampled_radius(faces: list[np.ndarray], seed: int, starts: int = 12) -> float:
     """The largest height of many points, and of ever nearer ones around the best of them."""
     rng = np.random.default_rng(seed)
     corners = np.concatenate(faces)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    points = low + rng.random((2000, 3)) * size
+    points = low + rng.random((160 * starts, 3)) * size
     found = heights(points, faces)
-    best = np.argsort(found)[-12:]
+    best = np.argsort(found)[-starts:]
     points, found, reach = points[best], found[best], 0.15 * size.max()
     while reach > 1e-5 * size.max():
         around = points[:, None] + reach * rng.normal(size=(len(points), 24, 3))
@@ -149,6 +149,8 @@ def _check_balls(mesh: Mesh, labels: np.ndarray, parts: range) -> None:
     for part in parts:
         faces = outer_faces(mesh, labels, part)
         sampled = sampled_radius(faces, seed=part)
+        if sampled < largest[part] * (1 - 1e-3):  # the samples met a lesser summit, if ours is one
+            sampled = sampled_radius(faces, seed=part, starts=80)
         assert largest[part] == pytest.approx(sampled, rel=1e-3), part
         assert centred[part] == pytest.approx(max(heights(centroids[part][None], faces)[0], 0.0), abs=1e-9)
 
