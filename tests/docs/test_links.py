@@ -1,4 +1,4 @@
-"""Links between the Markdown files lead somewhere; the site checks headings, this also the files outside of it."""
+"""Links between the Markdown files lead somewhere, also from those outside of the site."""
 
 from __future__ import annotations
 
