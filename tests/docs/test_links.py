@@ -1,4 +1,4 @@
-"""Links between the Markdown files lead somewhere, also to files outside of the site."""
+"""Links between the Markdown files lead somewhere, also from those outside of the site."""
 
 from __future__ import annotations
 
