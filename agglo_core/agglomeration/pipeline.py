@@ -61,6 +61,12 @@ class Pipeline(Rules):
         One kind of target; ``h_factor=(2, 4, 8)`` if none is given.
 
     Constraints, by keyword or as components: see :class:`~agglo_core.agglomeration.rules.Rules`.
+
+    Examples
+    --------
+    >>> pipeline = agglo.Pipeline(bisector="inertial", n_parts=(8, 2))
+    >>> pipeline.run(agglo.samples.squares(8)).parts
+    [8, 2]
     """
 
     bisector: Choice = "kmeans"

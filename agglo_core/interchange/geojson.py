@@ -127,6 +127,11 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
     ------
     MeshError
         If it is not a FeatureCollection, or a feature is not a polygon (named); as :func:`mesh_from_shapely`.
+
+    Examples
+    --------
+    >>> agglo.interchange.from_geojson(agglo.interchange.to_geojson(agglo.samples.squares(2)))
+    Mesh('squares 2x2', 2-D, 4 cells, 12 faces, 9 points)
     """
     kind = collection.get("type") if isinstance(collection, Mapping) else type(collection).__name__
     features = collection.get("features") if isinstance(collection, Mapping) else None

@@ -21,6 +21,11 @@ def boxes(n: int) -> Mesh:
     ----------
     n : int
         Cubes along each edge: n³ cells.
+
+    Examples
+    --------
+    >>> agglo.samples.boxes(2)
+    Mesh('boxes 2x2x2', 3-D, 8 cells, 36 faces, 27 points)
     """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
@@ -38,6 +43,11 @@ def tetrahedra(n: int) -> Mesh:
     ----------
     n : int
         Cubes along each edge: 6n³ cells.
+
+    Examples
+    --------
+    >>> agglo.samples.tetrahedra(2)
+    Mesh('tetrahedra 2x2x2x6', 3-D, 48 cells, 120 faces, 27 points)
     """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
