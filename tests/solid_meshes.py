@@ -26,8 +26,8 @@ MESHES = {
     "hexahedra": samples.boxes(3),
     "tetrahedra": samples.tetrahedra(2),
     "random tetrahedra": samples.random_tetrahedra(8, seed=3),
-    "Voronoi": samples.voronoi_solids(15, seed=1),
-    "agglomerates of Voronoi cells": samples.voronoi_solids(40, seed=2).coarsen(np.arange(40) % 7),
+    "Voronoi": samples.voronoi3d(15, seed=1),
+    "agglomerates of Voronoi cells": samples.voronoi3d(40, seed=2).coarsen(np.arange(40) % 7),
     "hollow": hollow(),
 }
 

@@ -64,7 +64,7 @@ def planes(faces: list[np.ndarray]) -> np.ndarray:
 
 MESHES = {
     "tetrahedra": lambda: samples.random_tetrahedra(300, seed=1),
-    "voronoi": lambda: samples.voronoi_solids(300, seed=2),
+    "voronoi": lambda: samples.voronoi3d(300, seed=2),
     "boxes": lambda: turned(samples.boxes(7)),
     "regular": lambda: samples.tetrahedra(4),
 }

@@ -33,7 +33,7 @@ def narrowest_boxes(mesh: Mesh) -> Float:
 
 def sight_volumes(mesh: Mesh) -> Float:
     """Volumes ``(n_cells,)`` of the points that see all of their cell."""
-    from agglo_core.kernels.solid_kernels import solid_kernel_volumes
+    from agglo_core.kernels.star_kernels import solid_kernel_volumes
 
     return over_surfaces(mesh, solid_kernel_volumes)
 

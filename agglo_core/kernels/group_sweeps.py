@@ -113,7 +113,7 @@ def _room(offsets, n, like):
     return np.empty(most * n, like.dtype), np.empty(most * n, like.dtype)
 
 
-@kernel(reorder_sums=True)
+@helper(reorder_sums=True)
 def _solve(inverse, rest, m, solved):
     """Multiply ``rest[:m]`` by a symmetric matrix ``(m, m)`` stored by rows."""
     for q in range(m):

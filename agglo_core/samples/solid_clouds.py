@@ -69,7 +69,7 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
 
     Examples
     --------
-    >>> agglo.samples.voronoi_solids(20)
+    >>> agglo.samples.voronoi3d(20)
     Mesh('voronoi solids n=20 seed=0', 3-D, 20 cells, 117 faces, 100 points)
     """
     from scipy.spatial import Voronoi

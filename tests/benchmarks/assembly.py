@@ -52,7 +52,7 @@ def along_a_curve(mesh: Mesh) -> Mesh:
 SOLIDS: dict[str, Callable[[int], Mesh]] = {
     "tetrahedra": lambda n: samples.tetrahedra(round((n / 6) ** (1 / 3))),
     "boxes": lambda n: samples.boxes(round(n ** (1 / 3))),
-    "solids": lambda n: along_a_curve(samples.voronoi_solids(n, seed=0)),
+    "solids": lambda n: along_a_curve(samples.voronoi3d(n, seed=0)),
 }
 
 
@@ -103,7 +103,7 @@ def main() -> None:
                 f"{unknowns / seconds / 1e6:>13.2f}{numpy_rate(small, p) / 1e6:>11.3f}",
                 flush=True,
             )
-    discretise(samples.voronoi_solids(20), 1, problem, penalty="sharp")
+    discretise(samples.voronoi3d(20), 1, problem, penalty="sharp")
     for name, build in SOLIDS.items():
         mesh = ready(build(options.cells // 4))
         for p in options.degrees:

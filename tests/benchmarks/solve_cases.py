@@ -67,7 +67,7 @@ MESHES: Mapping[str, Callable[[int], Mesh]] = {
     "random": lambda n: samples.random_triangles(half(n), seed=0),
     "boxes": lambda n: samples.boxes(edge(n)),
     "tetrahedra": lambda n: samples.tetrahedra(edge(n, 6)),
-    "solids": lambda n: samples.voronoi_solids(n, seed=0),
+    "solids": lambda n: samples.voronoi3d(n, seed=0),
     "lumps": lumps,
     "slivers": slivers,
     "graded": lambda n: graded(n, 1e3),

@@ -171,7 +171,7 @@ def test_agree_with_dense_sampling_on_many(name: str) -> None:
         _check_balls(mesh, labels, range(min(labels.max() + 1, 38)))
 
 
-@pytest.mark.parametrize("mesh", [samples.voronoi_solids(120, seed=5), samples.random_tetrahedra(60, seed=6)])
+@pytest.mark.parametrize("mesh", [samples.voronoi3d(120, seed=5), samples.random_tetrahedra(60, seed=6)])
 def test_convex_cells_agree_with_linear_programs(mesh: Mesh) -> None:
     labels = np.arange(mesh.n_cells)
     largest, _ = radii(mesh, labels)

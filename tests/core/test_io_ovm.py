@@ -64,7 +64,7 @@ def test_half_faces_seen_from_outside_are_turned(tmp_path: Path) -> None:
 
 
 def test_what_is_written_comes_back(tmp_path: Path) -> None:
-    mesh = samples.voronoi_solids(40)
+    mesh = samples.voronoi3d(40)
     mesh = replace(mesh, cell_tags={"mat": np.arange(40) - 5})
     hierarchy = agglomerate(mesh, bisector="coordinate", n_parts=(8, 2))
     write(tmp_path / "m.ovm", mesh, hierarchy)

@@ -14,7 +14,7 @@ from agglo_core.io.vtkhdf_format import VtkHdf
 
 MESHES = {
     "polygons": lambda: samples.voronoi(90, seed=2),
-    "polyhedra": lambda: samples.voronoi_solids(20),
+    "polyhedra": lambda: samples.voronoi3d(20),
     "tetrahedra": lambda: samples.tetrahedra(2),
 }
 

@@ -17,7 +17,7 @@ MESHES: dict[str, Callable[[], Mesh]] = {
     "polygons": lambda: samples.voronoi(60, seed=4),
     "tetrahedra": lambda: samples.tetrahedra(2),
     "boxes": lambda: samples.boxes(3),
-    "polyhedra": lambda: samples.voronoi_solids(20),
+    "polyhedra": lambda: samples.voronoi3d(20),
 }
 PLANE, ALL = ("triangles", "squares", "polygons"), tuple(MESHES)
 WITH_DATA = {".vtu": ALL, ".vtkhdf": ALL, ".vtk": (*PLANE, "tetrahedra")}

@@ -95,10 +95,10 @@ def test_the_direction_of_a_metric_is_respected() -> None:
     assert found.roundness.scores.tolist() == [-16.0, -8.0]
 
 
-def test_solids_are_weighed_by_their_inertia_and_what_cannot_be_weighed_is_refused() -> None:
+def test_solids_are_weighed_alike_and_what_cannot_be_weighed_is_refused() -> None:
     mesh = samples.boxes(2)
     found = trade_offs([run_of("halves", np.arange(8) // 4, mesh=mesh)])
-    assert found.roundness.label == "mean J"
+    assert found.roundness.label == "mean CR"
     with pytest.raises(OptionError, match="no run, or none came to an end"):
         trade_offs([BROKEN])
     with pytest.raises(OptionError, match="no metric that all runs have"):

@@ -286,7 +286,7 @@ def test_a_cell_without_extent_is_an_error() -> None:
 @pytest.mark.parametrize("name", EVERY)
 def test_declared_bounds_hold_and_the_coarse_mesh_gives_the_same(name: str) -> None:
     metric = EVERY[name]
-    mesh = samples.voronoi_solids(200, seed=7)
+    mesh = samples.voronoi3d(200, seed=7)
     labels = ragged(mesh, 20, seed=7, swaps=0.03)
     values = metric.measure(mesh, labels)
     assert values.shape == (labels.max() + 1,)

@@ -47,7 +47,7 @@ def _plane() -> Mesh:
 def _vtkhdf() -> list[bytes]:
     """Polygons, polyhedra and elements, with tags of faces, deflated or not."""
     files = []
-    for mesh in (_plane(), samples.voronoi_solids(8), samples.tetrahedra(1)):
+    for mesh in (_plane(), samples.voronoi3d(8), samples.tetrahedra(1)):
         mesh = mesh.with_face_tags(inlet=lambda x: x[:, 0] < 0.2)
         for compress in (False, True):
             with tempfile.TemporaryDirectory() as folder:

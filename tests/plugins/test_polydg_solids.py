@@ -170,7 +170,7 @@ def quarters(n: int) -> Mesh:
 ORDERS = {
     "hexahedra": (samples.boxes, ((8, 12), (3, 6), (3, 6))),
     "tetrahedra": (samples.tetrahedra, ((6, 10), (2, 4), (2, 4))),
-    "Voronoi": (lambda n: samples.voronoi_solids(n**3, seed=0), ((8, 12), (3, 6), (3, 6))),
+    "Voronoi": (lambda n: samples.voronoi3d(n**3, seed=0), ((8, 12), (3, 6), (3, 6))),
     "agglomerates": (quarters, ((4, 6), (2, 3), (2, 3))),
 }
 _SLOW = ("Voronoi", "agglomerates")

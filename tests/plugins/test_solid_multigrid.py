@@ -36,7 +36,7 @@ def lumps() -> Mesh:
 MESHES = {
     "tetrahedra": (samples.tetrahedra(6), "continuous space", (14, 14)),
     "hexahedra": (samples.boxes(9), "continuous space", (10, 11)),
-    "Voronoi": (samples.voronoi_solids(500, seed=1), "smoothed agglomerates, cells", (14, 16)),
+    "Voronoi": (samples.voronoi3d(500, seed=1), "smoothed agglomerates, cells", (14, 16)),
     "random tetrahedra": (samples.random_tetrahedra(150, seed=1), "smoothed agglomerates, patches", (9, 11)),
     "agglomerates": (lumps(), "smoothed agglomerates, cells", (14, 18)),
 }
@@ -69,7 +69,7 @@ def test_jumps_of_the_coefficient_take_patches(name: str) -> None:
 
 @pytest.mark.parametrize("recipe", ["conforming", "patches", "agglomerates"])
 def test_every_recipe_preconditions_symmetrically(recipe: Any) -> None:
-    mesh = samples.voronoi_solids(120, seed=3)
+    mesh = samples.voronoi3d(120, seed=3)
     tool = PolyDGMultigrid(1, recipe=recipe)
     M = tool.aspreconditioner(Diffusion(), bare(mesh))
     x, y = np.random.default_rng(0).standard_normal((2, M.shape[0]))
@@ -125,7 +125,7 @@ def test_functions_of_the_continuous_space_are_continuous_on_tetrahedra(degree: 
 
 
 def test_linear_functions_are_in_the_continuous_space() -> None:
-    for mesh in (samples.boxes(3), samples.tetrahedra(2), samples.voronoi_solids(20, seed=5)):
+    for mesh in (samples.boxes(3), samples.tetrahedra(2), samples.voronoi3d(20, seed=5)):
         basis = Basis(mesh, 2, True)
         space = solid_space(basis, bubbles=False)
         numbers = np.full(mesh.n_points, -1)
