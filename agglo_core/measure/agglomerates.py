@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
+from agglo_core.measure.quality_values import Quality
 from agglo_core.measure.selection import RATIOS, SOLID_RATIOS, Metric, Selection, built_metrics, select
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
@@ -98,7 +99,7 @@ def quality(
     progress: Listener | None = None,
     verbose: bool = False,
     threads: int | None = None,
-) -> dict[str, Float]:
+) -> Quality:
     """Quality of every agglomerate.
 
     Parameters
@@ -115,7 +116,8 @@ def quality(
 
     Returns
     -------
-    dict of name to (k,) float
+    Quality
+        A dict of name to (k,) float, which shows itself as a table.
 
     Raises
     ------
@@ -138,7 +140,7 @@ def quality(
         followed(progress, verbose) as listen,
         phase(listen, "measuring") as tell,
     ):
-        return _measured(mesh, mesh.coarsen(labels), labels, chosen, tell)
+        return Quality(_measured(mesh, mesh.coarsen(labels), labels, chosen, tell))
 
 
 def measure_levels(
