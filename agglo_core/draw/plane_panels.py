@@ -15,6 +15,7 @@ __all__ = ["PlanePanels", "inches_across"]
 
 _DENSE = 20_000
 """Fine edges inside agglomerates are drawn up to this many cells."""
+_AT_ONCE = 1000
 
 
 class PlanePanels:
@@ -83,12 +84,23 @@ def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
 
 
 def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
-    from matplotlib.collections import LineCollection
+    """Draw the edges, a thousand as one path: matplotlib makes an object for each."""
+    from matplotlib.collections import PathCollection
+    from matplotlib.path import Path as Outline
 
     if width > 0:
-        segments: Any = mesh.points[mesh.face_pairs]
-        lines = LineCollection(segments, colors=colour, linewidths=width, alpha=alpha, capstyle="round")
-        axis.add_collection(lines, autolim=False)
+        ends = mesh.points[mesh.face_pairs].reshape(-1, 2)
+        codes = np.tile(np.array([Outline.MOVETO, Outline.LINETO], np.uint8), _AT_ONCE)
+        starts = range(0, len(ends), 2 * _AT_ONCE)
+        pieces = [ends[start : start + 2 * _AT_ONCE] for start in starts]
+        paths = [Outline(piece, codes[: len(piece)]) for piece in pieces]
+        look: dict[str, Any] = {
+            "facecolors": "none",
+            "edgecolors": colour,
+            "linewidths": width,
+            "alpha": alpha,
+        }
+        axis.add_collection(PathCollection(paths, capstyle="round", **look), autolim=False)
 
 
 def _line_width(axis: Any, n_cells: int, most: float) -> float:
