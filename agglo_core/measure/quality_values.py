@@ -18,9 +18,9 @@ class Quality(dict[str, Float]):
     >>> from agglo_core import quality, samples
     >>> quality(samples.squares(4), [0] * 8 + [1] * 8, ("CR", "cells"))
     Quality of 2 agglomerates
-            mean   least  largest
-    CR    0.4472  0.4472   0.4472
-    cells      8       8        8
+             mean   least  largest
+    CR     0.4472  0.4472   0.4472
+    cells       8       8        8
     """
 
     def __repr__(self) -> str:
