@@ -6,20 +6,61 @@ __all__ = ["AggloError", "FileError", "MeshError", "OptionError", "PluginError"]
 
 
 class AggloError(Exception):
-    """Base of all errors raised on purpose; the message says what was given, what was expected, and where."""
+    """Base of all errors raised on purpose; the message says what was given, what was expected, and where.
+
+    Examples
+    --------
+    >>> try:
+    ...     agglo.samples.from_spec("square:n=4")
+    ... except agglo.AggloError as error:
+    ...     print(type(error).__name__)
+    OptionError
+    """
 
 
 class MeshError(AggloError, ValueError):
-    """A mesh or graph that breaks a rule; the message names cells or faces."""
+    """A mesh or graph that breaks a rule; the message names cells or faces.
+
+    Examples
+    --------
+    >>> agglo.Mesh.from_polygons([[0, 0], [1, 0], [1, 1]], [[0, 1, 5]])
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.MeshError: cell 0 uses point 5, but there are 3 points
+    """
 
 
 class OptionError(AggloError, ValueError):
-    """A target, option or argument outside what is accepted."""
+    """A target, option or argument outside what is accepted.
+
+    Examples
+    --------
+    >>> agglo.Pipeline(seed=-1)
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.OptionError: seed must be an integer in 0..2^63 − 1, given -1
+    """
 
 
 class FileError(AggloError, ValueError):
-    """A file that cannot be read or written; the message names it."""
+    """A file that cannot be read or written; the message names it.
+
+    Examples
+    --------
+    >>> agglo.read("no.vtu")
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.FileError: no.vtu: no such file
+    """
 
 
 class PluginError(AggloError, RuntimeError):
-    """A component that is missing, unusable or misbehaved; names component, plugin, distribution."""
+    """A component that is missing, unusable or misbehaved; names component, plugin, distribution.
+
+    Examples
+    --------
+    >>> agglo.registry.default().build("bisector", "nobody")
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.PluginError: no bisector is named 'nobody'; available: ...
+    """

@@ -134,6 +134,14 @@ def agglomerate(
         If targets or options make no sense, or contradict the constraints.
     PluginError
         If a component is missing, unusable, or misbehaves.
+
+    Examples
+    --------
+    >>> mesh = agglo.samples.squares(8)
+    >>> agglo.agglomerate(mesh, n_parts=(16, 4))
+    Hierarchy(64 cells -> 16, 4 parts)
+    >>> agglo.agglomerate(mesh, bisector="coordinate", h_factor=4, polish=False).parts
+    [4]
     """
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")

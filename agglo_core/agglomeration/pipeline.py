@@ -39,9 +39,12 @@ class Pipeline(Rules):
 
     Attributes
     ----------
-    bisector, fixer : Choice
+    bisector : Choice
+        What splits a piece.
+    fixer : Choice
+        What makes both sides connected.
     refiners : sequence of Choice
-        Applied in this order.
+        What shortens the interface of each split, in this order.
     method : "recursive" or "kway"
         ``kway`` needs a bisector that implements ``partition``.
     nested : bool
@@ -51,13 +54,19 @@ class Pipeline(Rules):
     polish : bool
         Whether ``post_refiners`` work on each finished level.
     post_refiners : sequence of Choice
-        Moves that make a part miss its size are undone.
+        What moves cells between finished parts; moves that make a part miss its size are undone.
     seed : int
         Root of all random numbers.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
         One kind of target; ``h_factor=(2, 4, 8)`` if none is given.
 
     Constraints, by keyword or as components: see :class:`~agglo_core.agglomeration.rules.Rules`.
+
+    Examples
+    --------
+    >>> pipeline = agglo.Pipeline(bisector="inertial", n_parts=(8, 2))
+    >>> pipeline.run(agglo.samples.squares(8)).parts
+    [8, 2]
     """
 
     bisector: Choice = "kmeans"

@@ -54,7 +54,9 @@ class Rules:
     balance : "cells", "measure" or "weights", optional
         What counts are shared out by; by default the weights if given, else cells.
     max_cells, min_cells : int, optional
+        At most, and where neighbours allow at least, so many cells in a part.
     max_measure, min_measure : float, optional
+        At most, and where neighbours allow at least, so much area or volume in a part.
     metric : (d, d) or (n, d, d) float, optional
         In which diameters, distances and interfaces are measured.
     lines : bool

@@ -7,6 +7,7 @@ from agglo_core.components.declared import (
     FORMATS,
     METRICS,
     MULTIGRID,
+    NEEDED_BY_FORMATS,
     PROBLEMS,
     ROUND,
     SAMPLES,
@@ -112,13 +113,13 @@ def _metrics() -> list[Component]:
     targets = {name: (f"metrics:{target}", summary) for name, (target, summary) in METRICS.items()}
     targets |= {name: (f"round_shapes:{target}", summary) for name, (target, summary) in ROUND.items()}
     targets |= {name: (f"shape_metrics:{target}", summary) for name, (target, summary) in SHAPES.items()}
-    plane = {"CR", "CRc", *SHAPES}
     return [
         Component(
             kind="metric",
             name=name,
             target=f"agglo_core.components.{target}",
-            promises={"deterministic": True, "pickles": True} | ({} if name in plane else {"3d": True}),
+            promises={"deterministic": True, "pickles": True}
+            | ({} if name == "edge_ratio" else {"3d": True}),
             summary=summary,
         )
         for name, (target, summary) in targets.items()
@@ -131,7 +132,7 @@ def _formats() -> list[Component]:
             kind="format",
             name=name,
             target=f"agglo_core.io.{target}",
-            requires=("meshlane",) if target.startswith("meshlane") else (),
+            requires=NEEDED_BY_FORMATS.get(name, ()),
             promises={"pickles": True} | ({"3d": True} if name in SOLID_FORMATS else {}),
             summary=summary,
         )

@@ -7,6 +7,7 @@ __all__ = [
     "FORMATS",
     "METRICS",
     "MULTIGRID",
+    "NEEDED_BY_FORMATS",
     "PROBLEMS",
     "ROUND",
     "SAMPLES",
@@ -19,8 +20,8 @@ __all__ = [
 METRICS = {
     "UF": ("UniformityFactor", "Diameter over the largest diameter (paper, §4)."),
     "UF99": ("UniformityFactor99", "Diameter over the 99th percentile of diameters; may exceed 1."),
-    "CR": ("CircleRatio", "Largest inscribed circle's radius over half the diameter (paper, §4)."),
-    "CRc": ("CentredCircleRatio", "The same with the circle centred at the centroid."),
+    "CR": ("CircleRatio", "Radius of the largest circle (ball) inside over half the diameter (paper, §4)."),
+    "CRc": ("CentredCircleRatio", "The same with the circle (ball) centred at the centroid."),
     "diameter_ratio": ("DiameterRatio", "Diameter over a target h*."),
     "interface_length": ("InterfaceLength", "Measure of the faces shared with other agglomerates."),
     "cut": ("Cut", "Number of dual edges that leave (paper, §2.1)."),
@@ -33,28 +34,33 @@ ROUND = {
     "isoperimetric": ("IsoperimetricQuotient", "4π area over perimeter squared; 36π volume² over surface³."),
 }
 SHAPES = {
-    "convexity": ("Convexity", "Area over the area of the convex hull."),
+    "convexity": ("Convexity", "Area (volume) over that of the convex hull."),
     "star_shapedness": (
         "StarShapedness",
-        "Area of the kernel (the points that see the whole) over the area.",
+        "Area (volume) of the kernel (the points that see the whole) over its own.",
     ),
-    "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle around it."),
+    "box_ratio": ("BoxRatio", "Short over long side of the narrowest rectangle (box) around it."),
     "edge_ratio": ("EdgeRatio", "Shortest over longest straight edge of the boundary."),
+    "face_ratio": ("FaceRatio", "Smallest over largest flat face of the boundary; in 2-D of its edges."),
 }
 FORMATS = {
     "vtu": ("vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
     "npz": ("npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
-    "fvca": ("fvca_format:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
+    "fvca": ("plain_formats:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
     "matlab": ("matlab_format:Matlab", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
-    "rf": ("rf_format:RegnFace", "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE)."),
-    "hedra": ("hedra_format:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
-    "off": ("polygon_format:Off", "OFF: plane polygons, as cinolib and others write them."),
-    "obj": ("polygon_format:Obj", "Wavefront OBJ: plane polygons."),
+    "rf": ("plain_formats:RegnFace", "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE)."),
+    "hedra": ("plain_formats:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
+    "ovm": ("plain_formats:Ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
+    "off": ("plain_formats:Off", "OFF: plane polygons, as cinolib and others write them."),
+    "obj": ("plain_formats:Obj", "Wavefront OBJ: plane polygons."),
+    "ply": ("plain_formats:Ply", "PLY: plane polygons, as text or binary."),
     "meshlane": ("meshlane_format:Meshlane", "Gmsh, legacy VTK and more, where no other format reads them."),
     "openfoam": ("foam_format:OpenFoam", "OpenFOAM cases, by way of the .foam file that marks them."),
-    "pvtu": ("pvtu_format:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
+    "vtkhdf": ("vtkhdf_format:VtkHdf", "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf])."),
+    "pvtu": ("plain_formats:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
 }
-SOLID_FORMATS = ("vtu", "npz", "pvtu", "matlab", "openfoam", "rf", "hedra")
+NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
+SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
 SAMPLES = {
     "triangles": "Unit square of n × n squares, each cut in two triangles.",
     "squares": "Unit square of n × n squares.",

@@ -51,6 +51,7 @@ _OWN: Final[Mapping[str, Sequence[Sequence[float]]]] = {
     "star_shapedness": ((1, 1, 1, 1), (1, 1), (1 / 3, 1), (1, 0), (1, 0), (0, 0)),
     "box_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1, 1), (1, 1), (1 / 3, 1 / 5), (1 / 2, 1 / 2)),
     "edge_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1 / 2, 1), (1, 3 / 5), (1 / 3, 1), (1, 1)),
+    "face_ratio": ((1, 1, 1, 1), (1, 1 / 3), (1 / 2, 1), (1, 3 / 5), (1 / 3, 1), (1, 1)),
 }
 
 PLAIN: Final[Mapping[str, Sequence[Sequence[float]]]] = {

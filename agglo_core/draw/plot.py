@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["PALETTE", "colouring", "draw", "panels_of", "save_figure", "short_name"]
 
 _DPI = 160
-_IN_TITLES = {2: ("UF", "CR"), 3: ("UF", "J")}
+_IN_TITLES = ("UF", "CR")
 _EXPLODE = 0.35
 
 
@@ -43,7 +43,7 @@ def draw(
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
     Neighbouring agglomerates differ in colour; titles give the number of parts and the means of the
-    metrics, UF and CR by default, in 3-D UF and J. Solids are seen from above and a side, their
+    metrics, UF and CR by default. Solids are seen from above and a side, their
     agglomerates moved apart. Nothing is left behind if the picture cannot be written.
 
     Parameters
@@ -77,7 +77,7 @@ def draw(
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
-    wanted = _IN_TITLES[mesh.dim] if metrics is None else list(metrics)
+    wanted = _IN_TITLES if metrics is None else list(metrics)
     panels = panels_of(mesh, explode, section)
     columns = 1 + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))

@@ -46,6 +46,14 @@ class Graph(BlockGraph):
         Carried through every split: tags, indicators, features.
     origin : (d,) float
         What was subtracted from user coordinates.
+
+    Examples
+    --------
+    >>> graph = agglo.samples.squares(2).graph
+    >>> graph
+    Graph(2-D, 4 nodes, 4 edges, 1 blocks)
+    >>> graph.indptr.tolist(), graph.indices.tolist()
+    ([0, 2, 4, 6, 8], [1, 2, 0, 3, 0, 3, 1, 2])
     """
 
     @classmethod
@@ -185,5 +193,11 @@ class Graph(BlockGraph):
 
 
 def dual_graph(mesh: Mesh) -> Graph:
-    """Dual graph of a mesh; ``mesh.graph`` is this, made once."""
+    """Dual graph of a mesh; ``mesh.graph`` is this, made once.
+
+    Examples
+    --------
+    >>> dual_graph(agglo.samples.boxes(2))
+    Graph(3-D, 8 nodes, 12 edges, 1 blocks)
+    """
     return Graph.from_mesh(mesh)

@@ -38,7 +38,13 @@ __all__ = [
 
 
 def degrees(graph: Graph, *, edge_weights: Float | None = None) -> Float:
-    """Sum of the edge weights at each node ``(n,)``: D in the paper, the degree if unweighted."""
+    """Sum of the edge weights at each node ``(n,)``: D in the paper, the degree if unweighted.
+
+    Examples
+    --------
+    >>> agglo.functionals.degrees(agglo.samples.squares(2).graph)
+    array([2., 2., 2., 2.])
+    """
     return np.asarray(_adjacency(graph, edge_weights).sum(axis=1), dtype=float)
 
 
@@ -52,6 +58,12 @@ def part_cuts(graph: Graph, labels: ArrayLike, *, edge_weights: Float | None = N
         Part of each node, 0..k−1.
     edge_weights : (m,) float, optional
         One per CSR entry, symmetric; 1 by default.
+
+    Examples
+    --------
+    >>> graph = agglo.samples.squares(2).graph
+    >>> agglo.functionals.part_cuts(graph, np.array([0, 0, 1, 1]))
+    array([2., 2.])
     """
     parts = _checked_labels(graph, labels)
     rows = np.repeat(parts, np.diff(graph.indptr))
@@ -66,14 +78,28 @@ def part_volumes(
     edge_weights: Float | None = None,
     node_weights: Float | None = None,
 ) -> Float:
-    """vol(S_k, V) of each part ``(k,)``: its sum of node weights ``(n,)``, by default the degrees."""
+    """vol(S_k, V) of each part ``(k,)``: its sum of node weights ``(n,)``, by default the degrees.
+
+    Examples
+    --------
+    >>> graph = agglo.samples.squares(2).graph
+    >>> agglo.functionals.part_volumes(graph, np.array([0, 0, 1, 1]))
+    array([4., 4.])
+    """
     parts = _checked_labels(graph, labels)
     weights = degrees(graph, edge_weights=edge_weights) if node_weights is None else node_weights
     return _sums(parts, weights, int(parts.max()) + 1)
 
 
 def cut(graph: Graph, labels: ArrayLike, *, edge_weights: Float | None = None) -> float:
-    """cut(S_1, …, S_M) = ½ Σ_k cut(S_k, V∖S_k): the weight of the edges between parts, each once."""
+    """cut(S_1, …, S_M) = ½ Σ_k cut(S_k, V∖S_k): the weight of the edges between parts, each once.
+
+    Examples
+    --------
+    >>> graph = agglo.samples.squares(2).graph
+    >>> agglo.functionals.cut(graph, np.array([0, 0, 1, 1]))
+    2.0
+    """
     return 0.5 * float(part_cuts(graph, labels, edge_weights=edge_weights).sum())
 
 
@@ -84,7 +110,14 @@ def normalised_cut(
     edge_weights: Float | None = None,
     node_weights: Float | None = None,
 ) -> float:
-    """Ncut(S_1, …, S_M) = Σ_k cut(S_k, V∖S_k) / vol(S_k, V); a part of no volume adds 0."""
+    """Ncut(S_1, …, S_M) = Σ_k cut(S_k, V∖S_k) / vol(S_k, V); a part of no volume adds 0.
+
+    Examples
+    --------
+    >>> graph = agglo.samples.squares(2).graph
+    >>> agglo.functionals.normalised_cut(graph, np.array([0, 0, 1, 1]))
+    1.0
+    """
     cuts = part_cuts(graph, labels, edge_weights=edge_weights)
     volumes = part_volumes(graph, labels, edge_weights=edge_weights, node_weights=node_weights)
     return float(ratio(cuts, volumes).sum())

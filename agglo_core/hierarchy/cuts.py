@@ -55,6 +55,13 @@ class Cut:
         Node of the forest that each part is.
     grade : int or None
         By how many levels neighbouring parts may differ; None for any number.
+
+    Examples
+    --------
+    >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=(16, 4))
+    >>> cut = hierarchy.cut_at(1).refine([0]).cut
+    >>> cut.n_parts, cut.levels.tolist()
+    (7, [0, 0, 1, 0, 0, 1, 1])
     """
 
     fine: Mesh | None

@@ -44,6 +44,16 @@ class Hierarchy:
         Whether each level is a coarsening of the one before.
     statistics : mapping
         How the run went: plain data.
+
+    Examples
+    --------
+    >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=(16, 4))
+    >>> hierarchy
+    Hierarchy(64 cells -> 16, 4 parts)
+    >>> hierarchy.parents(0).tolist()
+    [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3]
+    >>> hierarchy.prolongation(0).shape
+    (64, 16)
     """
 
     fine: Mesh | None

@@ -8,13 +8,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.errors import MeshError
+from agglo_core.errors import MeshError, OptionError
 from agglo_core.interchange.shapely_in import mesh_from_shapely
 from agglo_core.interchange.shapely_out import mesh_to_shapely
 from agglo_core.io.level_tags import check_belongs
-from agglo_core.io.tags import cell_data
+from agglo_core.io.level_values import about_agglomerates, under_free_names
+from agglo_core.io.tags import cell_data, is_level
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -26,30 +27,52 @@ _log = logging.getLogger("agglo")
 
 
 def to_geojson(
-    mesh: Mesh, hierarchy: Hierarchy | None = None, *, properties: Mapping[str, ArrayLike] | None = None
+    mesh: Mesh,
+    hierarchy: Hierarchy | None = None,
+    *,
+    level: int | None = None,
+    properties: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Any]:
     """FeatureCollection (RFC 7946) of the cells of a 2-D mesh, ready for :func:`json.dump`.
 
     Every feature has the cell number as ``id`` and as properties the cell tags and, with a hierarchy,
     its agglomerate on each level as ``level_0``, ``level_1``, …, in place of older tags of that kind.
-    Pass ``hierarchy.mesh(l)`` for the agglomerates themselves. Coordinates are the mesh's own: no
-    reference system is implied.
+    Coordinates are the mesh's own: no reference system is implied.
 
     Parameters
     ----------
-    properties : mapping of name to (n_cells,) numbers, optional
+    mesh : Mesh
+    hierarchy : Hierarchy, optional
+    level : int, optional
+        Of the hierarchy: the features are its agglomerates, with ``agglomerate`` (the label), ``parent`` (the
+        agglomerate of the next coarser level that holds it, −1 if there is none), ``cells`` (of the mesh),
+        ``measure`` and ``diameter``.
+    properties : mapping of name to numbers, one for each feature, optional
         More properties, such as the values of :func:`agglo_core.quality`; NaN is written as null.
 
     Raises
     ------
     MeshError
         For a 3-D mesh, a hierarchy of another mesh, or values of another shape.
+    OptionError
+        For a level that the hierarchy does not have.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> mesh = agglo.samples.squares(4)
+    >>> hierarchy = agglo.agglomerate(mesh, bisector="coordinate", n_parts=(4, 2))
+    >>> [each["properties"]["parent"] for each in to_geojson(mesh, hierarchy, level=0)["features"]]
+    [0, 1, 0, 1]
     """
     import shapely
 
     if hierarchy is not None:
         check_belongs(mesh, hierarchy)
-    table = {name: values.tolist() for name, values in cell_data(mesh, hierarchy).items()}
+    data: Mapping[str, NDArray[Any]] = cell_data(mesh, hierarchy)
+    if level is not None:
+        mesh, data = _agglomerates(hierarchy, level)
+    table = {name: values.tolist() for name, values in data.items()}
     table |= {name: _plain(name, values, mesh.n_cells) for name, values in (properties or {}).items()}
     features = [
         {
@@ -62,6 +85,17 @@ def to_geojson(
     ]
     name = {"name": mesh.name} if mesh.name else {}
     return {"type": "FeatureCollection", **name, "features": features}
+
+
+def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[str, NDArray[Any]]]:
+    """The mesh of a level, its tags, and what is known of each agglomerate."""
+    count = 0 if hierarchy is None else len(hierarchy.levels)
+    if hierarchy is None or not 0 <= level < count:
+        raise OptionError(f"to_geojson: level {level!r} of a hierarchy of {count} levels")
+    coarse = hierarchy.mesh(level)
+    tags = {name: values for name, values in coarse.cell_tags.items() if not is_level(name)}
+    known = about_agglomerates(hierarchy.levels, level, coarse, {})
+    return coarse, {**tags, **under_free_names(known, tags)}
 
 
 def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
@@ -93,6 +127,11 @@ def from_geojson(collection: Mapping[str, Any], *, tolerance: float = 0.0, stric
     ------
     MeshError
         If it is not a FeatureCollection, or a feature is not a polygon (named); as :func:`mesh_from_shapely`.
+
+    Examples
+    --------
+    >>> agglo.interchange.from_geojson(agglo.interchange.to_geojson(agglo.samples.squares(2)))
+    Mesh('squares 2x2', 2-D, 4 cells, 12 faces, 9 points)
     """
     kind = collection.get("type") if isinstance(collection, Mapping) else type(collection).__name__
     features = collection.get("features") if isinstance(collection, Mapping) else None

@@ -13,8 +13,9 @@ from agglo_core.errors import FileError
 from agglo_core.graph import Graph
 from agglo_core.io.file_checks import naming
 from agglo_core.io.text_numbers import integers, line_of, reals
+from agglo_core.mesh.elements import gather
 
-__all__ = ["graph_from_metis", "parts_from_metis"]
+__all__ = ["graph_from_metis", "parts_from_metis", "places_of"]
 
 
 class _Head(NamedTuple):
@@ -43,7 +44,9 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
     ----------
     path : path
         A first line ``n m [fmt [ncon]]``, then for each vertex ``[size] [weights] (neighbour [weight])…``,
-        from 1 on. Lines that begin with ``%`` are comments. Of several weights the first is taken.
+        from 1 on. Lines that begin with ``%`` are comments. Of several weights the first is taken. Chaco's
+        files are the same, but what METIS takes for sizes are names there: lines whose sizes are the
+        numbers from 1 to n in another order are sorted by them.
     coordinates : (n, 2 or 3) float, or path
         Centroids of the vertices; a text file has a line for each.
 
@@ -110,10 +113,15 @@ def _rows(head: _Head, numbers: Int, words: Int) -> _Rows:
     starts = np.cumsum(words) - words
     own = np.arange(len(numbers)) - np.repeat(starts, words) < first
     entries = numbers[~own].reshape(-1, step)
+    offsets = frozen_int(np.concatenate(([0], np.cumsum(counts // step))))
+    order = np.argsort(numbers[starts]) if head.sizes else np.arange(len(starts))
+    if head.sizes and np.array_equal(numbers[starts[order]], np.arange(1, len(starts) + 1)):
+        offsets, places = gather(offsets, frozen_int(order))
+        entries, starts = entries[places], starts[order]
     if entries[:, 0].min(initial=1) < 1 or entries[:, 0].max(initial=1) > head.vertices:
         raise FileError(f"a vertex has a neighbour outside 1..{head.vertices}")
     return _Rows(
-        frozen_int(np.concatenate(([0], np.cumsum(counts // step)))),
+        offsets,
         frozen_int(entries[:, 0] - 1),
         frozen_float(entries[:, 1]) if head.by_edge else None,
         frozen_float(numbers[starts + head.sizes]) if head.weights else None,
@@ -125,14 +133,18 @@ def _coordinates(given: ArrayLike | str | Path, n: int) -> ArrayLike:
         return given
     file = Path(given)
     with naming(file):
-        numbers = reals(file.read_bytes())
-        if len(numbers) not in (2 * n, 3 * n):
-            raise FileError(f"{len(numbers)} coordinates for {n} vertices, expected 2 or 3 of each")
-        places = numbers.reshape(n, -1)
-        bad = np.flatnonzero(~np.isfinite(places).all(axis=1))
-        if len(bad):
-            raise FileError(f"vertex {bad[0]} lies at {places[bad[0]].tolist()}")
-        return places
+        return places_of(reals(file.read_bytes()), n)
+
+
+def places_of(numbers: Float, n: int) -> Float:
+    """Coordinates ``(n, 2 or 3)`` of vertices that follow one another; raises FileError."""
+    if len(numbers) not in (2 * n, 3 * n):
+        raise FileError(f"{len(numbers)} coordinates for {n} vertices, expected 2 or 3 of each")
+    places: Float = numbers.reshape(n, -1)
+    bad = np.flatnonzero(~np.isfinite(places).all(axis=1))
+    if len(bad):
+        raise FileError(f"vertex {bad[0]} lies at {places[bad[0]].tolist()}")
+    return places
 
 
 def parts_from_metis(path: str | Path) -> Int:

@@ -97,6 +97,12 @@ def graph_from_networkx(
     MeshError
         For a directed graph, for attributes that some nodes or edges lack (naming the first), and for
         values that make no sense, as :meth:`Graph.from_arrays`.
+
+    Examples
+    --------
+    >>> there = agglo.samples.squares(2).graph.to_networkx()
+    >>> agglo.interchange.graph_from_networkx(there)
+    Graph(2-D, 4 nodes, 4 edges, 1 blocks)
     """
     if network.is_directed():
         raise MeshError("expected an undirected graph, given a directed one; see network.to_undirected()")

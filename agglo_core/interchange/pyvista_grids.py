@@ -41,5 +41,5 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
         check_belongs(mesh, hierarchy)
     with TemporaryDirectory(prefix="agglo") as folder:
         path = Path(folder) / "mesh.vtu"
-        write_vtu(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy)), None)
+        write_vtu(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy), face_tags={}), None)
         return pyvista.read(path)

@@ -79,6 +79,12 @@ def mesh_from_shapely(
     MeshError
         Naming items: not a polygon, empty, invalid (with shapely's reason), in 3-D, equal to another,
         an edge with more than two cells, a ring smaller than the tolerance.
+
+    Examples
+    --------
+    >>> from shapely import box
+    >>> agglo.interchange.mesh_from_shapely([box(0, 0, 1, 1), box(1, 0, 2, 1)])
+    Mesh(2-D, 2 cells, 7 faces, 6 points)
     """
     items = _checked_items(polygons)
     points, rings = _rings(items)

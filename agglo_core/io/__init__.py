@@ -106,6 +106,14 @@ def read_hierarchy(
     ------
     FileError, MeshError, OptionError, PluginError
         As :func:`read`.
+
+    Examples
+    --------
+    >>> mesh = agglo.samples.squares(8)
+    >>> agglo.write("out.npz", mesh, agglo.agglomerate(mesh, n_parts=4))
+    >>> mesh, hierarchy = agglo.read_hierarchy("out.npz")
+    >>> hierarchy.parts
+    [4]
     """
     source = _existing(path)
     with naming(source):
@@ -160,6 +168,13 @@ def write(
         If an argument is not of its type, the values do not fit the levels, or the format does not compress.
     PluginError
         If a format misbehaves: it writes nothing, or raises something other than an AggloError.
+
+    Examples
+    --------
+    >>> mesh = agglo.samples.squares(4)
+    >>> agglo.write("squares.vtu", mesh)
+    >>> agglo.read("squares.vtu").n_cells
+    16
     """
     target = _checked_path("write", path)
     _check_written(mesh, hierarchy)

@@ -129,11 +129,13 @@ def _chain(ends: Int, size: int, most: int) -> tuple[Int, int]:
     ``ends[i]`` is where a record at i would end; ``size + 1`` stands for one that does not end here, and
     follows itself, as the end of the window does.
     """
-    step = np.concatenate((ends, [size, size + 1]))
-    chain = np.zeros(1, np.int64)
-    while chain[-1] < size and len(chain) <= most:
-        chain = np.concatenate((chain, step[chain]))
-        step = step[step]
+    chain = np.arange(0, size, max(int(ends[0]), 1)) if size else np.zeros(1, np.int64)
+    if not np.array_equal(ends[chain[:-1]], chain[1:]):  # else they are all of one length
+        step = np.concatenate((ends, [size, size + 1]))
+        chain = np.zeros(1, np.int64)
+        while chain[-1] < size and len(chain) <= most:
+            chain = np.concatenate((chain, step[chain]))
+            step = step[step]
     whole = int(np.searchsorted(chain, size))  # those that begin in the window
     whole = min(whole, most)
     if whole and ends[chain[whole - 1]] > size:

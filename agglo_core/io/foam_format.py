@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.io.format_options import Compressing
+
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["OpenFoam"]
 
 
-class OpenFoam:
+class OpenFoam(Compressing):
     """OpenFOAM cases: ``constant/polyMesh`` beside the file; levels for decomposePar and as fields.
 
     Parameters
@@ -31,11 +33,6 @@ class OpenFoam:
     atomic: bool = True
     folders: tuple[str, ...] = ("constant", "0")
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
-        self.merge_points = merge_points
-        self.allow_gaps = allow_gaps
-        self.compress = compress
-
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
         return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
@@ -44,7 +41,7 @@ class OpenFoam:
         """Return the mesh of the case; raises FileError or MeshError."""
         from agglo_core.io.foam_read import read_foam
 
-        return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+        return read_foam(path, **self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write a solid mesh and the labels of its levels as a case; raises an AggloError."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import logging
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,7 +18,7 @@ from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.foam_read import OWN
 from agglo_core.io.plain_cells import used_points
-from agglo_core.io.tags import cell_data, check_names
+from agglo_core.io.tags import cell_data, check_names, is_level
 from agglo_core.io.text_numbers import integer_lines, real_lines
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["write_foam"]
 
+_log = logging.getLogger("agglo")
 _NO_WORD = re.compile(r"""[\s"'/\\;{}()\[\]$#]+""")
 _REST = "defaultFaces"
 
@@ -45,7 +47,8 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     """Write ``constant/polyMesh`` beside the file, which marks the case, and the labels of all levels.
 
     ``constant/cellDecomposition`` holds the finest level, as decomposePar reads it, ``constant/agglo`` every
-    level and tag, ``0`` the levels as fields. Patches take the names of face tags.
+    level and tag, ``0`` the levels as fields. Patches take the names of face tags, cell zones those of cell
+    tags. Zones of faces and points of an earlier mesh are removed.
 
     Raises
     ------
@@ -64,7 +67,8 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     own = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
     fields = {name: _field(name, tags[name], faces.patches) for name in levels}
     split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
-    groups = [(case / "constant" / "polyMesh", _poly(mesh, faces)), (case / "constant" / OWN, own)]
+    poly = {**_poly(mesh, faces), **_zones(tags)}
+    groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, own)]
     groups += [(case / "constant", split), (case / "0", fields)]
     with ExitStack() as stages:
         for folder, files in groups:
@@ -75,6 +79,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
                     _put(stage / name, text, compress and folder.name != "0")
         stage = stages.enter_context(staging(path))
         (stage / path.name).write_bytes(b"")
+    _remove_zones(case / "constant" / "polyMesh", kept=poly)
     for folder, files in groups[:3]:
         _remove_other_forms(folder, files, compress, all_others=folder.name == OWN)
 
@@ -122,6 +127,32 @@ def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
         ),
         "boundary": _file("polyBoundaryMesh", poly, "boundary", len(faces.patches), "".join(_entries(faces))),
     }
+
+
+def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
+    """Tags of zeros and ones as zones of their name, those that share no cell with one before."""
+    entries, taken = list[str](), np.zeros(len(next(iter(tags.values()), ())), bool)
+    for name, values in tags.items():
+        inside = values == 1
+        if is_level(name) or not np.isin(values, (0, 1)).all() or not inside.any() or (inside & taken).any():
+            continue
+        taken |= inside
+        cells = np.flatnonzero(inside)
+        rows = f"List<label>\n{len(cells)}\n(\n{_column(frozen_int(cells))})\n"
+        entries.append(f"{_NO_WORD.sub('_', name)}\n{{\n    type cellZone;\n    cellLabels {rows};\n}}\n")
+    rows = "".join(entries)
+    text = _file("regIOobject", "constant/polyMesh", "cellZones", len(entries), rows)
+    return {"cellZones": text} if entries else {}
+
+
+def _remove_zones(folder: Path, kept: Collection[str]) -> None:
+    """Remove what names cells, faces and points of an earlier mesh by numbers, which are others now."""
+    for zones in sorted({"cellZones", "faceZones", "pointZones"} - set(kept)):
+        for name in (zones, f"{zones}.gz"):
+            if not (folder / name).is_file():
+                continue
+            (folder / name).unlink()
+            _log.warning("removed %s: its numbers are those of the mesh that was replaced", folder / name)
 
 
 def _entries(faces: _Faces) -> Iterator[str]:

@@ -45,8 +45,10 @@ def matrix_heads(words: NDArray[Any], starts: Int, name: str) -> tuple[Int, Int,
     """Of matrices without names: the row where their content begins, their class, and how many they hold."""
     empty = words[starts, 1] == 0
     rows = np.minimum(starts, len(words) - 1 - INSIDE)
-    plain = (words[rows + 1] == (6, 8)).all(axis=1) & (words[rows + 3] == (5, 8)).all(axis=1)
-    plain &= (words[rows + 5, 1] == 0) & (words[rows, 1] >= 8 * INSIDE) | empty
+    plain = (words[rows, 1] >= 8 * INSIDE) & (words[rows + 5, 1] == 0)
+    for shift, tag in ((1, (6, 8)), (3, (5, 8))):
+        for column, value in enumerate(tag):
+            plain &= words[rows + shift, column] == value
     plain |= empty
     if not plain.all():
         raise FileError(f"{name}: cell {int(np.argmin(plain))} is no matrix of two dimensions")

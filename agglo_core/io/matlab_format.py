@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.io.format_options import Compressing
+
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
@@ -12,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["Matlab"]
 
 
-class Matlab:
+class Matlab(Compressing):
     """Variables of MATLAB: ``region`` of lymph, or ``node`` and ``elem`` of mVEM; both are written.
 
     Parameters
@@ -28,11 +30,6 @@ class Matlab:
     suffixes: tuple[str, ...] = (".mat",)
     lossless: bool = False
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
-        self.merge_points = merge_points
-        self.allow_gaps = allow_gaps
-        self.compress = compress
-
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as MATLAB's of level 5 do."""
         return head.startswith(b"MATLAB 5.0 MAT-file")
@@ -41,7 +38,7 @@ class Matlab:
         """Return the mesh of a file; raises FileError or MeshError."""
         from agglo_core.io.matlab_read import read_matlab
 
-        return read_matlab(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+        return read_matlab(path, **self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write the mesh, its tags and labels, and each coarse mesh beside it; raises an AggloError."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.io.mat5_write import cell_array, lists, matrices, nested, numbers, structure, write_variables
-from agglo_core.io.mrst import grid_structure
+from agglo_core.io.mrst import coarse_structure, grid_structure
 from agglo_core.io.plain_cells import Loops, loops_of, solids_of, write_levels
 from agglo_core.io.tags import is_level
 from agglo_core.mesh import Mesh
@@ -26,6 +26,7 @@ __all__ = ["NAMES", "write_matlab"]
 NAMES = "agglo_names"
 """Variable with JSON (as bytes) that says which variable is which tag of the mesh."""
 
+_COARSE = re.compile(r"CG_\d+", re.ASCII)
 _TAKEN = ("node", "elem", "node3", "elem3", "region", "neighbor", "G", NAMES)
 _OUTSIDE = 2  # lymph's tag of an outer edge of which nothing else is known
 
@@ -34,8 +35,8 @@ def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compres
     """Write a mesh with its tags and labels, and each coarse mesh beside it.
 
     A plane mesh is written as ``node`` and ``elem`` and as ``region`` and ``neighbor``, a solid one as
-    ``node3`` and ``elem3``; both as MRST's ``G``, too. Points, cells and parts of levels are numbered from 1
-    on, tags keep their values.
+    ``node3`` and ``elem3``; both as MRST's ``G``, too, with a ``CG_0``, … for each level.
+    Points, cells and parts of levels are numbered from 1 on, tags keep their values.
 
     Raises
     ------
@@ -49,7 +50,15 @@ def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compres
 
 def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, compress: bool) -> None:
     cells = _solid(mesh) if mesh.dim == 3 else _plane(mesh, tags)
-    write_variables(path, [*cells, grid_structure(mesh), *_tags(tags)], compress=compress)
+    grids = [grid_structure(mesh), *_coarse_grids(mesh, tags)]
+    write_variables(path, [*cells, *grids, *_tags(tags)], compress=compress)
+
+
+def _coarse_grids(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
+    """MRST's coarse grid of each level, ``CG_0``, ``CG_1``, …."""
+    for name, labels in tags.items():
+        if is_level(name) and labels.min() == 0 and np.bincount(labels).all():
+            yield coarse_structure(f"CG_{name.removeprefix('level_')}", mesh, labels)
 
 
 def _solid(mesh: Mesh) -> Iterator[bytes]:
@@ -126,7 +135,7 @@ def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
     names: dict[str, str] = {}
     for name, values in tags.items():
         plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:40]
-        fits = plain == name and plain[:1].isalpha() and name not in _TAKEN
+        fits = plain == name and plain[:1].isalpha() and name not in _TAKEN and not _COARSE.fullmatch(name)
         variable = name if fits else f"tag{len(names)}_{plain}"
         while variable in names or (variable != name and variable in tags):
             variable += "_"

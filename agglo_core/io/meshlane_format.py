@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.io.format_options import Reading
+
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
@@ -13,11 +15,11 @@ __all__ = ["Meshlane"]
 
 _SUFFIXES = """
     .avs .bdf .cdb .cgns .dat .dato .e .ele .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
-    .msh .nas .node .obj .off .ply .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml
+    .msh .nas .node .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml
 """
 
 
-class Meshlane:
+class Meshlane(Reading):
     """The files that the package meshlane reads and writes: Gmsh, legacy VTK, Abaqus, STL, MED and more.
 
     What is written is read back and compared; what the file would lose is refused.
@@ -35,15 +37,11 @@ class Meshlane:
     atomic: bool = True
     last_resort: bool = True
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
-        self.merge_points = merge_points
-        self.allow_gaps = allow_gaps
-
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a file; raises FileError or MeshError."""
         from agglo_core.io.meshlane_read import read_foreign
 
-        return read_foreign(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+        return read_foreign(path, **self.reading)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write the mesh and the labels of its levels; raises FileError or MeshError."""

@@ -120,9 +120,13 @@ def _note_sets(mesh: Mesh, sets: set[str]) -> None:
 
 
 def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
-    """Without the tags of sets that hold no cell, or no face: a set lives in one dimension."""
+    """Without the tags of sets that hold no cell, or no face: a set lives in one dimension.
+
+    Nor tags of faces that are −1 everywhere: they are those of cells.
+    """
     cell_tags, face_tags = (
         {name: values for name, values in tags.items() if name not in names or (values == 1).any()}
         for tags in (mesh.cell_tags, mesh.face_tags)
     )
+    face_tags = {name: values for name, values in face_tags.items() if (values != -1).any()}
     return replace(mesh, cell_tags=cell_tags, face_tags=face_tags)

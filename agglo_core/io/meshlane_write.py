@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import AggloError, FileError
 from agglo_core.io.atomic import staging
+from agglo_core.io.gmsh_write import RESERVED, write_gmsh
 from agglo_core.io.meshlane_read import read_foreign
 from agglo_core.io.tags import cell_data, check_names
 from agglo_core.mesh import Mesh
@@ -24,8 +26,6 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
 __all__ = ["write_foreign"]
-
-_FORMS = {".msh": "gmsh22"}  # meshlane would write Ansys'; 4.1 cannot hold blocks of several kinds
 
 
 def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
@@ -40,27 +40,26 @@ def write_foreign(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
     """
     tags = cell_data(mesh, hierarchy)
     check_names(tags)
+    with staging(path) as folder:
+        target = folder / path.name
+        (write_gmsh if path.suffix.lower() == ".msh" else _silently)(target, mesh, tags)
+        _check_whole(target, mesh, tags)
+
+
+def _silently(target: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    """Let meshlane write in silence; what a format cannot express may make it raise anything."""
+    import meshlane
+
     blocks = _blocks(mesh)
     cuts = np.cumsum([len(rows) for _, rows in blocks])[:-1]
     points = np.zeros((mesh.n_points, 3))
     points[:, : mesh.dim] = mesh.points
-    with staging(path) as folder:
-        target = folder / path.name
-        data = {name: np.split(values, cuts) for name, values in tags.items()}
-        _silently(target, points, blocks, data)
-        _check_whole(target, mesh, tags)
-
-
-def _silently(target: Path, points: Any, blocks: Any, data: Any) -> None:
-    """Let meshlane write in silence; what a format cannot express may make it raise anything."""
-    import meshlane
-
+    data = {name: np.split(values, cuts) for name, values in tags.items()}
     said = io.StringIO()
     try:
         with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            form = _FORMS.get(target.suffix.lower())
-            meshlane.Mesh(points, blocks, cell_data=data).write(target, file_format=form)
+            meshlane.Mesh(points, blocks, cell_data=data).write(target)
     except (Exception, SystemExit) as error:
         reason = f"{type(error).__name__}: {error}"
         raise FileError(f"meshlane cannot write it: {reason[:300]}; .vtu and .npz can hold it") from error
@@ -104,7 +103,7 @@ def _tetrahedra(mesh: Mesh) -> tuple[dict[int, str], Int, Int]:
     return {4: "tetra"}, frozen_int(np.arange(0, nodes.size + 1, 4)), frozen_int(nodes.ravel())
 
 
-def _check_whole(written: Path, mesh: Mesh, tags: dict[str, Int]) -> None:
+def _check_whole(written: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     """Raise FileError unless the file holds the mesh with its tags."""
     hint = f"{written.suffix} would lose {{}}; .vtu and .npz keep everything"
     try:
@@ -116,5 +115,7 @@ def _check_whole(written: Path, mesh: Mesh, tags: dict[str, Int]) -> None:
     if not np.allclose(found.cell_measures, mesh.cell_measures, rtol=1e-9, atol=0):
         raise FileError(hint.format("digits of the points or the order of the cells"))
     for name, values in tags.items():
+        if name.startswith(RESERVED) and written.suffix.lower() == ".msh":
+            continue
         if name not in found.cell_tags or not np.array_equal(found.cell_tags[name], values):
             raise FileError(hint.format(f"the cell data {name!r}"))

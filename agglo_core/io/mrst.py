@@ -1,4 +1,4 @@
-"""The grid structure G of MRST: faces, the nodes of each, and the cells beside it."""
+"""MRST's grid structure G: faces, the nodes of each, the cells beside it; its coarse grids CG."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import check_extent
 from agglo_core.mesh.elements import gather
 
-__all__ = ["grid_structure", "mesh_of_grid"]
+__all__ = ["coarse_structure", "grid_structure", "mesh_of_grid"]
 
 
 def mesh_of_grid(grid: Variable) -> Mesh:
@@ -105,6 +105,47 @@ def grid_structure(mesh: Mesh) -> bytes:
                 },
             ),
             "nodes": structure("", {"num": numbers("", [[len(points)]]), "coords": numbers("", points)}),
+            "griddim": numbers("", [[mesh.dim]]),
+        },
+    )
+
+
+def coarse_structure(name: str, mesh: Mesh, labels: Int) -> bytes:
+    """The coarse grid of a partition with the fields that ``generateCoarseGrid`` makes, but for ``parent``.
+
+    A coarse face is all faces of the mesh between the same two blocks, or between one and the outside, which
+    is 0: ``fconn(connPos(i) : connPos(i + 1) - 1)`` are those of coarse face i.
+    """
+    blocks = np.where(mesh.face_cells >= 0, labels[mesh.face_cells] + 1, 0)
+    kept = np.flatnonzero(blocks[:, 0] != blocks[:, 1])
+    low, high = np.sort(blocks[kept], axis=1).T
+    inner = low > 0
+    order = np.lexsort((np.where(inner, high, 0), np.where(inner, low, high), ~inner))
+    pairs = np.stack((np.where(inner, low, high), np.where(inner, high, 0)), axis=1)[order]
+    new = np.concatenate(([True], (np.diff(pairs, axis=0) != 0).any(axis=1)))
+    starts = np.flatnonzero(new)
+    neighbours = pairs[starts]
+    face = np.repeat(np.arange(len(starts)), 2)[neighbours.ravel() > 0]
+    block = neighbours.ravel()[neighbours.ravel() > 0]
+    n = int(labels.max()) + 1
+    ends = np.cumsum(np.bincount(block - 1, minlength=n))
+    cells = {
+        "num": numbers("", [[n]]),
+        "facePos": numbers("", frozen_int(np.concatenate(([0], ends)) + 1)),
+        "faces": numbers("", frozen_int(face[np.argsort(block, kind="stable")] + 1)),
+    }
+    faces = {
+        "num": numbers("", [[len(starts)]]),
+        "neighbors": numbers("", frozen_int(neighbours)),
+        "connPos": numbers("", frozen_int(np.concatenate((starts, [len(kept)])) + 1)),
+        "fconn": numbers("", frozen_int(kept[order] + 1)),
+    }
+    return structure(
+        name,
+        {
+            "cells": structure("", cells),
+            "faces": structure("", faces),
+            "partition": numbers("", frozen_int(labels + 1)),
             "griddim": numbers("", [[mesh.dim]]),
         },
     )

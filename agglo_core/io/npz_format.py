@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.io.format_options import Compressing
 from agglo_core.progress import Tell, to_nobody
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Npz"]
 
 
-class Npz:
+class Npz(Compressing):
     """npz without pickle: everything a mesh and its hierarchy hold, or polygons in a plain layout.
 
     Parameters
@@ -32,11 +33,6 @@ class Npz:
     atomic: bool = True
     tells_progress: bool = True
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
-        self.merge_points = merge_points
-        self.allow_gaps = allow_gaps
-        self.compress = compress
-
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as archives of arrays do."""
         return head.startswith(b"PK\x03\x04") and b".npy" in head
@@ -49,7 +45,7 @@ class Npz:
         """Return the mesh and the hierarchy stored with it, if any; raises FileError or MeshError."""
         from agglo_core.io.npz import read_npz
 
-        return read_npz(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+        return read_npz(path, **self.reading)
 
     def write(
         self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None, tell: Tell = to_nobody

@@ -6,8 +6,9 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from agglo_core.errors import FileError
+from agglo_core.io.vtk_pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtu_arrays import vtk_root
-from agglo_core.io.vtu_read import Stored, mesh_from_pieces, stored_pieces
+from agglo_core.io.vtu_read import stored_pieces
 from agglo_core.mesh import Mesh
 
 __all__ = ["read_pvtu"]

@@ -11,13 +11,13 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError, MeshError
+from agglo_core.io.listed_faces import ListedFaces, faces_with, tags_of_faces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import name_cells
 from agglo_core.mesh.elements import (
     CORNERS,
     Polyhedra,
     concatenate,
-    gather,
     polyhedra_from_elements,
     take_cells,
 )
@@ -53,6 +53,7 @@ class Soup(NamedTuple):
     vertices: Int
     solids: Polyhedra
     tags: Mapping[str, Int]  # name -> (n,)
+    listed: ListedFaces | None = None
 
 
 def mesh_from_soup(soup: Soup, *, merge_points: bool, allow_gaps: bool, weak: bool, name: str) -> Mesh:
@@ -94,6 +95,8 @@ def mesh_from_soup(soup: Soup, *, merge_points: bool, allow_gaps: bool, weak: bo
     facets = np.flatnonzero(dims[kind] == dim - 1) if soup.tags else np.empty(0, np.int64)
     facets = facets[~np.isin(soup.types[facets], _OTHER_LINES)]
     face_tags, kept = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
+    if soup.listed is not None and len(cells) == len(soup.types):
+        face_tags |= tags_of_faces(mesh, soup.points, soup.listed)
     straightened = int((sizes < np.diff(soup.offsets))[cells].sum())
     repairs = {
         "higher-order cells reduced to their corners": straightened,
@@ -177,11 +180,7 @@ def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> t
     """
     if not len(facets):
         return {}, 0
-    given = soup.points[:, : mesh.dim]
-    point = _row_numbers(np.concatenate((mesh.points, given)) + 0.0)
-    face = _match(
-        mesh.face_offsets, point[mesh.face_vertices], loops[0], point[mesh.n_points :][loops[1]], len(facets)
-    )
+    face = faces_with(mesh, soup.points, *loops)
     kept = np.flatnonzero(face >= 0)
     if not len(kept):
         return {}, 0
@@ -190,29 +189,3 @@ def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> t
         tags[name] = np.full(mesh.n_faces, -1)
         tags[name][face[kept]] = values[facets[kept]]
     return tags, len(kept)
-
-
-def _match(offsets: Int, vertices: Int, loop_offsets: Int, loop_vertices: Int, n: int) -> Int:
-    """Face with the same vertices as each loop, or −1."""
-    face = np.full(n, -1)
-    loop_sizes, face_sizes = np.diff(loop_offsets), np.diff(offsets)
-    for size in np.unique(loop_sizes):
-        own, faces = np.flatnonzero(loop_sizes == size), np.flatnonzero(face_sizes == size)
-        rows = [
-            np.sort(vertices[gather(offsets, faces)[1]].reshape(-1, size), axis=1),
-            np.sort(loop_vertices[gather(loop_offsets, own)[1]].reshape(-1, size), axis=1),
-        ]
-        number = _row_numbers(np.concatenate(rows))
-        owner = np.full(number.max(initial=-1) + 1, -1)
-        owner[number[: len(faces)]] = faces
-        face[own] = owner[number[len(faces) :]]
-    return frozen_int(face)
-
-
-def _row_numbers(rows: Float | Int) -> Int:
-    """A number for each distinct row."""
-    order = np.lexsort(rows.T)
-    new = np.concatenate(([True], (np.diff(rows[order], axis=0) != 0).any(axis=1)))[: len(rows)]
-    number = np.empty(len(rows), np.int64)
-    number[order] = np.cumsum(new) - 1
-    return frozen_int(number)

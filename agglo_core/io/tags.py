@@ -47,15 +47,15 @@ def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
     return tags | {f"level_{i}": labels for i, labels in enumerate(hierarchy.levels)}
 
 
-def check_names(names: Iterable[str]) -> None:
+def check_names(names: Iterable[str], what: str = "cell") -> None:
     """Raise MeshError for tags that no file can hold under their name."""
     for name in names:
         if not name:
-            raise MeshError("a cell tag has an empty name; only .npz can hold it")
+            raise MeshError(f"a {what} tag has an empty name; only .npz can hold it")
         if name == BRIDGES:
-            raise MeshError(f"the name of cell tag {name!r} is reserved for the marks of cells with holes")
+            raise MeshError(f"the name of {what} tag {name!r} is reserved for the marks of cells with holes")
         if _NO_XML.search(name):
-            raise MeshError(f"the name of cell tag {name!r} has control characters; only .npz can hold it")
+            raise MeshError(f"the name of {what} tag {name!r} has control characters; only .npz can hold it")
 
 
 def tag_values(name: str, values: NDArray[Any]) -> Int:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 __all__ = ["why_unread"]
 
-_POLYGONS = "polygons are read from .vtu, .vtk, .obj, .off, .ply and .npz"
+_POLYGONS = "polygons are read from .vtu, .vtkhdf, .typ2, .mat, .vtk, .obj, .off, .ply and .npz"
+_UCD_ELEMENTS = ("pt", "line", "tri", "quad", "tet", "pyr", "prism", "hex")
 _GMSH_POLYTOPES = ("34", "35")  # Gmsh's element types polygon and polyhedron
 _LINES = 2000  # looked at; what tells one layout from another is in the first few
 
@@ -32,6 +33,20 @@ def _ucd(path: Path) -> str | None:
         "is an AVS UCD file, which shares its suffix .inp with Abaqus and Ansys and is not read under it; "
         "rename it to .avs"
     )
+
+
+def _avs(path: Path) -> str | None:
+    """The first kind of cell that is none of AVS UCD's: lines of a number, a material, a kind and points."""
+    lines = _words(path, comments="#")
+    counts = [int(word) for word in next(lines, [])]
+    if len(counts) != 5:
+        return None
+    for words in islice(lines, counts[0], counts[0] + counts[1]):
+        if len(words) > 2 and words[2] not in _UCD_ELEMENTS:
+            return (
+                f"is an AVS UCD file with {words[2][:20]!r} cells, which its rules do not know; {_POLYGONS}"
+            )
+    return None
 
 
 def _gmsh(path: Path) -> str | None:
@@ -69,6 +84,7 @@ def _numbers(path: Path) -> Iterator[list[str]]:
 
 
 _LOOKS = {
+    ".avs": _avs,
     ".inp": _ucd,
     ".msh": _gmsh,
 }

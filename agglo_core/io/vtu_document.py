@@ -45,6 +45,8 @@ class Piece(NamedTuple):
     derived : mapping
         More cell data, which get the attribute ``mark``.
     mark : str
+    field_data : mapping
+        Arrays that belong to no point or cell.
     kind : str
         Stands in the first line, so that a program knows what it has before it.
     """
@@ -55,6 +57,7 @@ class Piece(NamedTuple):
     cell_data: Mapping[str, NDArray[Any]] = {}
     derived: Mapping[str, NDArray[Any]] = {}
     mark: str = ""
+    field_data: Mapping[str, NDArray[Any]] = {}
     kind: str = "mesh"
 
 
@@ -123,9 +126,11 @@ def _arrays(piece: Piece) -> Iterator[_Array]:
         ("PointData", piece.point_data, ""),
         ("CellData", piece.cell_data, ""),
         ("CellData", piece.derived, f" {piece.mark}"),
+        ("FieldData", piece.field_data, ""),
     ):
         for name, values in data.items():
-            yield _Array(section, name, values, _stored_type(values), mark=mark)
+            tuples = f' NumberOfTuples="{len(values)}"' if section == "FieldData" else ""
+            yield _Array(section, name, values, _stored_type(values), mark=f"{tuples}{mark}")
 
 
 def _stored_type(values: NDArray[Any]) -> np.dtype[Any]:
@@ -137,14 +142,19 @@ def _xml(
     piece: Piece, arrays: Sequence[_Array], offsets: Sequence[int], compress: bool, room: int = 0
 ) -> bytes:
     """All before the bytes of the arrays, filled up with spaces to ``room`` bytes."""
+
+    def section(name: str) -> list[str]:
+        own = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == name]
+        return [f"<{name}>", *own, f"</{name}>"]
+
     lines = [
         f'{_START}agglo="{piece.kind}"{f" {_ZLIB}" if compress else ""}>',
         "<UnstructuredGrid>",
+        *(section("FieldData") if piece.field_data else ()),
         f'<Piece NumberOfPoints="{len(piece.points)}" NumberOfCells="{len(piece.cells["types"])}">',
     ]
-    for section in ("Points", "Cells", "PointData", "CellData"):
-        own = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == section]
-        lines += [f"<{section}>", *own, f"</{section}>"]
+    for name in ("Points", "Cells", "PointData", "CellData"):
+        lines += section(name)
     lines += ["</Piece>", "</UnstructuredGrid>"]
     before, after = "\n".join(lines).encode(), b'\n<AppendedData encoding="raw">\n_'
     return before.ljust(room - len(after)) + after

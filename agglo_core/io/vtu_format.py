@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agglo_core.io.format_options import Compressing
 from agglo_core.progress import Tell, to_nobody
 
 if TYPE_CHECKING:
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["Vtu"]
 
 
-class Vtu:
+class Vtu(Compressing):
     """VTU by agglo's own reader and writer: any mesh, its cell tags, the labels of all levels.
 
     Parameters
@@ -34,11 +35,6 @@ class Vtu:
     tells_progress: bool = True
     keeps_level_values: bool = True
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
-        self.merge_points = merge_points
-        self.allow_gaps = allow_gaps
-        self.compress = compress
-
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as these do."""
         return b"<VTKFile" in head and b"UnstructuredGrid" in head and b"PUnstructuredGrid" not in head
@@ -47,7 +43,7 @@ class Vtu:
         """Return the mesh of a VTU file; raises FileError or MeshError."""
         from agglo_core.io.vtu_read import read_vtu
 
-        return read_vtu(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+        return read_vtu(path, **self.reading)
 
     def write(
         self,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.kernels.box_heap import WIDTH, pop, push
 from agglo_core.kernels.circle_chains import simplified
 from agglo_core.kernels.circle_edges import (
     HEIGHT,
@@ -21,7 +22,6 @@ from agglo_core.kernels.circle_edges import (
     shortened,
     signed_distance,
 )
-from agglo_core.kernels.circle_heap import WIDTH, pop, push
 from agglo_core.kernels.circle_program import convex, largest_in_box, linearised, majorised, tightest
 from agglo_core.kernels.circle_slabs import slabs
 from agglo_core.kernels.compiling import helper, kernel

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from agglo_core.kernels.box_heap import push
 from agglo_core.kernels.circle_edges import signed_distance
-from agglo_core.kernels.circle_heap import push
 from agglo_core.kernels.compiling import helper
 from agglo_core.kernels.piece_refinement import sort_by_keys
 

@@ -43,7 +43,11 @@ def kernel(
 
 
 def helper(
-    function: Callable[..., Any] | None = None, *, reorder_sums: bool = False, allocates: bool = False
+    function: Callable[..., Any] | None = None,
+    *,
+    reorder_sums: bool = False,
+    allocates: bool = False,
+    inline: bool = False,
 ) -> Any:
     """Let kernels call ``function``; called from Python it runs uncompiled.
 
@@ -52,11 +56,13 @@ def helper(
     that both a kernel and a helper call is compiled for each of the two.
 
     Arrays are borrowed from the caller, so that no references are counted: two atomic additions for every
-    array of every call. One that makes arrays, or calls a helper that does, says ``allocates=True``.
+    array of every call. One that makes arrays, or calls a helper that does, says ``allocates=True``. One of
+    many lines that is called in a loop meant for vector registers says ``inline=True``.
     """
     if function is None:
-        return lambda inner: helper(inner, reorder_sums=reorder_sums, allocates=allocates)
-    return register_jitable(**_options(reorder_sums, allocates))(function)
+        return lambda inner: helper(inner, reorder_sums=reorder_sums, allocates=allocates, inline=inline)
+    options = _options(reorder_sums, allocates) | ({"forceinline": True} if inline else {})
+    return register_jitable(**options)(function)
 
 
 def _keep(compiled: Any, function: Callable[..., Any]) -> None:

@@ -6,9 +6,10 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["box_ratios", "convex_hulls", "kernel_areas"]
+__all__ = ["box_ratios", "convex_hulls", "kernel_areas", "narrowest", "one_hull"]
 
 _TIE = 1e-9  # relative difference below which two widths count as equal
+_SHORT = 1e-8  # of the extent: shorter edges are those between points that rounding set apart
 
 
 @helper
@@ -38,6 +39,23 @@ def _sort(points, vertices, start, stop):
         gap //= 3
 
 
+@helper
+def one_hull(points, order, start, stop, hull, top):
+    """Append the hull of ``order[start:stop]``, which it sorts, counter-clockwise; where it ends."""
+    _sort(points, order, start, stop)
+    base, last = top, stop - 1
+    floor = base + 1  # entries below are final
+    for step in range(2 * (last - start) + 1):  # there along the lower side, back along the upper
+        if step == last - start + 1:
+            floor = top
+        v = order[start + step] if start + step <= last else order[2 * last - start - step]
+        while top > floor and _turn(points, hull[top - 2], hull[top - 1], v) <= 0.0:
+            top -= 1
+        hull[top] = v
+        top += 1
+    return top - 1  # back at the first vertex
+
+
 @kernel
 def convex_hulls(points, offsets, vertices):
     """Areas of the convex hulls, and the hulls as CSR (offsets, vertices), counter-clockwise.
@@ -53,19 +71,8 @@ def convex_hulls(points, offsets, vertices):
         order[h] = vertices[h]
     top = 0
     for c in range(n):
-        first, last = offsets[c], offsets[c + 1] - 1
-        _sort(points, order, first, last + 1)
         base = top
-        floor = base + 1  # entries below are final
-        for step in range(2 * (last - first) + 1):  # there along the lower side, back along the upper
-            if step == last - first + 1:
-                floor = top
-            v = order[first + step] if first + step <= last else order[2 * last - first - step]
-            while top > floor and _turn(points, hull[top - 2], hull[top - 1], v) <= 0.0:
-                top -= 1
-            hull[top] = v
-            top += 1
-        top -= 1  # back at the first vertex
+        top = one_hull(points, order, offsets[c], offsets[c + 1], hull, base)
         hull_offsets[c + 1] = top
         for i in range(base + 1, top - 1):
             area[c] += 0.5 * _turn(points, hull[base], hull[i], hull[i + 1])
@@ -82,31 +89,41 @@ def _furthest(points, hull, start, m, at, ux, uy):
         at += 1
 
 
+@helper
+def narrowest(points, hull, start, m):
+    """Width of the narrowest rectangle around a hull, and short over long side (rotating calipers)."""
+    right, far, left = 1, 1, 1
+    width, best, reach = np.inf, 0.0, 0.0
+    for i in range(m):
+        reach = max(reach, abs(points[hull[start + i], 0] - points[hull[start], 0]))
+        reach = max(reach, abs(points[hull[start + i], 1] - points[hull[start], 1]))
+    for i in range(m):
+        a, b = hull[start + i], hull[start + (i + 1) % m]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        if max(abs(ux), abs(uy)) <= _SHORT * reach:  # of no direction, by rounding
+            continue
+        right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
+        far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
+        left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
+        p, q = hull[start + left % m], hull[start + right % m]
+        height = _turn(points, a, b, hull[start + far % m])
+        value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
+        narrow = height / np.sqrt(ux * ux + uy * uy)
+        if narrow < width * (1.0 - _TIE) or (narrow <= width * (1.0 + _TIE) and value > best):
+            best = value
+            width = min(width, narrow)
+    return width, best
+
+
 @kernel
 def box_ratios(points, offsets, hull):
-    """Short side over long side of the narrowest rectangle around each hull (rotating calipers).
+    """Short side over long side of the narrowest rectangle around each hull.
 
     One side of that rectangle lies on an edge of the hull. Among equally narrow ones the shortest counts.
     """
     ratio = np.empty(len(offsets) - 1)
     for c in range(len(ratio)):
-        start, m = offsets[c], offsets[c + 1] - offsets[c]
-        right, far, left = 1, 1, 1
-        width, best = np.inf, 0.0
-        for i in range(m):
-            a, b = hull[start + i], hull[start + (i + 1) % m]
-            ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-            right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
-            far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
-            left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
-            p, q = hull[start + left % m], hull[start + right % m]
-            height = _turn(points, a, b, hull[start + far % m])
-            value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
-            narrow = height / np.sqrt(ux * ux + uy * uy)
-            if narrow < width * (1.0 - _TIE) or (narrow <= width * (1.0 + _TIE) and value > best):
-                best = value
-                width = min(width, narrow)
-        ratio[c] = best
+        ratio[c] = narrowest(points, hull, offsets[c], offsets[c + 1] - offsets[c])[1]
     return ratio
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.quality_values import Quality
-from agglo_core.measure.selection import RATIOS, SOLID_RATIOS, Metric, Selection, built_metrics, select
+from agglo_core.measure.selection import RATIOS, Metric, built_metrics, select
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
 from agglo_core.registry.attribution import Member, attributed
@@ -40,8 +40,7 @@ class Level:
     values : mapping of name to (k,) float
         ``cells``, ``diameter``, ``measure``, those of the metrics, ``components``.
     metrics : sequence of str
-        Names of the metrics that were chosen; where a value does not exist (circle ratios in 3-D,
-        unless asked for), ``values`` lacks it.
+        Names of the metrics that were chosen; where a value does not exist, ``values`` lacks it.
     objectives : mapping of name to float
         Objectives of the partition that were chosen.
     better : mapping of name to "high" or "low"
@@ -63,7 +62,7 @@ class Level:
         Keys: ``target``, ``parts``, ``max_diameter``, the mean of each metric by its name (``UF``,
         ``CR``, ``CRc``, ``J``, ``isoperimetric`` if none were chosen), the share of parts that are
         ``connected``, ``diameter_ratio``, the mean diameter over h*, ``objectives`` if any were chosen, and
-        :attr:`undefined` if any value is. What does not exist (circle ratios in 3-D, h* of a count) is
+        :attr:`undefined` if any value is. What does not exist (h* of a count) is
         None; means are over the agglomerates that have a value.
         """
         h_star = self.target.get("h_star")
@@ -161,7 +160,7 @@ def measure_levels(
         Where names are looked up; by default the installed plugins.
     metrics : iterable, optional
         As for :func:`quality`; names of objectives are accepted as well. By default UF, CR,
-        CRc, J and isoperimetric, for 3-D meshes without CR and CRc.
+        CRc, J and isoperimetric.
     progress, verbose : optional
         As for :func:`agglo_core.agglomerate`.
 
@@ -173,7 +172,8 @@ def measure_levels(
         For an argument of a wrong kind, an option or a name that does not exist, or a metric that
         misbehaves.
     """
-    chosen, shown = _chosen(mesh, registry, metrics)
+    chosen = select(RATIOS if metrics is None else metrics, registry)
+    shown = tuple(chosen.metrics)
     measured = {**chosen.metrics, **built_metrics(["components"], registry)}
     better = {name: getattr(metric.tool, "better", "high") for name, metric in chosen.metrics.items()}
     levels = []
@@ -190,16 +190,6 @@ def measure_levels(
             objectives = {each.name: each.value(hierarchy.graph, labels) for each in chosen.objectives}
             levels.append(Level(target, labels, coarse, values, shown, objectives, better))
     return levels
-
-
-def _chosen(
-    mesh: Mesh, registry: Registry | None, metrics: Iterable[Metric] | None
-) -> tuple[Selection, Sequence[str]]:
-    """What is measured, and the names that are shown whether it exists or not."""
-    if metrics is None:
-        return select(RATIOS if mesh.dim == 2 else SOLID_RATIOS, registry), RATIOS
-    chosen = select(metrics, registry)
-    return chosen, tuple(chosen.metrics)
 
 
 def summary(

@@ -15,16 +15,13 @@ from agglo_core.registry.attribution import Member
 from agglo_core.registry.containment import shown
 from agglo_core.registry.options import name_and_options
 
-__all__ = ["RATIOS", "SOLID_RATIOS", "Metric", "Selection", "built_metrics", "select"]
+__all__ = ["RATIOS", "Metric", "Selection", "built_metrics", "select"]
 
 Metric = str | QualityMetric | tuple[str, Mapping[str, Any]]
 """A metric's name, a metric, or a name with its options."""
 
 RATIOS = ("UF", "CR", "CRc", "J", "isoperimetric")
-"""What is measured where nothing else is asked for; in 3-D all but the circle ratios."""
-
-SOLID_RATIOS = ("UF", "J", "isoperimetric")
-"""Those of them that exist in 3-D."""
+"""What is measured where nothing else is asked for."""
 
 _RESERVED = ("connected", "diameter", "max_diameter", "measure", "objectives", "parts", "target")
 

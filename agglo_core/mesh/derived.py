@@ -121,7 +121,7 @@ class Derived:
 
     @cached_property
     def cell_inertias(self) -> Float:
-        """Moments of inertia ∫ |x − C|² of the cells about their centroids C ``(n_cells,)``: exact."""
+        """Moments of inertia ``∫ |x − C|²`` of the cells about their centroids C ``(n_cells,)``: exact."""
         if self.dim == 2:
             return plane_inertias(
                 self.local_points, self.face_pairs, self.face_cells, *self.cell_faces, self.local_centroids

@@ -64,6 +64,12 @@ class Diffusion:
     ------
     OptionError
         If data do not have one of these forms.
+
+    Examples
+    --------
+    >>> problem = agglo.Diffusion(kappa=2.0, source=lambda x: x[:, 0])
+    >>> problem.kappa, problem.dirichlet
+    (2.0, {})
     """
 
     kind: ClassVar[str] = "diffusion"

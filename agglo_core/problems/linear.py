@@ -54,6 +54,13 @@ class Linear:
     ------
     OptionError
         If ``block_offsets`` is not an array ``(n_cells + 1,)``.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> A = sparse.diags_array(np.full(4, 2.0))
+    >>> agglo.Linear(A, np.ones(4), np.arange(5)).A.shape
+    (4, 4)
     """
 
     kind: ClassVar[str] = "linear"

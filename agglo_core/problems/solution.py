@@ -52,6 +52,14 @@ class Solution:
     ``rounding_limited`` is the third outcome beside ``converged`` and not: x misses ``tolerance``, but no
     solver in double precision does better. ``backward_error`` shows it, that of
     :func:`~agglo_core.problems.backward_error.backward_error`; ``energy_error`` tells what x is good for.
+
+    Examples
+    --------
+    >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=4)
+    >>> solver = agglo.registry.default().build("solver", "direct", degree=1)
+    >>> solution = solver.solve(agglo.Diffusion(source=8.0), hierarchy)
+    >>> solution.converged, solution.x.shape
+    (True, (192,))
     """
 
     x: Float

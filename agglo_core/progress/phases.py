@@ -26,6 +26,13 @@ class Progress:
         Share of the phase that is done: 0 when it begins, 1 when it ends, never less than before.
     text : str
         Details, such as the number of pieces, a metric or a file.
+
+    Examples
+    --------
+    >>> heard = []
+    >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=4, progress=heard.append)
+    >>> heard[0]
+    Progress(phase='building the graph', fraction=0.0, text='')
     """
 
     phase: str

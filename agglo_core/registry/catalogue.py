@@ -55,6 +55,13 @@ class Registry:
     ----------
     hook : pluggy.HookRelay
         The hooks themselves; :meth:`level_done` calls the watchers one by one.
+
+    Examples
+    --------
+    >>> registry = agglo.Registry()
+    >>> registry.discover()
+    >>> "kmeans" in {record.name for record in registry.list()}
+    True
     """
 
     def __init__(self) -> None:

@@ -61,6 +61,12 @@ class Component:
         One line for listings.
     fallback : str, optional
         For a bisector that may return one-sided output: the bisector that repairs such a piece.
+
+    Examples
+    --------
+    >>> halves = agglo.Component("bisector", "halves", "agglo_halves.halves:Halves")
+    >>> halves.kind, halves.name
+    ('bisector', 'halves')
     """
 
     kind: str
@@ -74,7 +80,13 @@ class Component:
 
 @dataclass(frozen=True)
 class Command:
-    """One command a plugin adds to ``agglo``: ``target`` is a click command, imported when it is run."""
+    """One command a plugin adds to ``agglo``: ``target`` is a click command, imported when it is run.
+
+    Examples
+    --------
+    >>> agglo.Command("hilbert", "agglo_hilbert.command:hilbert", summary="Draw the curve.").name
+    'hilbert'
+    """
 
     name: str
     target: str

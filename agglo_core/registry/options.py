@@ -16,6 +16,7 @@ import types
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any, Optional
 
 from agglo_core.errors import OptionError
@@ -165,10 +166,10 @@ def _with_default(annotation: Any, default: Any) -> Any:
 
 
 def _described(target: Callable[..., Any]) -> dict[str, str]:
-    """First sentence of what a numpydoc docstring says of each parameter, or attribute."""
-    text = inspect.getdoc(target) or ""
+    """First sentence of what numpydoc docstrings, of bases too, say of each parameter, or attribute."""
     about: dict[str, str] = {}
-    for head in ("Parameters", "Attributes"):
+    bases = inspect.getmro(target) if isinstance(target, type) else (target,)
+    for text, head in product([inspect.getdoc(each) or "" for each in bases], ("Parameters", "Attributes")):
         section = re.search(rf"^{head}\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", text, re.M | re.S)
         entries = re.split(r"^(?=\w)", section[1] if section else "", flags=re.M)
         for entry in entries:

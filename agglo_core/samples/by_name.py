@@ -21,6 +21,11 @@ def names(registry: Registry | None = None) -> list[str]:
     ----------
     registry : Registry, optional
         Where they are looked up; by default the installed plugins.
+
+    Examples
+    --------
+    >>> agglo.samples.names()[:3]
+    ['triangles', 'squares', 'random_triangles']
     """
     records = (default() if registry is None else registry).list()
     usable = [record for record in records if record.kind == "sample" and record.state == "ok"]

@@ -23,6 +23,11 @@ def random_triangles(n: int, seed: int = 0) -> Mesh:
         Random points in the unit square: about 2n cells.
     seed : int
         Of the random numbers: 0 or more, the same seed gives the same mesh.
+
+    Examples
+    --------
+    >>> agglo.samples.random_triangles(100)
+    Mesh('random triangles n=100 seed=0', 2-D, 226 cells, 353 faces, 128 points)
     """
     n = check_size(n, 1, "n", "random_triangles")
     rng = np.random.default_rng(check_size(seed, 0, "seed", "random_triangles", 0))
@@ -38,6 +43,11 @@ def voronoi(n: int, seed: int = 0) -> Mesh:
         Random points in the unit square: n cells.
     seed : int
         Of the random numbers: 0 or more, the same seed gives the same mesh.
+
+    Examples
+    --------
+    >>> agglo.samples.voronoi(100)
+    Mesh('voronoi n=100 seed=0', 2-D, 100 cells, 301 faces, 202 points)
     """
     n = check_size(n, 1, "n", "voronoi")
     rng = np.random.default_rng(check_size(seed, 0, "seed", "voronoi", 0))

@@ -30,6 +30,11 @@ def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
     ------
     OptionError
         For any other name.
+
+    Examples
+    --------
+    >>> agglo.samples.paper("squares")
+    Mesh('paper squares', 2-D, 256 cells, 544 faces, 289 points)
     """
     stream = np.random.RandomState(5489)
     cloud, seeds = (stream.rand(2 * m).reshape(2, m).T.copy() for m in (128, 256))

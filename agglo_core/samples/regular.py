@@ -40,6 +40,11 @@ def squares(n: int) -> Mesh:
     ----------
     n : int
         Squares along each side: n² cells.
+
+    Examples
+    --------
+    >>> agglo.samples.squares(4)
+    Mesh('squares 4x4', 2-D, 16 cells, 40 faces, 25 points)
     """
     n = check_size(n, 1, "n", "squares", 2)
     points, cells = _lattice(n, n)
@@ -53,6 +58,11 @@ def triangles(n: int) -> Mesh:
     ----------
     n : int
         Squares along each side: 2n² cells.
+
+    Examples
+    --------
+    >>> agglo.samples.triangles(4)
+    Mesh('triangles 4x4x2', 2-D, 32 cells, 56 faces, 25 points)
     """
     n = check_size(n, 1, "n", "triangles", 2)
     points, cells = _lattice(n, n)
@@ -67,6 +77,11 @@ def strip(n: int) -> Mesh:
     ----------
     n : int
         Squares in all: n cells.
+
+    Examples
+    --------
+    >>> agglo.samples.strip(5)
+    Mesh('strip of 5', 2-D, 5 cells, 16 faces, 12 points)
     """
     n = check_size(n, 1, "n", "strip")
     points, cells = _lattice(n, 1)
@@ -80,6 +95,11 @@ def disconnected(n: int) -> Mesh:
     ----------
     n : int
         Squares along each side: 2n² cells.
+
+    Examples
+    --------
+    >>> agglo.samples.disconnected(2)
+    Mesh('two 2x2 squares', 2-D, 8 cells, 24 faces, 18 points)
     """
     n = check_size(n, 1, "n", "disconnected", 2)
     points, cells = _lattice(n, n)
@@ -96,6 +116,11 @@ def hexagons(n: int) -> Mesh:
     ----------
     n : int
         Hexagons in each row, and rows: n² cells.
+
+    Examples
+    --------
+    >>> agglo.samples.hexagons(3)
+    Mesh('hexagons 3x3', 2-D, 9 cells, 38 faces, 30 points)
     """
     n = check_size(n, 1, "n", "hexagons", 2)
     j, i = np.divmod(np.arange(n * n), n)
@@ -114,6 +139,11 @@ def ring(n: int) -> Mesh:
     ----------
     n : int
         Quadrilaterals around it, 3 or more: about n²/9 cells.
+
+    Examples
+    --------
+    >>> agglo.samples.ring(12)
+    Mesh('ring 12x1', 2-D, 12 cells, 36 faces, 24 points)
     """
     n = check_size(n, 3, "n", "ring")
     layers = max(1, round(n / (3 * np.pi)))

@@ -28,6 +28,11 @@ def random_tetrahedra(n: int, seed: int = 0) -> Mesh:
         Random points before those that are too near to another one are left out: about 6 n tetrahedra.
     seed : int
         Of the random numbers: 0 or more, the same seed gives the same mesh.
+
+    Examples
+    --------
+    >>> agglo.samples.random_tetrahedra(50)
+    Mesh('random tetrahedra n=50 seed=0', 3-D, 464 cells, 1024 faces, 131 points)
     """
     from scipy.spatial import Delaunay
 
@@ -61,6 +66,11 @@ def voronoi3d(n: int, seed: int = 0) -> Mesh:
         Random points in the unit cube: n cells.
     seed : int
         Of the random numbers: 0 or more, the same seed gives the same mesh.
+
+    Examples
+    --------
+    >>> agglo.samples.voronoi_solids(20)
+    Mesh('voronoi solids n=20 seed=0', 3-D, 20 cells, 117 faces, 100 points)
     """
     from scipy.spatial import Voronoi
 

@@ -15,12 +15,17 @@ __all__ = ["boxes", "prisms", "tetrahedra"]
 
 
 def boxes(n: int) -> Mesh:
-    """Unit cube cut into ``n``³ cubes.
+    """Unit cube cut into n³ cubes.
 
     Parameters
     ----------
     n : int
         Cubes along each edge: n³ cells.
+
+    Examples
+    --------
+    >>> agglo.samples.boxes(2)
+    Mesh('boxes 2x2x2', 3-D, 8 cells, 36 faces, 27 points)
     """
     from agglo_core.mesh.elements import polyhedra_from_elements
 
@@ -32,12 +37,17 @@ def boxes(n: int) -> Mesh:
 
 
 def tetrahedra(n: int) -> Mesh:
-    """Unit cube cut into ``n``³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn).
+    """Unit cube cut into n³ cubes, each split in the six tetrahedra around its main diagonal (Kuhn).
 
     Parameters
     ----------
     n : int
         Cubes along each edge: 6n³ cells.
+
+    Examples
+    --------
+    >>> agglo.samples.tetrahedra(2)
+    Mesh('tetrahedra 2x2x2x6', 3-D, 48 cells, 120 faces, 27 points)
     """
     from agglo_core.mesh.elements import polyhedra_from_elements
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from agglo_paper.plan import Plan
 from agglo_paper.record import Cell
 from agglo_paper.runtime import KINDS, curves
 from agglo_paper.shape_tables import repeats, unit
+from agglo_paper.small_svg import smaller
 from agglo_paper.store import Results
 from agglo_paper.strategies import Strategy
 
@@ -192,6 +194,8 @@ def picture(size: tuple[float, float], path: Path) -> Iterator[Any]:
         yield figure
         try:
             with staging(path) as stage:
-                figure.savefig(stage / path.name, format="svg", metadata={"Date": None})
+                drawn = BytesIO()
+                figure.savefig(drawn, format="svg", metadata={"Date": None})
+                (stage / path.name).write_text(smaller(drawn.getvalue().decode()), encoding="utf-8")
         except OSError as error:
             raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error

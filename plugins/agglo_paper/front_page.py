@@ -12,7 +12,7 @@ from agglo_paper.published import EXACT, NEAR, NOT
 from agglo_paper.record import Page
 from agglo_paper.store import Results, versions
 
-__all__ = ["front"]
+__all__ = ["command", "front"]
 
 _INTRO = """# The paper, table by table
 
@@ -38,10 +38,14 @@ def front(plan: Plan, results: Results, pages: Sequence[Page], quick: bool, mesh
 
 def _made(quick: bool, mesh: Path | None) -> str:
     """Command line and versions; of a mesh file the name alone."""
-    words = ["agglo", "paper", "all", *(["--quick"] if quick else [])]
-    words += ["--mesh", mesh.name] if mesh is not None else []
     listed = ", ".join(f"{name} {version}" for name, version in versions().items())
-    return f"Made by `{shlex.join(words)}` with {listed}.\n"
+    return f"Made by `{command('all', quick, mesh)}` with {listed}.\n"
+
+
+def command(word: str, quick: bool, mesh: Path | None) -> str:
+    """What to type for the pages of a word."""
+    words = ["agglo", "paper", word, *(["--quick"] if quick else [])]
+    return shlex.join([*words, *(["--mesh", mesh.name] if mesh is not None else [])])
 
 
 def _claims(plan: Plan, results: Results) -> str:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from agglo_core.authoring import FileError, OptionError, staging
 from agglo_paper import brain, figures, multigrid_tables, runtime, shape_tables, statistics
-from agglo_paper.front_page import front
+from agglo_paper.front_page import command, front
 from agglo_paper.grids import GRIDS
 from agglo_paper.plan import Plan, full, quick
 from agglo_paper.record import Page
@@ -60,6 +60,7 @@ def build(
             _draw(plan, results, drawn, sources, folder)
         pages = [page for word in asked for page in _pages(plan, results, word, sources)]
         pages = [_finished(page, plan, results, folder, sources) for page in pages]
+        pages = [_signed(page, quickly, mesh) for page in pages]
         for page in pages:
             _write(folder / f"{page.name}.md", page.markdown())
             _write(folder / f"{page.name}.json", json.dumps(page.data(), indent=1, allow_nan=False) + "\n")
@@ -85,6 +86,13 @@ def _finished(page: Page, plan: Plan, results: Results, folder: Path, sources: S
             failed.setdefault(f"{who} {where}", why)
     figures = {name: text for name, text in page.figures.items() if (folder / name).exists()}
     return replace(page, figures=figures, failures=[f"{what}: {why}" for what, why in failed.items()])
+
+
+def _signed(page: Page, quickly: bool, mesh: Path | None) -> Page:
+    """The page with the command that makes it."""
+    word = page.name if page.name in _TABLES else "brain"
+    own = mesh if page.name not in _TABLES else None
+    return replace(page, intro=f"{page.intro}\n\nMade by `{command(word, quickly, own)}`.")
 
 
 def _computed(

@@ -152,7 +152,8 @@ class DiffusionTask:
     def labels(self) -> list[Int]:
         """Labels of the levels, finest first."""
         wanted = self.hierarchy.levels or self.makes_levels
-        return levels_by_default(self.hierarchy, self.count) if wanted else []
+        first = self.plan.cells_per_part(self.basis.degree)
+        return levels_by_default(self.hierarchy, self.count, first) if wanted else []
 
     def stack(self) -> Any:
         """The levels; LinAlgError if a matrix is not positive definite.

@@ -30,6 +30,8 @@ _FINE: Final = (1e-33, 1e35)
 _LOW: Final = 1
 """Degree of polynomials on agglomerates in space: levels of full degree take more time than they save."""
 _CELLS_PER_PART: Final = 8
+_CELLS_PER_LUMP: Final = 27
+"""The same on the first level of polyhedra of degree 1: seven iterations more, a third of the set-up."""
 _FEWEST: Final = 60
 """Parts of the coarsest level that is made by default."""
 
@@ -63,6 +65,10 @@ class Plan:
         if self.solid:
             return "solids"
         return "cells" if self.smoother == "cells" and self.bubbles else "groups"
+
+    def cells_per_part(self, degree: int) -> int:
+        """Cells to an agglomerate of the first level, if the levels are made by default."""
+        return _CELLS_PER_LUMP if self.recipe == "agglomerates" and degree == 1 else _CELLS_PER_PART
 
     def stack(self, problem: Diffusion, fine: FineSystem, basis: Basis, labels: Sequence[Int]) -> Any:
         """The levels, an object of :class:`agglo_core.multigrid.LevelStack`.
@@ -120,10 +126,13 @@ def plan_for(problem: Diffusion, fine: FineSystem, basis: Basis, wishes: Wishes)
     return Plan(recipe, kind, dtype, smoother, found.bubbles, found.vertices, found.layers, reason, solid)
 
 
-def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[Int]:
-    """Labels of the levels, finest first: those of the hierarchy, or some made of 8 cells to a part each.
+def levels_by_default(
+    hierarchy: Hierarchy, count: int | None = None, first: int = _CELLS_PER_PART
+) -> list[Int]:
+    """Labels of the levels, finest first: those of the hierarchy, or some made of ``first`` cells to a part.
 
-    ``count`` is how many to use, the mesh included: of levels made here at most as many as there are.
+    Of those made here each has an eighth of the parts of the level before. ``count`` is how many to use, the
+    mesh included: of levels made here at most as many as there are.
 
     Raises
     ------
@@ -134,8 +143,8 @@ def levels_by_default(hierarchy: Hierarchy, count: int | None = None) -> list[In
         return chosen_levels(hierarchy, count)
     n = hierarchy.graph.n
     sizes = []
-    while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
-        sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
+    while n // (first * _CELLS_PER_PART ** len(sizes)) >= _FEWEST:
+        sizes.append(first * _CELLS_PER_PART ** len(sizes))
     sizes = sizes[: None if count is None else count - 1]
     if not sizes:
         return []

@@ -47,7 +47,7 @@ def sides_of(mesh: Mesh) -> Sides:
     >>> from agglo_polydg_mg.sides import sides_of
     >>> halves = samples.boxes(2).coarsen([0, 0, 0, 0, 1, 1, 1, 1])
     >>> halves.n_faces, sides_of(halves).cells.tolist()
-    (28, [[0, -1], [0, -1], [0, -1], [0, -1], [0, -1], [0, 1], [1, -1], [1, -1], [1, -1], [1, -1], [1, -1]])
+    (28, [[0, -1], [0, -1], [0, -1], [0, 1], [0, -1], [0, -1], [1, -1], [1, -1], [1, -1], [1, -1], [1, -1]])
     """
     from agglo_polydg_mg.side_kernels import sides_of_cells
 

@@ -1,10 +1,11 @@
 """Writing and reading files: CPU seconds, MB/s and peak memory, beside numpy and, if installed, meshio.
 
-    python tests/benchmarks/files.py [CELLS ...] [--repeats N]
+    python tests/benchmarks/files.py [CELLS ...] [--repeats N] [--ways NAME,…]
 
 Random Delaunay triangles, Voronoi cells, tetrahedra and agglomerates of eight of these, one thread. Each call
 has a process of its own, warmed up on a small mesh, and a mesh of which nothing is derived yet. Seconds are
-those of the processor, the least of the repeats, in which all take turns; MB/s is the file's size by them.
+those of the processor, the least of the repeats, in which all take turns; MB/s is the size by them, and
+by VTU the seconds of reading over those of VTU. Binary cases of OpenFOAM are written here, as it does it.
 B/cell is what the resident memory of the process grows by at its highest, the mesh that is read included
 (Linux only). ``numpy.savez`` and ``numpy.load`` move the same arrays of the mesh and check nothing; meshio
 writes and reads the same points and loops as VTU, in the plane.
@@ -59,8 +60,11 @@ def ways() -> Iterator[Way]:
     yield Way("agglo typ2", ".typ2", write, read, (2,))
     yield Way("agglo mat", ".mat", write, read)
     yield Way("agglo OpenFOAM", ".foam", write, read, (3,))
+    yield Way("OpenFOAM binary", ".foam", foam_binary, read, (3,))
     yield Way("agglo RF", ".ele", write, read, (3,))
     yield Way("numpy.savez", ".npz", numpy_write, lambda file: list(np.load(file).values()))
+    if importlib.util.find_spec("h5py"):
+        yield Way("agglo vtkhdf", ".vtkhdf", write, read)
     if importlib.util.find_spec("meshio"):
         import meshio
 
@@ -70,6 +74,32 @@ def ways() -> Iterator[Way]:
 def numpy_write(file: Path, mesh: Mesh) -> None:
     """The arrays of the mesh as they are."""
     np.savez(file, **{name: getattr(mesh, name) for name in ARRAYS})
+
+
+def foam_binary(file: Path, mesh: Mesh) -> None:
+    """A binary case: labels of 32 bits, points as doubles, faces in the compact form."""
+    write(file, mesh)
+    poly = file.parent / "constant/polyMesh"
+    points, faces = (parsed(poly / name) for name in ("points", "faces"))
+    sizes = np.array([int(line.split(b"(")[0]) for line in faces], np.int32)
+    starts = np.concatenate(([0], np.cumsum(sizes))).astype("<i4")
+    corners = np.fromstring(b" ".join(line.split(b"(")[1].rstrip(b")") for line in faces), "<i4", sep=" ")
+    places = np.fromstring(b" ".join(line.strip(b"()") for line in points), "<f8", sep=" ")
+    lists = {"points": [(len(points), places)], "faces": [(len(starts), starts), (len(corners), corners)]}
+    for name in ("owner", "neighbour"):
+        values = np.array(parsed(poly / name), dtype=np.int32)
+        lists[name] = [(len(values), values)]
+    for name, arrays in lists.items():
+        kind = {"points": "vectorField", "faces": "faceCompactList"}.get(name, "labelList")
+        head = f'FoamFile\n{{\n format binary;\n arch "LSB;label=32;scalar=64";\n class {kind};\n}}\n'
+        (poly / name).write_bytes(
+            head.encode() + b"".join(b"%d\n(%b)\n" % (n, a.tobytes()) for n, a in arrays)
+        )
+
+
+def parsed(file: Path) -> list[bytes]:
+    """The lines of a list in a text file of OpenFOAM."""
+    return file.read_bytes().split(b"\n(\n", 1)[1].rsplit(b"\n)", 1)[0].split(b"\n")
 
 
 def meshio_write(file: Path, mesh: Mesh) -> None:
@@ -128,13 +158,13 @@ def size_of(way: Way, file: Path) -> int:
     return file.stat().st_size + sum(each.stat().st_size for each in more if each.is_file())
 
 
-def compare(name: str, mesh: Mesh, repeats: int) -> None:
-    """Print the table of all ways for a mesh; each call has a process of its own."""
+def compare(name: str, mesh: Mesh, repeats: int, chosen: list[str]) -> None:
+    """Print the table of all ways for a mesh, or of those chosen; each call has a process of its own."""
     found: dict[str, list[list[float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         arrays = Path(folder) / "arrays.npz"
         numpy_write(arrays, mesh)
-        known = [way for way in ways() if mesh.dim in way.dims]
+        known = [way for way in ways() if mesh.dim in way.dims and (not chosen or way.name in chosen)]
         for _, (place, way) in product(range(repeats), enumerate(known)):
             file = Path(folder) / f"{place}{way.suffix}"
             row: list[float] = []
@@ -143,12 +173,14 @@ def compare(name: str, mesh: Mesh, repeats: int) -> None:
                 row += json.loads(subprocess.run(command, check=True, capture_output=True).stdout)
             found.setdefault(way.name, []).append([size_of(way, file) / 1e6, *row])
     print(f"\n{name}: {mesh.n_cells} cells, least of {repeats}, one thread")
-    print(f"{'':22}{'MB':>8}{'write s':>10}{'MB/s':>8}{'B/cell':>8}{'read s':>10}{'MB/s':>8}{'B/cell':>8}")
+    head = f"{'':22}{'MB':>8}{'write s':>10}{'MB/s':>8}{'B/cell':>8}{'read s':>10}{'MB/s':>8}"
+    print(f"{head}{'B/cell':>8}{'by VTU':>8}")
+    vtu = np.min(found["agglo vtu"], axis=0)[3] if "agglo vtu" in found else np.nan
     for name, rows in found.items():
         size, saved, high, took, top = np.min(rows, axis=0)
         print(
             f"{name:22}{size:8.1f}{saved:10.3f}{size / saved:8.0f}{high / mesh.n_cells:8.0f}"
-            f"{took:10.3f}{size / took:8.0f}{top / mesh.n_cells:8.0f}"
+            f"{took:10.3f}{size / took:8.0f}{top / mesh.n_cells:8.0f}{took / vtu:8.1f}"
         )
 
 
@@ -158,18 +190,30 @@ def main() -> None:
     parser.add_argument("cells", nargs="*", type=int, default=[200_000])
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--one", nargs=4, help=argparse.SUPPRESS)  # way, action, arrays, file
+    parser.add_argument("--ways", default="", help="some of the ways, by name, with commas between")
+    parser.add_argument("--meshes", default="random triangles,Voronoi,tetrahedra,agglomerated")
     options = parser.parse_args()
     if options.one:
         name, action, arrays, file = options.one
         way = next(each for each in ways() if each.name == name)
         print(json.dumps(measure(way, action, Path(arrays), Path(file))))
         return
+    chosen, meshes = [each for each in options.ways.split(",") if each], options.meshes.split(",")
     for cells in options.cells:
-        compare("random triangles", samples.random_triangles(cells // 2), options.repeats)
-        compare("Voronoi", samples.voronoi(cells), options.repeats)
-        solids = samples.tetrahedra(max(1, round((cells / 6) ** (1 / 3))))
-        compare("tetrahedra", solids, options.repeats)
-        compare("tetrahedra, agglomerated", agglomerate(solids, cells_per_part=8).mesh(0), options.repeats)
+        for name, make in kinds(cells).items():
+            if name in meshes:
+                compare(name, make(), options.repeats, chosen)
+
+
+def kinds(cells: int) -> dict[str, Callable[[], Mesh]]:
+    """Meshes of about so many cells by name."""
+    n = max(1, round((cells / 6) ** (1 / 3)))
+    return {
+        "random triangles": lambda: samples.random_triangles(cells // 2),
+        "Voronoi": lambda: samples.voronoi(cells),
+        "tetrahedra": lambda: samples.tetrahedra(n),
+        "agglomerated": lambda: agglomerate(samples.tetrahedra(n), cells_per_part=8).mesh(0),
+    }
 
 
 if __name__ == "__main__":

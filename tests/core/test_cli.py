@@ -147,12 +147,11 @@ def test_run_prints_json_of_one_form(agglo: Agglo) -> None:
     assert coarse["diameter_ratio"] is None
 
 
-def test_solids_have_no_circle_ratio(agglo: Agglo) -> None:
+def test_solids_have_ratios_of_balls(agglo: Agglo) -> None:
     code, out, _ = agglo("run", "boxes:n=2", "--parts", "2", "--json")
     assert code == 0
     (level,) = json.loads(out)["runs"][0]["levels"]
-    assert level["CR"] is None
-    assert level["CRc"] is None
+    assert [level["CR"], level["CRc"]] == pytest.approx([1 / 3, 1 / 3])
     assert level["isoperimetric"] == pytest.approx(36 * math.pi * 0.5**2 / 4**3)
     assert 0 < level["J"] < 1
     assert level["parts"] == 2

@@ -100,9 +100,9 @@ def test_metrics_of_a_comparison(agglo: Agglo) -> None:
 
 
 def test_metrics_that_solids_lack_are_refused_before_the_run(agglo: Agglo) -> None:
-    code, out, err = agglo("run", "boxes:n=2", "--metrics", "UF,CR", "-o", "left.vtu")
+    code, out, err = agglo("run", "boxes:n=2", "--metrics", "UF,edge_ratio", "-o", "left.vtu")
     assert (code, out) == (2, "")
-    assert "metric CR exists only for 2-D meshes" in err
+    assert "metric edge_ratio exists only for 2-D meshes" in err
     assert not Path("left.vtu").exists()
     assert agglo("run", "boxes:n=2", "--parts", "2", "--metrics", "UF,cut,balance").code == 0
 

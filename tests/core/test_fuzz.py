@@ -22,10 +22,12 @@ SHARE = {
     ".vtu": 80,
     ".npz": 60,
     ".msh": 2,
-    **{suffix: 3 if suffix in (".ele", ".off", ".obj") else 20 for suffix in FIELD},  # meshlane is asked, too
+    **{suffix: 3 if suffix == ".ele" else 20 for suffix in FIELD},  # meshlane is asked, too
     ".graph": 1400,
     ".xyz": 300,
     ".part.4": 300,
+    ".grf": 300,
+    ".map": 100,
     ".toml": 20,
     ".problem.toml": 20,
     ".safetensors": 20,
@@ -75,6 +77,16 @@ def test_five_thousand_damaged_files(tmp_path: Path) -> None:
     said = [part.communicate()[0] for part in parts]
     print(*said, sep="\n")  # noqa: T201
     assert [part.returncode for part in parts] == [0, 0], "\n".join(said)
+
+
+NEWER = [suffix for suffix in (".ovm", ".ply", ".vtkhdf", ".grf", ".map") if suffix in SHARE]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", NEWER)
+def test_two_thousand_damaged_files(suffix: str) -> None:
+    verdicts = [verdict for _, verdict in fuzz({suffix: 2000}, seed=5, keep=None, every=60)]
+    assert [verdict for verdict in verdicts if verdict.fault] == []
 
 
 @pytest.mark.parametrize("suffix", [".vtu", ".npz", ".safetensors", ".geojson"])

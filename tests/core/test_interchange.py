@@ -505,3 +505,16 @@ def test_methods_are_the_functions() -> None:
     graph = Graph.from_networkx(mesh.graph.to_networkx())
     assert np.array_equal(graph.indptr, mesh.graph.indptr)
     assert np.array_equal(graph.centroids, mesh.graph.centroids)
+
+
+def test_geojson_of_a_level_names_parents(run: tuple[Mesh, Hierarchy]) -> None:
+    mesh, hierarchy = run
+    collection = to_geojson(mesh, hierarchy, level=0, properties={"UF": np.ones(int(hierarchy.parts[0]))})
+    found = [feature["properties"] for feature in collection["features"]]
+    assert [each["parent"] for each in found] == hierarchy.parents(0).tolist()
+    assert [each["cells"] for each in found] == np.bincount(hierarchy.levels[0]).tolist()
+    assert {each["UF"] for each in found} == {1.0}
+    np.testing.assert_allclose(from_geojson(collection).cell_measures, hierarchy.mesh(0).cell_measures)
+    for levels, level in ((hierarchy, len(hierarchy.levels)), (None, 0), (hierarchy, -1)):
+        with pytest.raises(OptionError, match="level"):
+            to_geojson(mesh, levels, level=level)

@@ -262,3 +262,23 @@ def test_fields_for_other_programs(tmp_path: Path) -> None:
     assert "defaultFaces" in field.split("boundaryField")[1]
     with pytest.raises(FileError, match=r"OpenFOAM's meshes are 3-D, this one is 2-D"):
         write(tmp_path / "p.foam", samples.squares(2))
+
+
+def test_cell_tags_are_zones(tmp_path: Path) -> None:
+    """Of those that overlap the first; zones that another mesh left go."""
+    mesh = samples.boxes(2).with_tags(
+        low=lambda x: x[:, 2] < 0.5, left=lambda x: x[:, 0] < 0.5, rock=np.arange(8)
+    )
+    (tmp_path / "constant/polyMesh").mkdir(parents=True)
+    (tmp_path / "constant/polyMesh/faceZones").write_text("stale")
+    write(tmp_path / "m.foam", mesh)
+    zones = tmp_path / "constant/polyMesh/cellZones"
+    said = " ".join(zones.read_text().split("}\n", 1)[1].split())
+    assert said == "1 ( low { type cellZone; cellLabels List<label> 4 ( 0 1 2 3 ) ; } )"
+    assert not (tmp_path / "constant/polyMesh/faceZones").exists()
+    back = read(tmp_path / "m.foam")
+    assert {name: tag.tolist() for name, tag in back.cell_tags.items()} == {
+        name: tag.tolist() for name, tag in mesh.cell_tags.items()
+    }
+    write(tmp_path / "m.foam", samples.boxes(3))
+    assert not zones.exists()

@@ -138,7 +138,7 @@ def test_tetrahedra_round_trip(tmp_path: Path) -> None:
     back = read(tmp_path / "t.msh")
     np.testing.assert_allclose(back.cell_measures, mesh.cell_measures)
     assert back.n_faces == 7
-    assert (tmp_path / "t.msh").read_bytes().startswith(b"$MeshFormat\n2.2 ")
+    assert (tmp_path / "t.msh").read_bytes().startswith(b"$MeshFormat\n4.1 0 8")
 
 
 def test_losses_are_refused(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from agglo_core import FileError, agglomerate, read, read_hierarchy, samples, write
+from agglo_core import FileError, Hierarchy, agglomerate, read, read_hierarchy, samples, write
 from agglo_core.io.mat5 import variables
 
 POINTS = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1]], float)
@@ -284,3 +284,25 @@ def test_faults_of_grids_are_named(tmp_path: Path, part: str, field: str, value:
         del changed[part][field]
     with pytest.raises(FileError, match=f"m.mat: .*({says})"):
         read(put(tmp_path, G=changed))
+
+
+def test_coarse_grids_of_mrst(tmp_path: Path) -> None:
+    """Two by two blocks of four by four squares, by hand, and the rules of the structure on any mesh."""
+    mesh = samples.squares(4)
+    blocks = [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3]
+    hierarchy = Hierarchy(mesh, mesh.graph, [mesh.check_labels(blocks)], [{"n_parts": 4}], nested=True)
+    write(tmp_path / "m.mat", mesh, hierarchy)
+    found = loadmat(tmp_path / "m.mat", simplify_cells=True)
+    coarse = found["CG_0"]
+    assert coarse["partition"].tolist() == [block + 1 for block in blocks]
+    inner, outer = [[1, 2], [1, 3], [2, 4], [3, 4]], [[1, 0], [2, 0], [3, 0], [4, 0]]
+    assert coarse["faces"]["neighbors"].tolist() == inner + outer
+    assert coarse["cells"]["facePos"].tolist() == [1, 4, 7, 10, 13]
+    assert coarse["cells"]["faces"].tolist() == [1, 2, 5, 1, 3, 6, 2, 4, 7, 3, 4, 8]
+    sides = found["G"]["faces"]["neighbors"]
+    position, fine = coarse["faces"]["connPos"] - 1, coarse["faces"]["fconn"] - 1
+    assert np.diff(position).tolist() == [2, 2, 2, 2, 4, 4, 4, 4]
+    labels = np.concatenate(([0], coarse["partition"]))  # 0 is outside
+    for i, pair in enumerate(coarse["faces"]["neighbors"].tolist()):
+        for face in fine[position[i] : position[i + 1]]:
+            assert sorted(labels[sides[face]]) == sorted(pair)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from agglo_core import AggloError, agglomerate, read, read_hierarchy, samples, write
-from agglo_core.io.polygon_format import Obj, Off
-from agglo_core.io.rf_format import RegnFace
+from agglo_core.io.plain_formats import Obj, Off, RegnFace
 from agglo_core.io.text_numbers import words_per_line
 
 NODES = "# points\n4 3 0 0\n0 0 0 0\n1 1 0 0\n2 0 1 0\n3 0 0 1\n"

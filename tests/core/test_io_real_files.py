@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from agglo_core import Mesh, read
+from agglo_core import FileError, Mesh, read, write
 
 FILES = Path(os.environ.get("AGGLO_MESH_FILES", Path(__file__).parents[2] / "shared/data/meshes"))
 pytestmark = pytest.mark.skipif(not FILES.exists(), reason=f"no meshes at {FILES} (set AGGLO_MESH_FILES)")
@@ -47,6 +47,31 @@ def check_plane(mesh: Mesh, points: Any, loops: list[Any]) -> None:
     assert mesh.n_cells == len(loops)
     np.testing.assert_allclose(mesh.cell_measures, polygon_areas(points, loops), rtol=1e-9)
     assert inner_pairs(mesh) == pairs_of_neighbours(loops)
+
+
+def check_solid(mesh: Mesh, points: Any, cells: list[list[list[int]]], *, warped: bool = False) -> None:
+    """Volumes from tetrahedra between the middle of a cell and its edges, neighbours by sets of points."""
+    assert mesh.n_cells == len(cells)
+    volumes: list[float] = []
+    seen: dict[frozenset[int], int] = {}
+    pairs = set()
+    for c, faces in enumerate(cells):
+        middle = points[sorted({v for face in faces for v in face})].mean(axis=0)
+        volume = 0.0
+        for face in faces:
+            corners = points[face] - middle
+            centre = corners.mean(axis=0)
+            edges = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+            volume += sum(abs(np.linalg.det([centre, a, b])) for a, b in edges) / 6
+            other = seen.setdefault(frozenset(face), c)
+            if other != c:
+                pairs.add((other, c))
+        volumes.append(volume)
+    if warped:  # what a face that is not flat bounds is a matter of definition
+        assert mesh.cell_measures.sum() == pytest.approx(sum(volumes), rel=0.02)
+    else:
+        np.testing.assert_allclose(mesh.cell_measures, volumes, rtol=1e-6)
+    assert inner_pairs(mesh) == pairs
 
 
 @pytest.mark.parametrize("name", ["hexa1_2", "mesh1_3", "mesh3_3", "mesh4_1_2", "non_conforming_3"])
@@ -103,7 +128,6 @@ def test_openfoam() -> None:
 
 @pytest.mark.parametrize("name", ["Tetgen-Cube-0_cube.4", "Voro-small-0_voro-4"])
 def test_polyhedra_by_their_faces(name: str) -> None:
-    """Volumes from tetrahedra between the middle of a cell and its edges, neighbours by sets of points."""
     lines = (FILES / f"hardcore3d_{name}.node").read_text().split("\n")[3:]
     points = np.array([line.split()[1:] for line in lines if line and line[0] != "#"], float)
     rows = [
@@ -117,23 +141,7 @@ def test_polyhedra_by_their_faces(name: str) -> None:
             cells.append([])
         else:
             cells[-1].append([int(word) for word in row[2:]])
-    mesh = read(FILES / f"hardcore3d_{name}.ele")
-    assert mesh.n_cells == len(cells)
-    volumes, seen, pairs = [], {}, set()
-    for c, faces in enumerate(cells):
-        middle = points[sorted({v for face in faces for v in face})].mean(axis=0)
-        volume = 0.0
-        for face in faces:
-            corners = points[face] - middle
-            centre = corners.mean(axis=0)
-            edges = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-            volume += sum(abs(np.linalg.det([centre, a, b])) for a, b in edges) / 6
-            other = seen.setdefault(frozenset(face), c)
-            if other != c:
-                pairs.add((other, c))
-        volumes.append(volume)
-    np.testing.assert_allclose(mesh.cell_measures, volumes, rtol=1e-6)
-    assert inner_pairs(mesh) == pairs
+    check_solid(read(FILES / f"hardcore3d_{name}.ele"), points, cells)
 
 
 def test_obj() -> None:
@@ -147,7 +155,97 @@ def test_obj() -> None:
     check_plane(read(FILES / "cinolib_hele_shaw.obj"), points, loops)
 
 
-def test_every_file_is_read() -> None:
-    for file in sorted(FILES.iterdir()):
-        if file.is_file() and file.suffix not in (".msh", ".vtk"):  # through meshlane: a process for each
+def elements_of_gmsh(file: Path) -> tuple[int, int]:
+    """The highest dimension of elements in a text file of Gmsh, and how many have it."""
+    lines = file.read_text().split("$Elements\n")[1].split("$EndElements")[0].strip().split("\n")
+    counts: dict[int, int] = {}
+    if file.read_text().split("\n")[1].startswith("4"):
+        place = 1
+        while place < len(lines):
+            dim, _, _, n = map(int, lines[place].split())
+            counts[dim] = counts.get(dim, 0) + n
+            place += n + 1
+    else:
+        dims = {1: 1, 2: 2, 3: 2, 4: 3, 5: 3, 6: 3, 7: 3, 8: 1, 9: 2, 10: 2, 11: 3, 15: 0}
+        for line in lines[1:]:
+            dim = dims[int(line.split()[1])]
+            counts[dim] = counts.get(dim, 0) + 1
+    return max(counts), counts[max(counts)]
+
+
+@pytest.mark.parametrize("file", sorted(FILES.glob("*.msh")), ids=lambda file: file.stem)
+def test_gmsh(file: Path) -> None:
+    mesh = read(file)
+    assert (mesh.dim, mesh.n_cells) == elements_of_gmsh(file)
+    names = [line.split('"')[1] for line in file.read_text().split("\n") if line.count('"') == 2]
+    assert set(names) <= {*mesh.cell_tags, *mesh.face_tags}
+
+
+def check_by_vtk(mesh: Mesh, grid: Any) -> None:
+    """Measures and neighbours from what VTK finds of each cell: its points in the plane, else its faces."""
+    number = np.unique(grid.points, axis=0, return_inverse=True)[1].ravel()
+    points = np.zeros((number.max() + 1, 3))
+    points[number] = grid.points
+    corners = {5: 3, 7: 99, 9: 4}  # of triangles, polygons, quadrilaterals; tetrahedra have faces of three
+    cells = [grid.get_cell(i) for i in range(grid.n_cells)]
+    cells = [cell for cell in cells if cell.dimension == mesh.dim]
+    assert mesh.n_cells == len(cells)
+    if mesh.dim == 2:
+        loops = [number[cell.point_ids[: corners[int(cell.type)]]] for cell in cells]
+        np.testing.assert_allclose(mesh.cell_measures, polygon_areas(points[:, :2], loops), rtol=1e-9)
+        if "overlapping edges left apart" not in mesh.repairs:
+            assert inner_pairs(mesh) == pairs_of_neighbours(loops)
+        return
+    few = {24: 3}  # corners of the faces of quadratic tetrahedra
+    solids = [
+        [number[face.point_ids[: few.get(int(cell.type), 99)]].tolist() for face in cell.faces]
+        for cell in cells
+    ]
+    check_solid(mesh, points, solids, warped=mesh.name == "vtkdata_can")
+
+
+GRIDS = [file for pattern in ("*.v*", "*.msh") for file in sorted(FILES.glob(pattern))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", GRIDS, ids=lambda file: file.name)
+def test_vtk_finds_the_same(file: Path) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    if file.suffix == ".msh":
+        meshio = pytest.importorskip("meshio")
+        if file.stem.startswith("hardcore3d"):
+            pytest.skip("meshio cannot read its groups")
+        check_by_vtk(read(file), pyvista.from_meshio(meshio.read(file)))
+    else:
+        check_by_vtk(read(file), pyvista.read(file))
+
+
+BACK = ("lymph_MeshEmilia.mat", "hardcore3d_Voro-small-0_voro-4.ele", "foam_cavity/case.foam")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".vtu", ".vtkhdf"])
+@pytest.mark.parametrize("name", BACK)
+def test_they_come_back_the_same(name: str, suffix: str, tmp_path: Path) -> None:
+    """Where nothing is lost to the last bit, else points and cells."""
+    if suffix == ".vtkhdf":
+        pytest.importorskip("h5py")
+    mesh = read(FILES / name)
+    write(tmp_path / f"m{suffix}", mesh)
+    back = read(tmp_path / f"m{suffix}")
+    if suffix == ".npz":
+        for array in ("points", "face_offsets", "face_vertices", "face_cells"):
+            assert np.array_equal(getattr(mesh, array), getattr(back, array))
+    np.testing.assert_allclose(back.cell_measures, mesh.cell_measures, rtol=1e-15)
+    assert inner_pairs(back) == inner_pairs(mesh)
+    assert back.cell_tags.keys() == mesh.cell_tags.keys()
+    for tag, values in mesh.face_tags.items():
+        assert np.bincount(back.face_tags[tag] + 1).tolist() == np.bincount(values + 1).tolist()
+
+
+def test_every_other_file_is_read_or_refused_for_what_it_is() -> None:
+    for file in sorted(FILES.rglob("*")):
+        if file.is_file() and file.suffix in (".shp", ".dbf", ".html", ".prj", ".cpg", ".shx"):
+            with pytest.raises(FileError, match="unknown suffix"):
+                read(file)
+        elif file.is_file() and file.suffix not in (".msh", ".vtk"):  # read above, in a process for each
             assert read(file).n_cells > 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from agglo_core import FileError, read
+from agglo_core import FileError, MeshError, read
 from agglo_core.io.unread import why_unread
 
 UCD = "# made by hand\n4 2 0 0 0\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n1 1 tri 1 2 3\n2 1 tri 1 3 4\n"
@@ -65,3 +65,21 @@ def test_what_is_only_broken_is_not_explained_away(tmp_path: Path) -> None:
     (tmp_path / "m.vtk").write_text("# vtk DataFile Version 3.0\nno\nASCII\nDATASET UNSTRUCTURED_GRID\n")
     with pytest.raises(FileError, match="meshlane cannot read it"):
         read(tmp_path / "m.vtk")
+
+
+def test_polygons_in_avs_are_called_by_name(tmp_path: Path) -> None:
+    (tmp_path / "m.avs").write_text("4 1 0 0 0\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n1 1 polygon 1 2 3 4\n")
+    with pytest.raises(
+        FileError, match=r"is an AVS UCD file with 'polygon' cells.*polygons are read from \.vtu"
+    ):
+        read(tmp_path / "m.avs")
+    (tmp_path / "m.avs").write_text("4 1 0 0 0\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n1 1 quad 1 2 3 4\n")
+    assert read(tmp_path / "m.avs").n_cells == 1
+
+
+def test_surfaces_are_called_surfaces(tmp_path: Path) -> None:
+    (tmp_path / "m.off").write_text("OFF\n4 1 0\n0 0 0\n1 0 0\n1 1 1\n0 1 0\n4 0 1 2 3\n")
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 1\nv 0 1 0\nf 1 2 3 4\n")
+    for name in ("m.off", "m.obj"):
+        with pytest.raises(MeshError, match=rf"{name}: polygons in 3-D are a surface"):
+            read(tmp_path / name)

@@ -46,7 +46,7 @@ MAY_IMPORT = {
     "draw": EVERYBODY
     | {"hierarchy", "interchange", "io", "kernels", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
-    | {"agglomeration", "components", "graph", "hierarchy", "measure", "mesh", "problems"}
+    | {"agglomeration", "components", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},
     "cli": EVERYBODY
     | {"agglomeration", "conformance", "draw", "hierarchy", "io", "kernels", "measure", "mesh", "problems"}

@@ -119,11 +119,10 @@ def test_summary_of_a_plane_mesh() -> None:
     json.dumps(lines)
 
 
-def test_summary_of_solids_has_no_circles() -> None:
+def test_summary_of_solids_has_balls() -> None:
     mesh = samples.boxes(2)
     (line,) = summary(mesh, _hierarchy(mesh, np.repeat([0, 1], 4)))
-    assert line["CR"] is None
-    assert line["CRc"] is None
+    assert [line["CR"], line["CRc"]] == pytest.approx([1 / 3, 1 / 3])  # radius 1/4, diameter 3/2
     assert line["UF"] == pytest.approx(1.0)
     assert line["max_diameter"] == pytest.approx(1.5)
 
@@ -178,5 +177,5 @@ def test_choices_that_make_no_sense_are_explained() -> None:
     parts = type("parts", (FirstCell,), {})()
     with pytest.raises(OptionError, match="every level has a value of that name"):
         summary(mesh, hierarchy, metrics=[parts])
-    with pytest.raises(MeshError, match="CR exists only for 2-D"):
-        summary(solid, _hierarchy(solid, np.repeat([0, 1], 4)), metrics=["UF", "CR"])
+    with pytest.raises(MeshError, match="edge_ratio exists only for 2-D"):
+        summary(solid, _hierarchy(solid, np.repeat([0, 1], 4)), metrics=["UF", "edge_ratio"])

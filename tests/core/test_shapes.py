@@ -296,12 +296,6 @@ def test_declared_under_their_names(name: str) -> None:
     assert type(default().build("metric", name)) is type(EVERY[name])
 
 
-@pytest.mark.parametrize("name", sorted(set(EVERY) - {"isoperimetric"}))
-def test_solids_are_refused(name: str) -> None:
-    with pytest.raises(MeshError, match=f"metric {name} exists only for 2-D meshes"):
-        EVERY[name].measure(samples.boxes(2), np.repeat([0, 1], 4))
-
-
 @pytest.mark.parametrize("name", EVERY)
 def test_labels_with_gaps_are_refused(name: str) -> None:
     with pytest.raises(MeshError, match="gaps"):

@@ -29,7 +29,7 @@ __all__ = ["valid_files"]
 def valid_files() -> dict[str, list[bytes]]:
     """Small valid files of each suffix, every coding and layout among them."""
     return {
-        ".vtu": [*_vtu_by_hand(), *_written(".vtu")],
+        ".vtu": [*_vtu_by_hand(), *_written(".vtu"), _vtu_with_names()],
         ".npz": _npz(),
         ".msh": _msh(),
         ".toml": [text.encode() for text in _RUNS.split("---")],
@@ -124,6 +124,15 @@ def _frame(n: int) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """The cells of an n by n grid around its middle 3 by 3."""
     i, j = np.divmod(np.arange(n * n), n)
     return np.maximum(abs(i - n // 2), abs(j - n // 2)) == 2
+
+
+def _vtu_with_names() -> bytes:
+    """Field data that say which faces have tags."""
+    mesh = samples.voronoi(12, seed=2)
+    mesh = mesh.with_face_tags(inlet=lambda x: x[:, 0] < 0.2, number=np.arange(mesh.n_faces) % 3)
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / "m.vtu", mesh)
+        return (Path(folder) / "m.vtu").read_bytes()
 
 
 def _written(suffix: str) -> Iterator[bytes]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import tempfile
 from dataclasses import replace
@@ -9,6 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from core.test_io_ply import TWO, binary
 from fuzz.several import packed
 from scipy.io import savemat
 
@@ -29,6 +31,9 @@ def field_files() -> dict[str, list[bytes]]:
         ".hedra": [_written(".hedra", mesh) for mesh in (samples.boxes(3), samples.tetrahedra(2))],
         ".off": [_written(".off"), _OFF.encode(), _OFF.replace("3\n", "3 0.5 0.5 1\n").encode()],
         ".obj": [_written(".obj"), _OBJ.encode()],
+        ".ovm": [_written(".ovm", mesh) for mesh in (samples.boxes(2), samples.tetrahedra(2))],
+        ".ply": [_written(".ply"), TWO.encode(), binary("<"), binary(">")],
+        **({".vtkhdf": _vtkhdf()} if importlib.util.find_spec("h5py") else {}),
         ".pvtu": [_pvtu()],
         ".mat": [*_mat(), _written(".mat"), _written(".mat", samples.boxes(2))],
     }
@@ -37,6 +42,18 @@ def field_files() -> dict[str, list[bytes]]:
 def _plane() -> Mesh:
     mesh = samples.voronoi(60, seed=1)
     return replace(mesh, cell_tags={"mat": np.arange(mesh.n_cells) % 3})
+
+
+def _vtkhdf() -> list[bytes]:
+    """Polygons, polyhedra and elements, with tags of faces, deflated or not."""
+    files = []
+    for mesh in (_plane(), samples.voronoi_solids(8), samples.tetrahedra(1)):
+        mesh = mesh.with_face_tags(inlet=lambda x: x[:, 0] < 0.2)
+        for compress in (False, True):
+            with tempfile.TemporaryDirectory() as folder:
+                write(Path(folder) / "m.vtkhdf", mesh, compress=compress)
+                files.append((Path(folder) / "m.vtkhdf").read_bytes())
+    return files
 
 
 def _written(suffix: str, mesh: Mesh | None = None) -> bytes:

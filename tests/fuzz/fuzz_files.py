@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import faulthandler
+import importlib.util
 import io
 import json
 import os
@@ -40,16 +41,23 @@ from fuzz.several import lay_out
 
 from agglo_core import AggloError, Mesh, OptionError, Pipeline, PluginError, samples
 from agglo_core.cli import main
-from agglo_core.interchange import from_geojson, graph_from_metis, parts_from_metis
+from agglo_core.interchange import (
+    from_geojson,
+    graph_from_metis,
+    graph_from_scotch,
+    parts_from_metis,
+    parts_from_scotch,
+)
 from agglo_core.io import read_hierarchy
 from agglo_core.problems import read_problem
 from agglo_gnn.fast import FastGNN
 
 SECONDS = 10  # of processor time
 _WAIT = 12
-FIELD = (".typ1", ".typ2", ".mat", ".foam", ".hedra", ".ele", ".off", ".obj", ".pvtu")
+FIELD = (".typ1", ".typ2", ".mat", ".foam", ".hedra", ".ele", ".off", ".obj", ".pvtu", ".ovm", ".ply")
+FIELD = (*FIELD, ".vtkhdf") if importlib.util.find_spec("h5py") else FIELD
 MESHES = (".vtu", ".npz", ".msh", *FIELD)
-GRAPHS = (".graph", ".xyz", ".part.4")
+GRAPHS = (".graph", ".xyz", ".part.4", ".grf", ".map")
 SUFFIXES = (*MESHES, *GRAPHS, ".toml", ".problem.toml", ".safetensors", ".geojson")
 
 
@@ -125,6 +133,10 @@ def _read(file: Path, suffix: str) -> None:
         graph_from_metis(whole, file)
     elif suffix == ".part.4":
         parts_from_metis(file)
+    elif suffix == ".grf":
+        graph_from_scotch(file, PLACES)
+    elif suffix == ".map":
+        parts_from_scotch(file)
     elif suffix == ".safetensors":
         FastGNN(weights=file)
     else:

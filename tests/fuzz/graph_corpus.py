@@ -32,7 +32,21 @@ def graph_files() -> dict[str, list[bytes]]:
             ],
             ".xyz": [places, places.replace(b"\n", b" 0.5\n"), places.replace(b".", b".0")],
             ".part.4": [part.read_bytes() for part in parts],
+            ".grf": [_scotch(flags).encode() for flags in ("000", "001", "010", "011", "100", "111")],
+            ".map": [b"9\n" + b"".join(b"%d\t%d\n" % (i * 4 % 9, i % 3) for i in range(9))],
         }
+
+
+def _scotch(flags: str) -> str:
+    """The graph with names, loads of edges and loads of vertices as the flags say."""
+    lines = ["0", f"9 {len(_GRAPH.indices)}", f"0 {flags}"]
+    for cell in range(9):
+        neighbours = _GRAPH.indices[_GRAPH.indptr[cell] : _GRAPH.indptr[cell + 1]].tolist()
+        words = [cell] * (flags[0] == "1") + [3] * (flags[2] == "1") + [len(neighbours)]
+        for other in neighbours:
+            words += [2 + (cell + other) % 5] * (flags[1] == "1") + [other]
+        lines.append(" ".join(map(str, words)))
+    return "\n".join(lines) + "\n"
 
 
 def _text(form: str) -> str:

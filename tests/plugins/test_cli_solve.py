@@ -295,7 +295,6 @@ def test_not_converged_is_exit_code_3(agglo: Agglo) -> None:
         (["squares:n=4", "-o", "no/u.vtu"], "no/u.vtu"),
         (["squares:n=4", "--plot", "u.gif"], "pictures end in .png"),
         (["nosuch.vtu"], "nosuch.vtu"),
-        (["boxes:n=2"], "2-D"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(agglo: Agglo, arguments: list[str], message: str) -> None:

@@ -7,71 +7,26 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 from scipy.sparse.linalg import eigsh, spsolve
+from solid_meshes import MESHES, Array, gauss_tetrahedron, gauss_triangle, loops
 
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.problems import Diffusion
 from agglo_polydg_mg.assembly import discretise, jump_penalty, positive
 from agglo_polydg_mg.basis import Basis, stiffness
-from agglo_polydg_mg.box_transfer import project_between
-from agglo_polydg_mg.evaluate import evaluate, locate
 from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.penalty import simplex_heights
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.sampling import sampled
 from agglo_polydg_mg.sharp_penalty import MARGIN
-from agglo_polydg_mg.sides import sides_of
 
-Array = NDArray[np.float64]
 NONE = np.empty(0, np.int64)
-
-
-def hollow() -> Mesh:
-    """Cubes in parts of any shape: one is hollow and holds another, others have a tunnel or branches."""
-    fine = samples.boxes(6)
-    c = fine.cell_centroids
-    seeds = np.random.default_rng(0).random((9, 3))
-    labels = np.argmin(((c[:, None] - seeds) ** 2).sum(axis=2), axis=1)
-    labels[np.abs(c - 0.4).max(axis=1) < 0.3] = 9
-    labels[np.abs(c - 0.4).max(axis=1) < 0.1] = 10
-    labels[(np.abs(c[:, :2] - 0.75).max(axis=1) < 0.1)] = 11
-    return fine.coarsen(np.unique(labels, return_inverse=True)[1])
 
 
 def tagged(mesh: Mesh) -> Mesh:
     """Boundary faces of value 2 where z = 1, of value 1 elsewhere."""
     top = mesh.face_centroids[:, 2] > 1 - 1e-9
     return replace(mesh, face_tags={"boundary": np.where(top, 2, 1)})
-
-
-MESHES = {
-    "hexahedra": samples.boxes(3),
-    "tetrahedra": samples.tetrahedra(2),
-    "random tetrahedra": samples.random_tetrahedra(8, seed=3),
-    "Voronoi": samples.voronoi_solids(15, seed=1),
-    "agglomerates of Voronoi cells": samples.voronoi_solids(40, seed=2).coarsen(np.arange(40) % 7),
-    "hollow": hollow(),
-}
-
-
-def gauss_tetrahedron(n: int) -> tuple[Array, Array]:
-    """Points and weights by the numpy of a cube, folded onto a tetrahedron."""
-    x, w = np.polynomial.legendre.leggauss(n)
-    r, s, t = (each.ravel() for each in np.meshgrid(*[(1 + x) / 2] * 3, indexing="ij"))
-    weights = np.einsum("i,j,k->ijk", w, w, w).ravel() / 8 * (1 - s) * (1 - t) ** 2
-    return np.stack((r * (1 - s) * (1 - t), s * (1 - t), t), axis=1), weights
-
-
-def gauss_triangle(n: int) -> tuple[Array, Array]:
-    x, w = np.polynomial.legendre.leggauss(n)
-    s, t = (each.ravel() for each in np.meshgrid((1 + x) / 2, (1 + x) / 2, indexing="ij"))
-    return np.stack((s * (1 - t), t), axis=1), np.outer(w, w).ravel() / 4 * (1 - t)
-
-
-def loops(mesh: Mesh) -> list[Array]:
-    """Corners of each face, from the mesh's origin."""
-    return [mesh.local_points[each] for each in np.split(mesh.face_vertices, mesh.face_offsets[1:-1])]
 
 
 def slow_matrix(mesh: Mesh, degree: int, kappa: Array, sigma: Array) -> Array:
@@ -240,57 +195,35 @@ def test_errors_fall_with_the_size_of_the_cells(name: str, degree: int) -> None:
     assert np.log(found[0].dg / found[1].dg) / finer > degree - 0.2
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_transfers_are_injections(name: str) -> None:
-    """A polynomial of an agglomerate has the same values in its cells."""
-    mesh = MESHES[name]
-    labels = np.arange(mesh.n_cells) // 3
-    fine, coarse = Basis(mesh, 3, True), Basis(mesh.coarsen(labels), 2, True)
-    x = np.random.default_rng(3).standard_normal(coarse.n)
-    cells = np.repeat(np.arange(mesh.n_cells), 5)
-    points = mesh.cell_centroids[cells] + 0.1 * np.random.default_rng(4).standard_normal((len(cells), 3))
-    expected = coarse.evaluate(x, labels[cells], points)
-    y = project_between(fine, coarse, labels) @ x
-    np.testing.assert_allclose(fine.evaluate(y, cells, points), expected, atol=1e-10 * np.abs(expected).max())
+def flat(mesh: Mesh, height: float) -> Mesh:
+    """The mesh squeezed along a direction that is no axis."""
+    way = np.array((1.0, 2.0, 3.0)) / np.sqrt(14.0)
+    return replace(mesh, points=mesh.points - (1 - height) * np.outer(mesh.points @ way, way))
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_points_are_found_in_their_cells(name: str) -> None:
-    mesh = MESHES[name]
-    basis = Basis(mesh, 1, True)
-    points = np.random.default_rng(5).random((400, 3)) * 1.2 - 0.1
-    cells = locate(mesh, points)
-    outside = ((points < 0) | (points > 1)).any(axis=1)
-    np.testing.assert_array_equal(cells < 0, outside)
-    values = evaluate(basis, basis.constants(np.arange(mesh.n_cells, dtype=float)), points)
-    np.testing.assert_allclose(values[~outside], cells[~outside], atol=1e-9)
-    if name == "hexahedra":
-        np.testing.assert_array_equal(cells[~outside], np.floor(points[~outside] * 3) @ (1, 3, 9))
-        assert locate(mesh, np.array([[1 / 3, 1 / 3, 1 / 3], [1, 1, 1], [2, 2, 2]])).tolist() == [0, 26, -1]
+def test_cells_too_thin_for_their_stiffness_take_heights() -> None:
+    mesh = flat(samples.tetrahedra(2), 1e-7)
+    basis, kappa = Basis(mesh, 2, True), np.ones(mesh.n_cells)
+    sigma = jump_penalty(basis, kappa, "sharp", NONE)
+    heights = simplex_heights(mesh, np.ones(mesh.n_cells, bool))
+    asked = 2 * 4 * 4 / heights  # p (p + 2) N over the height, N = 4
+    inner = mesh.face_cells[:, 1] >= 0
+    asked[inner] *= 0.25
+    asked[~inner, 1] = 0.0
+    np.testing.assert_allclose(sigma, asked.sum(axis=1) / (1 - MARGIN) ** 2, rtol=1e-9)
+    varying = jump_penalty(basis, positive(mesh, lambda x: np.ones(len(x))), "sharp", NONE)
+    np.testing.assert_allclose(varying, sigma, rtol=1e-9)
+    with pytest.raises(MeshError, match="cell too thin for the sharp one"):
+        discretise(flat(MESHES["hollow"], 1e-7), 2, Diffusion(), penalty="sharp", scaled_basis=True)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_samples_fill_the_cells(degree: int) -> None:
-    mesh = MESHES["Voronoi"]
-    cells, points, simplices = sampled(Basis(mesh, degree))
-    corners = points[simplices]
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
-    assert (volumes > 0).all()
-    np.testing.assert_allclose(np.bincount(cells[simplices[:, 0]], volumes), mesh.cell_measures)
-    with pytest.raises(MeshError, match="star-shaped"):
-        sampled(Basis(MESHES["hollow"], degree))
-
-
-def test_sides_are_what_two_cells_share() -> None:
-    for mesh in MESHES.values():
-        sides = sides_of(mesh)
-        pairs = {tuple(sorted(each)) for each in mesh.face_cells.tolist() if each[1] >= 0}
-        inner = sides.cells[sides.cells[:, 1] >= 0]
-        assert sorted(map(tuple, inner.tolist())) == sorted(pairs)
-        for s, (a, b) in enumerate(sides.cells.tolist()):
-            faces = sides.faces[sides.offsets[s] : sides.offsets[s + 1]]
-            assert (sides.of_faces[faces] == s).all()
-            assert {tuple(sorted(each)) for each in mesh.face_cells[faces].tolist()} == {
-                tuple(sorted((a, b)))
-            }
-            assert b >= 0 or (mesh.face_normals[faces] @ mesh.face_normals[faces].T > 0).all()
+def test_offsets_of_boundary_data_cancel() -> None:
+    """u = 1e6 + x on the boundary is u = x there and 1e6 everywhere."""
+    mesh = tagged(MESHES["hollow"])
+    found = []
+    for offset in (0.0, 1e6):
+        problem = Diffusion(source=1.0, dirichlet={tag: lambda x, c=offset: c + x[:, 0] for tag in (1, 2)})
+        made = PolyDG(1, "sharp", scaled_basis=True).lifted(problem, mesh)
+        found.append(spsolve(made.system.A.tocsc(), made.load) + (made.offset if offset else 0.0))
+    expected = found[0] + Basis(mesh, 1, True).constants(np.full(mesh.n_cells, 1e6))
+    np.testing.assert_allclose(found[1], expected, rtol=1e-9, atol=1e-9)

@@ -35,20 +35,21 @@ wider. Iterations to {tolerance:g}, with fractions, by the default solver `polyd
 `patches` and by the paper's `polydg_mg_paper` (with inherited operators; 500 at most), for κ = 1 \
 and for κ that jumps by 1,000 between the squares of a 5 × 5 chessboard. Degrees: p = {degrees}."""
 _SOLIDS: Final = """\
-As [in the plane](shapes.md), but in space, where there is **no PolyDG**: it is written for the \
-plane. Finite volumes take its place, −∇·(κ∇u) = 1 with u = 0 on the boundary, one unknown in each \
-cell and two-point fluxes; so nothing here is about polynomials of degree 1 or more, and iterations \
-are those of algebraic multigrid on a matrix of that kind. Partitions of {meshes}, {partitions} of \
-every mesh and kind, from excellent to bad: one level of parts of {two} cells on average (two levels \
-with the mesh), or three of {four} (four levels with the mesh). At equal numbers of parts; and at \
-equal sizes h*, the diagonals of cubes of as many mean cells, where the number of parts is free. \
-Iterations to {tolerance:g}, with fractions (500 at most), for κ = 1 and for κ that jumps by 1,000 \
-between the cubes of a 5 × 5 × 5 chessboard, by: *default*, `polydg_mg:recipe=agglomerates`, which \
-makes a classical level before those of the agglomerates (left alone it does without agglomerates); \
-*smoothed*, `multigrid`, smoothed aggregation; *constants*, `multigrid:transfer=injection`, \
-functions constant on the parts; *paper*, `polydg_mg_paper` with its smoother. *approximation* is \
-the least error in L2 of linear functions on the parts of the finest level against sin πx sin πy sin \
-πz, in the middle of the cells."""
+As [in the plane](shapes.md), but in space, **without PolyDG**, which was for the plane alone \
+when this ran. Finite volumes take its place, −∇·(κ∇u) = 1 with u = 0 on the boundary, one \
+unknown in each cell and two-point fluxes; so nothing here is about polynomials of degree 1 or \
+more, and iterations are those of algebraic multigrid on a matrix of that kind. Partitions of \
+{meshes}, {partitions} of every mesh and kind, from excellent to bad: one level of parts of \
+{two} cells on average (two levels with the mesh), or three of {four} (four levels with the \
+mesh). At equal numbers of parts; and at equal sizes h*, the diagonals of cubes of as many mean \
+cells, where the number of parts is free. Iterations to {tolerance:g}, with fractions (500 at \
+most), for κ = 1 and for κ that jumps by 1,000 between the cubes of a 5 × 5 × 5 chessboard, by: \
+*default*, `polydg_mg:recipe=agglomerates`, which makes a classical level before those of the \
+agglomerates (left alone it does without agglomerates); *smoothed*, `multigrid`, smoothed \
+aggregation; *constants*, `multigrid:transfer=injection`, functions constant on the parts; \
+*paper*, `polydg_mg_paper` with its smoother. *approximation* is the least error in L2 of linear \
+functions on the parts of the finest level against sin πx sin πy sin πz, in the middle of the \
+cells."""
 _RANKS: Final = """\
 A correlation is Spearman's, of ranks, mesh by mesh, and stands for the mean over the meshes. 1: \
 whenever one of two partitions is worse by the metric, so is what it leads to; 0: the metric tells \

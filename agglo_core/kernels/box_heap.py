@@ -1,8 +1,9 @@
 """A heap of boxes, the one with the largest bound on top.
 
-Its rows are the bound, the centre x, y, both half sides, the signed distance of the centre from the
-boundary (0 if it is not known), the first and the last column of the edges that matter, and the axis along
-which the box is to be halved.
+Its rows are numbers, the bound first. Others in the plane: the centre x, y, both half sides, the signed
+distance of the centre from the boundary (0 if it is not known), the first and the last column of the edges
+that matter, and the axis along which the box is to be halved. In space: the centre x, y, z, three half
+sides, 1 if all of the box is inside (0 if it is not known), the first and the last column.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from agglo_core.kernels.compiling import helper
 
 __all__ = ["WIDTH", "pop", "push"]
 
-WIDTH = 9  # numbers in a row
+WIDTH = 10  # numbers in a row
 
 
 @helper

@@ -1,0 +1,172 @@
+"""Reading graphs, the places of their vertices and mappings from Scotch's text files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.graph import Graph
+from agglo_core.interchange.metis_read import places_of
+from agglo_core.io.counted_lists import record_starts
+from agglo_core.io.file_checks import naming
+from agglo_core.io.text_numbers import integers, reals
+from agglo_core.mesh.elements import gather
+
+__all__ = ["graph_from_scotch", "parts_from_scotch"]
+
+_HEAD = 5  # numbers before the vertices: version, vertices, arcs, base, flags
+
+
+def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> Graph:
+    """Graph of a ``.grf`` or ``.src`` file, with loads of vertices and edges if it has any.
+
+    Parameters
+    ----------
+    path : path
+        Version 0, numbers of vertices and arcs, the first number and three flags; then for each vertex
+        ``[name] [load] degree ([load] neighbour)…``, in any lines.
+    coordinates : (n, 2 or 3) float, or path
+        Centroids of the vertices; Scotch's ``.xyz`` (dimension, number of vertices, then a vertex and its
+        coordinates in each line), or a line of coordinates for each vertex.
+
+    Raises
+    ------
+    FileError
+        Naming the file: missing, or not of that form.
+    MeshError
+        If the graph is not symmetric, or the coordinates do not fit.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> rows = "0\\n3 4\\n0 010\\n1 7 1\\n2 7 0 9 2\\n1 9 1\\n"
+    >>> _ = Path("path.grf").write_text(rows)
+    >>> graph_from_scotch("path.grf", [[0, 0], [1, 0], [2, 0]]).interface.tolist()
+    [7.0, 7.0, 9.0, 9.0]
+    """
+    file = Path(path)
+    with naming(file):
+        numbers = integers(file.read_bytes())
+        n, base, named, weighed, loaded = _head(numbers)
+        names, loads, indptr, ends, weights = _rows(numbers, n, named, loaded, weighed)
+        names = names - base if named else frozen_int(np.arange(n))
+        if not np.array_equal(np.sort(names), np.arange(n)):
+            raise FileError(f"its vertices are not named {base} to {n - 1 + base}, each once")
+        if ends.min(initial=base) < base or ends.max(initial=base) >= n + base:
+            raise FileError(f"a vertex has a neighbour outside {base}..{n - 1 + base}")
+        order = frozen_int(np.argsort(names))
+        indptr, places = gather(indptr, order)
+    found = _places(coordinates, n, base)
+    with naming(file):
+        return Graph.from_arrays(
+            indptr,
+            frozen_int(ends[places] - base),
+            found,
+            interface=frozen_float(weights[places]) if weighed else None,
+            weights=frozen_float(loads[order]) if loaded else None,
+        )
+
+
+def _head(numbers: Int) -> tuple[int, int, int, int, int]:
+    """Number of vertices, first number, and whether there are names, edge loads and vertex loads."""
+    head = numbers[:_HEAD].tolist()
+    if len(head) < _HEAD or head[0] != 0:
+        raise FileError(f"begins with {head}, expected 0, the numbers of vertices and arcs, base and flags")
+    _, n, arcs, base, flags = head
+    if flags not in (0, 1, 10, 11, 100, 101, 110, 111) or base not in (0, 1) or arcs < 0:
+        raise FileError(f"counts from {base}, with {arcs} arcs and flags {flags}, which is none of Scotch")
+    if n < 1:
+        raise FileError("the graph is empty: it has no vertices")
+    return n, base, flags // 100, flags // 10 % 10, flags % 10
+
+
+def _rows(numbers: Int, n: int, named: int, loaded: int, weighed: int) -> tuple[Int, Int, Int, Int, Int]:
+    """Names and loads of vertices, and as CSR neighbours with the loads of edges, as far as there are any."""
+    stream, ahead, step = numbers[_HEAD:], named + loaded, 1 + weighed
+
+    def ends(window: Int) -> Int:
+        stops = np.full(len(window), len(window) + 1)
+        degrees = window[ahead:]
+        fits = (degrees >= 0) & (degrees <= len(stream))
+        reach = np.arange(len(degrees)) + ahead + 1 + step * np.where(fits, degrees, 0)
+        stops[: len(degrees)] = np.where(fits, reach, 1 << 60)
+        return frozen_int(stops)
+
+    try:
+        starts, used = record_starts(stream, n, ends)
+    except FileError as error:
+        raise FileError(str(error).replace("cell", "vertex")) from None
+    degrees = stream[starts + ahead]
+    arcs = int(numbers[2])
+    if used != len(stream) or degrees.sum() != arcs:
+        raise FileError(
+            f"{arcs} arcs are declared, the vertices have {degrees.sum()}; {len(stream) - used} left"
+        )
+    indptr = np.concatenate(([0], np.cumsum(degrees)))
+    places = np.repeat(starts + ahead + 1 - step * indptr[:-1], degrees) + step * np.arange(arcs)
+    loads = stream[starts + named] if loaded else starts
+    return (
+        frozen_int(stream[starts]),
+        frozen_int(loads),
+        frozen_int(indptr),
+        frozen_int(stream[places + weighed]),
+        frozen_int(stream[places]),
+    )
+
+
+def _places(given: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
+    if not isinstance(given, str | Path):
+        return given
+    file = Path(given)
+    with naming(file):
+        numbers = reals(file.read_bytes())
+        dim = int(numbers[0]) if len(numbers) and numbers[0] in (2, 3) else 0
+        rows = numbers[2:].reshape(-1, dim + 1) if dim and len(numbers) == 2 + n * (dim + 1) else None
+        if rows is None or numbers[1] != n:
+            return places_of(numbers, n)
+        order = np.argsort(rows[:, 0])
+        if not np.array_equal(rows[order, 0], np.arange(base, n + base)):
+            raise FileError(f"its vertices are not named {base} to {n - 1 + base}, each once")
+        found: Float = places_of(frozen_float(rows[order, 1:].ravel()), n)
+        return found
+
+
+def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
+    """Labels ``(n,)`` of a ``.map`` file: the number of vertices, then a vertex and its part in each line.
+
+    Parameters
+    ----------
+    path : path
+    base : int
+        Number of the first vertex, as in the file of the graph.
+
+    Raises
+    ------
+    FileError
+        Naming the file: missing, or not of that form.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> _ = Path("path.map").write_text("3\\n2\\t1\\n0\\t0\\n1\\t1\\n")
+    >>> parts_from_scotch("path.map").tolist()
+    [0, 1, 1]
+    """
+    file = Path(path)
+    with naming(file):
+        numbers = integers(file.read_bytes())
+        if not len(numbers) or len(numbers) != 1 + 2 * int(numbers[0]):
+            raise FileError(
+                f"{max(len(numbers) - 1, 0)} numbers follow the number of vertices, expected two each"
+            )
+        vertex, part = numbers[1::2], numbers[2::2]
+        order = np.argsort(vertex)
+        if not np.array_equal(vertex[order], np.arange(base, len(vertex) + base)):
+            raise FileError(f"its vertices are not {base} to {len(vertex) - 1 + base}, each once")
+        if part.min(initial=0) < 0:
+            raise FileError(f"vertex {vertex[int(np.argmin(part))]} has no part")
+        return frozen_int(part[order])

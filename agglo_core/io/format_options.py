@@ -1,0 +1,49 @@
+"""What all formats can be told that build meshes from the points and cells of a file."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+__all__ = ["Compressing", "ReadOptions", "Reading"]
+
+
+class ReadOptions(TypedDict):
+    """How a mesh is built of what a file holds."""
+
+    merge_points: bool
+    allow_gaps: bool
+
+
+class Reading:
+    """The part of a format that has the options of reading.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    """
+
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
+        self.merge_points = merge_points
+        self.allow_gaps = allow_gaps
+
+    @property
+    def reading(self) -> ReadOptions:
+        """The options, for the function that reads."""
+        return {"merge_points": self.merge_points, "allow_gaps": self.allow_gaps}
+
+
+class Compressing(Reading):
+    """The part of a format that also compresses.
+
+    Parameters
+    ----------
+    compress : bool
+        Write compressed data: smaller files, slower to write and to read.
+    """
+
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
+        super().__init__(merge_points, allow_gaps)
+        self.compress = compress

@@ -1,0 +1,177 @@
+"""Pieces of VTK's unstructured grids, whatever file holds their arrays: cells of all kinds as one mesh."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.soup import Soup, mesh_from_soup, with_repairs
+from agglo_core.io.tags import BRIDGES, note_left_out
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, concatenate, gather, take_cells
+
+__all__ = ["CellArrays", "Stored", "check_counts", "mesh_from_pieces", "soup_of_piece"]
+
+_VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
+_FEW = 1 << 15  # points below which nobody counts
+_GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
+
+
+class CellArrays(Protocol):
+    """The arrays of whole numbers of a piece, by the names that VTU files give them."""
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is such an array."""
+
+    def take(self, name: str, declared: int) -> Int:
+        """Values of an array that should have ``declared`` ones; raises FileError."""
+
+
+class Stored(NamedTuple):
+    """What a file holds: its pieces, and the names of cell data that are no tags, one for each piece."""
+
+    pieces: list[Soup]
+    left_out: list[str]
+
+
+def check_counts(n_points: int, n: int) -> None:
+    """Raise FileError for a piece with more cells than its points can have."""
+    if n > _VISITS * max(n_points, _FEW):
+        raise FileError(f"a Piece of {n} cells has only {n_points} points")
+
+
+def soup_of_piece(arrays: CellArrays, points: Float, n: int) -> Soup:
+    """The n cells of a piece, without tags; raises FileError."""
+    n_points = len(points)
+    if n == 0:
+        none = frozen_int(np.empty(0))
+        return Soup(points, none, frozen_int([0]), none, concatenate([]), {})
+    visits = _VISITS * n * n_points
+    types, ends = arrays.take("types", n), arrays.take("offsets", n)
+    if len(types) != n or len(ends) != n:
+        raise FileError(f"a Piece of {n} cells has {len(types)} types and {len(ends)} offsets")
+    vertices = arrays.take("connectivity", min(int(ends[-1]), visits))
+    offsets = _offsets(ends, len(vertices), "offsets")
+    if vertices.size and not (vertices.min() >= 0 and vertices.max() < n_points):
+        raise FileError(f"array 'connectivity' uses points outside 0..{n_points - 1}")
+    solids = _polyhedra(arrays, np.flatnonzero(types == 42), n, visits)
+    if solids.vertices.size and not (solids.vertices.min() >= 0 and solids.vertices.max() < n_points):
+        raise FileError(f"faces of polyhedra use points outside 0..{n_points - 1}")
+    return Soup(points, types, offsets, vertices, solids, {})
+
+
+def _offsets(ends: Int, size: int, name: str) -> Int:
+    offsets = np.concatenate(([0], ends))
+    if (np.diff(offsets) < 0).any() or offsets[-1] != size:
+        raise FileError(f"array {name!r} must rise to {size}, it ends at {offsets[-1]}")
+    return frozen_int(offsets)
+
+
+def _polyhedra(arrays: CellArrays, solids: Int, n: int, visits: int) -> Polyhedra:
+    """Faces of the polyhedra ``solids`` among n cells; no array is far longer than ``visits``."""
+    if not len(solids):
+        return concatenate([])
+    if "polyhedron_to_faces" not in arrays:
+        stops = arrays.take("faceoffsets", n)
+        if len(stops) != n:
+            raise FileError(f"array 'faceoffsets' has {len(stops)} values for {n} cells")
+        return _face_stream(arrays.take("faces", min(int(stops.max()), visits)), frozen_int(stops[solids]))
+    ends = arrays.take("polyhedron_offsets", n)
+    if len(ends) != n:
+        raise FileError(f"array 'polyhedron_offsets' has {len(ends)} values for {n} cells")
+    faces = arrays.take("polyhedron_to_faces", min(int(ends[-1]), visits))
+    stops = arrays.take("face_offsets", len(faces))
+    loops = arrays.take("face_connectivity", min(int(stops.max(initial=0)), visits))
+    loop_offsets = _offsets(stops, len(loops), "face_offsets")
+    offsets, places = gather(_offsets(ends, len(faces), "polyhedron_offsets"), solids)
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(loop_offsets) - 1):
+        raise FileError(f"array 'polyhedron_to_faces' uses faces outside 0..{len(loop_offsets) - 2}")
+    loop_offsets, entries = gather(loop_offsets, faces[places])
+    return Polyhedra(offsets, loop_offsets, frozen_int(loops[entries]))
+
+
+def _face_stream(stream: Int, stops: Int) -> Polyhedra:
+    """Faces of polyhedra stored as ``n_faces, size, v…, size, v…`` one after the other, up to ``stops[c]``.
+
+    The stream is walked face by face for all cells at once.
+    """
+    starts = np.concatenate(([0], stops[:-1]))
+    if (starts >= stops).any() or starts[0] < 0 or stops[-1] > len(stream):
+        raise FileError("array 'faceoffsets' does not rise within 'faces'")
+    counts = stream[starts]
+    if (counts < 1).any() or (counts > stops - starts).any():
+        raise FileError("array 'faces': a cell claims more faces than it holds, or none")
+    offsets = np.concatenate(([0], np.cumsum(counts)))
+    sizes, places = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
+    cursor, cells = starts + 1, np.arange(len(stops))
+    for rank in range(int(counts.max())):
+        cells = cells[counts[cells] > rank]
+        if (cursor[cells] >= stops[cells]).any():
+            raise FileError("array 'faces' ends before the last face of a cell")
+        size = stream[cursor[cells]]
+        if (size < 1).any() or (cursor[cells] + size >= stops[cells]).any():
+            raise FileError("array 'faces' holds a face of no size, or one longer than its cell")
+        sizes[offsets[cells] + rank], places[offsets[cells] + rank] = size, cursor[cells] + 1
+        cursor[cells] += size + 1
+    loop_offsets = np.concatenate(([0], np.cumsum(sizes)))
+    entries = np.arange(loop_offsets[-1]) + np.repeat(places - loop_offsets[:-1], sizes)
+    return Polyhedra(frozen_int(offsets), frozen_int(loop_offsets), frozen_int(stream[entries]))
+
+
+def _join(pieces: list[Soup]) -> Soup:
+    """All pieces as one; tags that some piece lacks are left out."""
+    if not pieces:
+        raise FileError("there is no Piece in it")
+    if len(pieces) == 1:
+        return pieces[0]
+    shift = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+    ends = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    common = [key for key in pieces[0].tags if all(key in piece.tags for piece in pieces)]
+    moved = [
+        piece.solids._replace(vertices=frozen_int(piece.solids.vertices + start))
+        for piece, start in zip(pieces, shift[:-1], strict=True)
+    ]
+    return Soup(
+        frozen_float(np.concatenate([piece.points for piece in pieces])),
+        frozen_int(np.concatenate([piece.types for piece in pieces])),
+        frozen_int(
+            np.concatenate([[0], *(p.offsets[1:] + e for p, e in zip(pieces, ends[:-1], strict=True))])
+        ),
+        frozen_int(np.concatenate([p.vertices + s for p, s in zip(pieces, shift[:-1], strict=True)])),
+        concatenate(moved),
+        {key: frozen_int(np.concatenate([piece.tags[key] for piece in pieces])) for key in common},
+    )
+
+
+def _without_ghosts(soup: Soup) -> tuple[Soup, int]:
+    """Without the cells that other pieces repeat."""
+    tags = dict(soup.tags)
+    ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
+    if not ghost.any():
+        return soup._replace(tags=tags), 0
+    kept = np.flatnonzero(~ghost)
+    offsets, places = gather(soup.offsets, frozen_int(kept))
+    solid = np.flatnonzero(~ghost[soup.types == 42])
+    return Soup(
+        soup.points,
+        frozen_int(soup.types[kept]),
+        offsets,
+        frozen_int(soup.vertices[places]),
+        take_cells(soup.solids, frozen_int(solid)),
+        {key: frozen_int(values[kept]) for key, values in tags.items()},
+    ), int(ghost.sum())
+
+
+def mesh_from_pieces(stored: Stored, *, merge_points: bool, allow_gaps: bool, name: str) -> Mesh:
+    """Mesh of pieces, joined without the ghost cells that repeat each other; raises an AggloError."""
+    pieces, counts = zip(*map(_without_ghosts, stored.pieces), strict=True) if stored.pieces else ((), ())
+    soup = _join([piece for piece in pieces if len(piece.types)] or list(pieces))
+    weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
+    if weak:
+        soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
+    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=weak, name=name)
+    mesh = with_repairs(mesh, {"ghost cells dropped": sum(counts)})
+    return note_left_out(mesh, stored.left_out)

@@ -1,0 +1,105 @@
+"""Names of the arrays of VTKHDF files, and the arrays of one partition, read with care."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import FileError
+
+__all__ = ["COUNTS", "DERIVED", "GROUP", "NAMES", "Partition", "hdf5", "member"]
+
+GROUP = "VTKHDF"
+DERIVED = "agglo"
+"""Attribute of datasets that follow from the mesh or its hierarchy."""
+
+NAMES = {
+    **{"connectivity": "Connectivity", "offsets": "Offsets", "types": "Types"},
+    **{"face_connectivity": "FaceConnectivity", "face_offsets": "FaceOffsets"},
+    **{"polyhedron_to_faces": "PolyhedronToFaces", "polyhedron_offsets": "PolyhedronOffsets"},
+}
+"""Of the arrays as VTU files name them; offsets begin with 0 here."""
+
+COUNTS = {
+    **{"connectivity": "NumberOfConnectivityIds", "face_connectivity": "NumberOfFaceConnectivityIds"},
+    **{"face_offsets": "NumberOfFaces", "polyhedron_to_faces": "NumberOfPolyhedronToFaceIds"},
+}
+"""How many entries the arrays have, that are not one for each cell."""
+
+
+def hdf5() -> Any:
+    """The module h5py.
+
+    Raises
+    ------
+    FileError
+        If it is not installed.
+    """
+    try:
+        import h5py
+    except ImportError as error:
+        raise FileError(f"VTKHDF needs h5py: pip install agglo[hdf] ({error})") from error
+    return h5py
+
+
+def member(group: Any, name: str) -> Any:
+    """A dataset in the file itself, or None.
+
+    Raises
+    ------
+    FileError
+        For one that lies in another file, or is no array of numbers.
+    """
+    h5py = hdf5()
+    if name not in group:
+        return None
+    found = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
+    if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
+        raise FileError(f"{name!r} is not a dataset of the file itself")
+    if found.dtype.kind not in "iuf" or found.shape is None:
+        raise FileError(f"dataset {name!r} holds no numbers")
+    return found
+
+
+@dataclass(frozen=True)
+class Partition:
+    """The arrays of whole numbers of one partition, by the names of VTU files."""
+
+    group: Any
+    cells: tuple[int, int]  # first and last cell in the file
+    counts: Mapping[str, tuple[int, int]]  # where the arrays of other lengths begin and end
+    place: int  # which partition it is: each of those before has one more offset than cells or faces
+
+    def __contains__(self, name: str) -> bool:
+        return name in NAMES and NAMES[name] in self.group
+
+    def take(self, name: str, declared: int) -> Int:
+        """Values of an array that should have ``declared`` ones; raises FileError."""
+        start, stop = self.counts.get(name, self.cells)
+        if NAMES[name].endswith("Offsets"):
+            start, stop = start + self.place, stop + self.place + 1
+        values = self._values(name, start, stop)
+        if values.dtype.kind not in "iu":
+            raise FileError(f"dataset {NAMES[name]!r} must hold integers, not {values.dtype}")
+        if not NAMES[name].endswith("Offsets"):
+            return frozen_int(values)
+        if values[0] != 0:
+            raise FileError(
+                f"dataset {NAMES[name]!r} begins with {values[0]} in partition {self.place}, not 0"
+            )
+        return frozen_int(values[1:])
+
+    def _values(self, name: str, start: int, stop: int) -> NDArray[Any]:
+        dataset = member(self.group, NAMES[name])
+        if dataset is None:
+            raise FileError(f"dataset {NAMES[name]!r} is missing")
+        if dataset.ndim != 1 or dataset.shape[0] < stop:
+            raise FileError(
+                f"dataset {NAMES[name]!r} has the shape {dataset.shape}, expected ({stop},) or more"
+            )
+        return np.asarray(dataset[start:stop])

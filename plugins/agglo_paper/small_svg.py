@@ -1,0 +1,131 @@
+"""Drawings in fewer bytes: matplotlib writes six decimals, each dot's style, and pictures in true colour."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections import Counter
+from io import BytesIO
+
+__all__ = ["smaller"]
+
+_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+_TAG = re.compile(r"<[a-z][^<>]*>")  # numbers between tags are words: labels of axes
+_SPACES = re.compile(r"\n\s+|(?<=[a-zA-Z0-9]) \n")
+_PICTURE = re.compile(r"(data:image/png;base64,)([^\"]+)")
+_STYLE = re.compile(r'style="([^"]+)"')
+_CLIPPED = re.compile(r'(<g clip-path="url\(#\w+\)">)((?:(?!</?g\b).)*)</g>', re.DOTALL)
+_POLYLINES = re.compile(r'( d=")((?:[ML] -?[\d.]+ -?[\d.]+\s+|z\s+)+)"')
+_HASH = re.compile(r"\b(?:[mp]|[A-Z][0-9a-f]{1,2}_[0-9a-f]{1,2}_)[0-9a-f]{10}\b")
+_DOTS = re.compile(r'(<g clip-path="url\(#\w+\)")>((?:\n<use [^>]*/>)+\n)</g>')
+_PLACE = re.compile(r'(?<= [xy]=")-?\d+\.\d\d(?=")')
+_COLOURS = 20
+_MANY = 30
+_OFTEN = 20
+
+
+def smaller(svg: str) -> str:
+    """The same drawing to within .06 points, pictures in it in up to 20 colours.
+
+    A drawing that went through it already stays as it is.
+    """
+    pictures: list[str] = []
+
+    def keep(found: re.Match[str]) -> str:
+        pictures.append(found[1] + _few_colours(found[2]))
+        return f"kept picture {len(pictures) - 1};"
+
+    bare = _TAG.sub(lambda tag: _NUMBER.sub(_hundredths, tag[0]), _PICTURE.sub(keep, svg))
+    bare = _POLYLINES.sub(_steps, _SPACES.sub("\n", bare))
+    bare = _PLACE.sub(lambda found: f"{float(found[0]):.1f}", bare)
+    bare = _shared_styles(_short_names(_joined_clips(bare)))
+    return re.sub(r"kept picture (\d+);", lambda found: pictures[int(found[1])], bare)
+
+
+def _hundredths(found: re.Match[str]) -> str:
+    return f"{round(float(found[0]), 2) + 0.0:.2f}".rstrip("0").rstrip(".")
+
+
+def _steps(found: re.Match[str]) -> str:
+    """Polylines of many corners as steps from corner to corner, to a tenth of a point."""
+    words = found[2].split()
+    if len(words) < _MANY:
+        return found[0]
+    short, at, first, place = "", (0, 0), (0, 0), 0
+    while place < len(words):
+        letter = words[place].lower()
+        if letter == "z":
+            short, at, place = short + "z", first, place + 1
+            continue
+        here = round(10 * float(words[place + 1])), round(10 * float(words[place + 2]))
+        across, down = (_tenths(now - before) for now, before in zip(here, at, strict=True))
+        if letter == "l":  # a corner that follows a move, or a line, needs no letter
+            short += _after(across) + _after(down)
+        elif here != at or short[-1:] in ("", "z"):  # to where it is already it need not move
+            short += "m" + across + _after(down)
+        at, first, place = here, here if letter == "m" else first, place + 3
+    return f'{found[1]}{short}"'
+
+
+def _after(number: str) -> str:
+    return number if number.startswith("-") else f" {number}"
+
+
+def _tenths(count: int) -> str:
+    return f"{count / 10:g}".replace("0.", ".", 1) if abs(count) < 10 else f"{count / 10:g}"
+
+
+def _short_names(svg: str) -> str:
+    """Names that are hashes, in order of appearance."""
+    names = {name: f"n{place:x}" for place, name in enumerate(dict.fromkeys(_HASH.findall(svg)))}
+    return _HASH.sub(lambda found: names[found[0]], svg)
+
+
+def _few_colours(encoded: str) -> str:
+    """A PNG with a palette, if that is smaller."""
+    from PIL import Image
+
+    before = base64.b64decode(encoded)
+    picture = Image.open(BytesIO(before))
+    if picture.mode == "P":
+        return encoded
+    after = BytesIO()
+    few = picture.convert("RGBA").quantize(_COLOURS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    few.save(after, format="PNG", optimize=True)
+    return base64.b64encode(min(before, after.getvalue(), key=len)).decode()
+
+
+def _joined_clips(svg: str) -> str:
+    """Neighbours that are clipped alike in one group."""
+    lines, last = [], ""
+    for piece in re.split(r"(?=<g clip-path)", svg):
+        found = _CLIPPED.match(piece)
+        if found and found[1] == last and lines[-1].endswith("</g>\n"):
+            lines[-1] = lines[-1].removesuffix("</g>\n") + piece.removeprefix(found[1] + "\n")
+        else:
+            lines.append(piece)
+        last = found[1] if found and found.end() == len(piece.rstrip("\n")) else ""
+    return "".join(lines)
+
+
+def _once(dots: re.Match[str]) -> str:
+    """A group of dots alike says once what they look like."""
+    looks = set(re.findall(r' class="\w+"', dots[2]))
+    if len(looks) != 1 or dots[2].count(" class=") != dots[2].count("<use"):
+        return dots[0]
+    look = looks.pop()
+    return f"{dots[1]}{look}>{dots[2].replace(look, '')}</g>"
+
+
+def _shared_styles(svg: str) -> str:
+    """Styles that many things have are named once, at the beginning."""
+    counted = Counter(_STYLE.findall(svg))
+    names = {
+        style: f"s{place}" for place, (style, often) in enumerate(counted.most_common()) if often >= _OFTEN
+    }
+    if not names:
+        return svg
+    rules = "".join(f".{name}{{{style}}}" for style, name in names.items())
+    short = _STYLE.sub(lambda found: f'class="{names[found[1]]}"' if found[1] in names else found[0], svg)
+    short = _DOTS.sub(_once, short)
+    return short.replace("<defs>", f"<defs>\n<style>{rules}</style>", 1)

@@ -1,0 +1,213 @@
+"""Largest balls inside solids: hand values, linear programs, dense sampling, invariance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull
+from solid_parts import MESHES, outer_faces, planes, prism, ragged, turned
+
+from agglo_core import samples
+from agglo_core.components.metrics import CentredCircleRatio, CircleRatio
+from agglo_core.mesh import Mesh
+
+CR, CRC = CircleRatio(), CentredCircleRatio()
+
+
+def radii(mesh: Mesh, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Radius of the largest ball, and of the one about the centroid, of each part."""
+    half = mesh.coarsen(labels).cell_diameters / 2
+    return CR.measure(mesh, np.asarray(labels)) * half, CRC.measure(mesh, np.asarray(labels)) * half
+
+
+# -- slow references ----------------------------------------------------------------------------
+
+
+def _to_segment(p: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    t = np.clip((p - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    return np.linalg.norm(p - a - t[:, None] * (b - a), axis=1)
+
+
+def _to_polygon(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Distances of points from a flat, convex polygon."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal = normal / np.linalg.norm(normal)
+    ends = np.roll(corners, -1, axis=0)
+    sides = [((p - a) @ np.cross(normal, b - a)) >= 0 for a, b in zip(corners, ends, strict=True)]
+    rims = [_to_segment(p, a, b) for a, b in zip(corners, ends, strict=True)]
+    return np.where(np.all(sides, axis=0), np.abs((p - corners[0]) @ normal), np.min(rims, axis=0))
+
+
+def _solid_angle(p: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Signed solid angles of a polygon, by triangles (Van Oosterom and Strackee 1983)."""
+    total = np.zeros(len(p))
+    a = corners[0] - p
+    for i in range(1, len(corners) - 1):
+        b, c = corners[i] - p, corners[i + 1] - p
+        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+        dots = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+        total += 2 * np.arctan2((a * np.cross(b, c)).sum(1), dots)
+    return total
+
+
+def heights(p: np.ndarray, faces: list[np.ndarray]) -> np.ndarray:
+    """Distances of points from a surface, negative outside."""
+    distance = np.min([_to_polygon(p, corners) for corners in faces], axis=0)
+    winding = sum(_solid_angle(p, corners) for corners in faces)
+    return np.where(np.abs(winding) > 2 * np.pi, distance, -distance)
+
+
+def sampled_radius(faces: list[np.ndarray], seed: int, starts: int = 12) -> float:
+    """The largest height of many points, and of ever nearer ones around the best of them."""
+    rng = np.random.default_rng(seed)
+    corners = np.concatenate(faces)
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    points = low + rng.random((160 * starts, 3)) * size
+    found = heights(points, faces)
+    best = np.argsort(found)[-starts:]
+    points, found, reach = points[best], found[best], 0.15 * size.max()
+    while reach > 1e-5 * size.max():
+        around = points[:, None] + reach * rng.normal(size=(len(points), 24, 3))
+        around = np.concatenate((points[:, None], around), axis=1)
+        every = heights(around.reshape(-1, 3), faces).reshape(len(points), -1)
+        chosen = every.argmax(axis=1)
+        moved = chosen > 0
+        points, found = around[np.arange(len(points)), chosen], every.max(axis=1)
+        if moved.mean() < 0.3:
+            reach *= 0.6
+    return found.max()
+
+
+def chebyshev_radius(faces: list[np.ndarray]) -> float:
+    """Radius of the largest ball in a convex solid: a linear program."""
+    half = planes(faces)
+    limits = np.column_stack((half[:, :3], np.ones(len(half))))
+    return linprog([0, 0, 0, -1], limits, -half[:, 3], bounds=[(None, None)] * 3 + [(0, None)]).x[3]
+
+
+# -- hand values --------------------------------------------------------------------------------
+
+_CORNER = math.sqrt(3) / (1 + math.sqrt(3))  # between three faces of a cube and a corner
+_SOLIDS = {
+    "cube": (2, np.zeros(8, int), 1.0, 1.0),
+    "bar": (2, np.arange(8) // 2, 0.5, 0.5),
+    "hollow": (3, (np.arange(27) == 13).astype(int), _CORNER, 0.0),
+    "without a corner": (2, np.append(np.zeros(7, int), 1), _CORNER, None),
+    "L": (2, np.repeat([0, 0, 0, 1], 2), 2 - math.sqrt(2), math.sqrt(2) / 6),
+    "touching": (2, np.array([0, 1, 1, 1, 1, 1, 1, 0]), 0.5, 0.0),
+    "apart": (3, np.where(np.arange(27) // 9 == 1, 1, 0), 0.5, 0.0),
+}
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize(("n", "labels", "largest", "centred"), _SOLIDS.values(), ids=_SOLIDS)
+def test_balls_in_cubes_are_exact(n: int, labels: np.ndarray, largest: float, centred: float, moved: bool):
+    unit = 0.01 / n if moved else 1 / n
+    found, about = radii(turned(samples.boxes(n)) if moved else samples.boxes(n), labels)
+    assert found[0] / unit == pytest.approx(largest, rel=1e-9)
+    if centred is not None:
+        assert about[0] / unit == pytest.approx(centred, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("height", [0.4, 3.0])
+@pytest.mark.parametrize("n", [3, 4, 6, 8, 40])
+def test_balls_in_prisms_are_exact(n: int, height: float) -> None:
+    mesh = turned(prism(n, height))
+    expected = 0.01 * min(height / 2, math.cos(math.pi / n))
+    for found in radii(mesh, np.zeros(1, int)):
+        assert found[0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_balls_in_a_regular_tetrahedron_are_exact() -> None:
+    points = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], float)
+    mesh = turned(Mesh.from_polyhedra(points, [[[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]]))
+    assert CR.measure(mesh, np.zeros(1, int))[0] == pytest.approx(1 / math.sqrt(3) / math.sqrt(2))
+    assert CRC.measure(mesh, np.zeros(1, int))[0] == pytest.approx(1 / math.sqrt(3) / math.sqrt(2))
+
+
+@pytest.mark.parametrize("n", [4, 9])
+def test_a_plate_and_a_wall_of_many_cubes(n: int) -> None:
+    mesh = samples.boxes(n)
+    x, y, _ = (mesh.cell_centroids * n).astype(int).T
+    plate = (x > 0).astype(int)
+    wall = ((x > 0) & (y > 0)).astype(int)  # an L of two plates
+    for points in (mesh, turned(mesh)):
+        unit = (points.cell_measures[0]) ** (1 / 3)
+        assert radii(points, plate)[0][0] / unit == pytest.approx(0.5, rel=1e-9)
+        assert radii(points, wall)[0][0] / unit == pytest.approx(2 - math.sqrt(2), rel=1e-9)
+
+
+# -- oracles ------------------------------------------------------------------------------------
+
+
+def _check_balls(mesh: Mesh, labels: np.ndarray, parts: range) -> None:
+    largest, centred = radii(mesh, labels)
+    centroids = mesh.coarsen(labels).cell_centroids
+    for part in parts:
+        faces = outer_faces(mesh, labels, part)
+        sampled = sampled_radius(faces, seed=part)
+        if sampled < largest[part] * (1 - 1e-3):  # the samples met a lesser summit, if ours is one
+            sampled = sampled_radius(faces, seed=part, starts=80)
+        assert largest[part] == pytest.approx(sampled, rel=1e-3), part
+        assert centred[part] == pytest.approx(max(heights(centroids[part][None], faces)[0], 0.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("swaps", [0.0, 0.05])
+def test_agree_with_dense_sampling(name: str, swaps: float) -> None:
+    mesh = MESHES[name]()
+    _check_balls(mesh, ragged(mesh, 90, seed=3, swaps=swaps), range(2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MESHES)
+def test_agree_with_dense_sampling_on_many(name: str) -> None:
+    mesh = MESHES[name]()
+    for seed, swaps in ((5, 0.0), (6, 0.05)):
+        labels = ragged(mesh, 45, seed=seed, swaps=swaps)
+        _check_balls(mesh, labels, range(min(labels.max() + 1, 38)))
+
+
+@pytest.mark.parametrize("mesh", [samples.voronoi_solids(120, seed=5), samples.random_tetrahedra(60, seed=6)])
+def test_convex_cells_agree_with_linear_programs(mesh: Mesh) -> None:
+    labels = np.arange(mesh.n_cells)
+    largest, _ = radii(mesh, labels)
+    for cell in labels:
+        assert largest[cell] == pytest.approx(chebyshev_radius(outer_faces(mesh, labels, cell)), rel=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_balls_of_a_large_convex_part_agree_with_a_linear_program(seed: int) -> None:
+    mesh = samples.random_tetrahedra(400, seed=seed)
+    points = mesh.points.copy()
+    points[:, 2] += 0.3 * points[:, 0]  # a parallelepiped of many triangles
+    slanted = Mesh(points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells)
+    labels = np.zeros(mesh.n_cells, int)
+    assert ConvexHull(points).volume == pytest.approx(slanted.cell_measures.sum())
+    expected = chebyshev_radius(outer_faces(slanted, labels, 0))
+    assert radii(slanted, labels)[0][0] == pytest.approx(expected, rel=1e-9)
+
+
+# -- invariance ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_motions_and_scales_change_nothing(name: str) -> None:
+    mesh = MESHES[name]()
+    labels = ragged(mesh, 40, seed=9, swaps=0.05)
+    for metric in (CR, CRC):
+        np.testing.assert_allclose(
+            metric.measure(turned(mesh), labels), metric.measure(mesh, labels), rtol=1e-3, atol=1e-9
+        )
+
+
+def test_thin_parts_keep_their_digits() -> None:
+    mesh = samples.boxes(4)
+    for scale in ((1.0, 1.0, 0.05), (1e3, 1.0, 0.05), (1.0, 1e-4, 1e-4), (1.0, 1.0, 1e-3)):
+        flat = turned(Mesh(mesh.points * scale, mesh.face_offsets, mesh.face_vertices, mesh.face_cells))
+        notched = np.append(np.zeros(63, int), 1)
+        found = radii(flat, notched)[0][0]
+        assert found == pytest.approx(0.01 * min(scale) / 2, rel=1e-3)

@@ -1,0 +1,41 @@
+"""Every example of the gallery runs and gives the numbers it gave when it was written."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
+
+GOLDEN: dict[str, dict[str, Any]] = {
+    "bisectors_compared": {
+        "circle_ratios": {"kmeans": 0.512, "sweep": 0.531, "inertial": 0.509, "coordinate": 0.511}
+    },
+    "exact_counts": {"counts": [100, 20, 4]},
+    "fewer_faces": {"faces": (844, 180)},
+    "fine_at_a_well": {"levels_used": [-1, 0, 1, 2]},
+    "four_metrics": {"worst": {"UF": 0.55, "CR": 0.35, "J": 0.7, "convexity": 0.65}},
+    "layers_of_rock": {"mixed_parts": [63, 0]},
+    "nested_levels": {"parts": [92, 18, 4]},
+    "one_fracture": {"parts_across": [0, 0]},
+    "own_bisector": {"parts": 8},
+    "roundest_parts": {"parts": [28, 19]},
+    "stretched_parts": {"ratio": 2.6},
+    "two_grids": {"iterations": (142, 64)},
+}
+
+
+def test_every_example_has_its_number_and_its_place() -> None:
+    page = (GALLERY / "index.md").read_text(encoding="utf-8")
+    shown = page.partition("```{gallery}\n")[2].partition("```")[0].split()
+    assert sorted(shown) == sorted(GOLDEN) == sorted(script.stem for script in GALLERY.glob("*.py"))
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_the_example_gives_its_numbers(name: str) -> None:
+    found = runpy.run_path(str(GALLERY / f"{name}.py"))
+    for variable, golden in GOLDEN[name].items():
+        assert found[variable] == golden
