@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from agglo_core.draw.plot import save_figure
 from agglo_core.errors import OptionError
 from agglo_core.problems import Solution
 
-__all__ = ["LINES", "Curves", "draw_convergence"]
+__all__ = ["LINES", "Curves", "draw_convergence", "frame_curves", "one_curve"]
 
 LINES = ("#1f5fa8", "#c4501b", "#1b7a4b", "#8a3a9c", "#8c6d00", "#0b8499", "#b0246b", "#555555")
 """Colours of curves, dark enough for thin lines on white."""
@@ -105,18 +105,28 @@ def draw_convergence(
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
-        from matplotlib.ticker import MaxNLocator
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
     figure = Figure(figsize=(7.0, 4.4), dpi=160, layout="constrained")
     FigureCanvasAgg(figure)
     axis: Any = figure.add_subplot()
-    axis.set_yscale("log")
     curves = {name: Curves.of(solution) for name, solution in solutions.items()}
     for place, (name, each) in enumerate(curves.items()):
-        _draw(axis, name, each, LINES[place % len(LINES)])
-    for tolerance in sorted({each.tolerance for each in curves.values() if each.tolerance}):
+        one_curve(axis, name, each, LINES[place % len(LINES)])
+    frame_curves(axis, list(curves.values()))
+    figure.legend(fontsize=8, frameon=False, loc="outside lower center", ncols=2)
+    if title:
+        axis.set_title(title, fontsize=10, color=_INK)
+    save_figure(figure, Path(path))
+
+
+def frame_curves(axis: Any, curves: Sequence[Curves]) -> None:
+    """Scales, labels and grid of a picture of convergence, with a line for each tolerance."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_yscale("log")
+    for tolerance in sorted({each.tolerance for each in curves if each.tolerance}):
         axis.axhline(tolerance, color=_INK, linewidth=1.0, linestyle=":")
         axis.annotate(
             f"tolerance {tolerance:g}",
@@ -135,13 +145,11 @@ def draw_convergence(
     axis.grid(color="#dddddd", linewidth=0.6)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
-    figure.legend(fontsize=8, frameon=False, loc="outside lower center", ncols=2)
-    if title:
-        axis.set_title(title, fontsize=10, color=_INK)
-    save_figure(figure, Path(path))
 
 
-def _draw(axis: Any, name: str, curves: Curves, colour: str) -> None:
+def one_curve(axis: Any, name: str, curves: Curves, colour: str = LINES[0]) -> None:
+    """Draw residuals and energy errors of one solver; ``name`` is that of the legend."""
+    name = f"{name}: " if name else ""
     steps = np.arange(len(curves.residuals))
     size = 3.5 if len(steps) <= _MARKED + 1 else 0.0
     fall = "" if curves.contraction is None else f", contraction {curves.contraction:.3g}"
@@ -153,7 +161,7 @@ def _draw(axis: Any, name: str, curves: Curves, colour: str) -> None:
         markersize=size,
         linewidth=1.6,
         clip_on=False,
-        label=f"{name}: residual{fall}",
+        label=f"{name}residual{fall}",
     )
     known = np.isfinite(curves.errors)
     if known.any():
@@ -167,5 +175,5 @@ def _draw(axis: Any, name: str, curves: Curves, colour: str) -> None:
             markerfacecolor="white",
             linewidth=1.3,
             clip_on=False,
-            label=f"{name}: energy error{' at the end' if alone else ''}, estimated",
+            label=f"{name}energy error{' at the end' if alone else ''}, estimated",
         )

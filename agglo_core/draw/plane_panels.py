@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Int
-from agglo_core.draw.colours import FINE, INK, PALETTE, PAPER, colouring
+from agglo_core.draw.colours import FINE, INK
+from agglo_core.draw.painting import Paint, blank, by_neighbours
 from agglo_core.mesh import Mesh
 
-__all__ = ["PlanePanels"]
+__all__ = ["PlanePanels", "inches_across"]
 
 _DENSE = 20_000
 """Fine edges inside agglomerates are drawn up to this many cells."""
+_AT_ONCE = 1000
 
 
 class PlanePanels:
@@ -31,25 +33,28 @@ class PlanePanels:
         self.ratio = float(extent[1] / extent[0])
         """Height over width."""
 
-    def fine(self, axis: Any) -> None:
-        """Draw the mesh."""
+    def fine(self, axis: Any, paint: Paint | None = None) -> None:
+        """Draw the mesh, its cells painted or not."""
         whole = self.mesh.coarsen(np.zeros(self.mesh.n_cells, np.int64))
-        _fill(axis, whole, np.zeros(1, np.int64), (PAPER,))
+        if paint is None:
+            _fill(axis, whole, blank(1))
+        else:
+            _fill(axis, self.mesh, paint)
         _edges(axis, self.mesh, FINE, _line_width(axis, self.mesh.n_cells, 0.6))
         _edges(axis, whole, INK, 0.9)
         self._frame(axis)
 
-    def level(self, axis: Any, labels: Int) -> None:
-        """Draw the agglomerates of a level."""
+    def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
+        """Draw the agglomerates of a level, painted, or with neighbours in different colours."""
         coarse, n_cells = self.mesh.coarsen(labels), self.mesh.n_cells
-        _fill(axis, coarse, colouring(coarse, len(PALETTE)), PALETTE)
+        _fill(axis, coarse, by_neighbours(coarse) if paint is None else paint)
         if n_cells <= _DENSE:
             _edges(axis, self.mesh, FINE, 0.5 * _line_width(axis, n_cells, 0.6), alpha=0.35)
         _edges(axis, coarse, INK, _line_width(axis, coarse.n_cells, 1.1))
         self._frame(axis)
 
     def _frame(self, axis: Any) -> None:
-        used = self.mesh.local_points[self.mesh.face_vertices]
+        used = self.mesh.points[self.mesh.face_vertices]
         low, high = used.min(axis=0), used.max(axis=0)
         margin = 0.01 * float((high - low).max())
         axis.set_xlim(low[0] - margin, high[0] + margin)
@@ -57,7 +62,7 @@ class PlanePanels:
         axis.set_aspect("equal")
 
 
-def _fill(axis: Any, mesh: Mesh, colours: Int, palette: tuple[str, ...]) -> None:
+def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
     """Fill the cells: one path for all cells of a colour, whatever their number; holes stay open."""
     from matplotlib.patches import PathPatch
     from matplotlib.path import Path as Outline
@@ -69,26 +74,42 @@ def _fill(axis: Any, mesh: Mesh, colours: Int, palette: tuple[str, ...]) -> None
     codes = np.full(len(vertices), Outline.LINETO, np.uint8)
     codes[starts + number] = Outline.MOVETO
     codes[stops + number] = Outline.CLOSEPOLY
-    colour = np.repeat(np.repeat(colours, np.diff(loops.cell_offsets)), stops - starts + 1)
-    for k, tone in enumerate(palette):
+    colour = np.repeat(np.repeat(paint.colours, np.diff(loops.cell_offsets)), stops - starts + 1)
+    for k, tone in enumerate(paint.palette):
         mine = colour == k
         if mine.any():
-            outline = Outline(mesh.local_points[vertices[mine]], codes[mine])
+            outline = Outline(mesh.points[vertices[mine]], codes[mine])
             # not add_patch: it walks every edge in Python to find limits, which are set at the end
             axis.add_artist(PathPatch(outline, facecolor=tone, edgecolor="none", linewidth=0))
 
 
 def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0) -> None:
-    from matplotlib.collections import LineCollection
+    """Draw the edges, a thousand as one path: matplotlib makes an object for each."""
+    from matplotlib.collections import PathCollection
+    from matplotlib.path import Path as Outline
 
     if width > 0:
-        segments: Any = mesh.local_points[mesh.face_pairs]
-        lines = LineCollection(segments, colors=colour, linewidths=width, alpha=alpha, capstyle="round")
-        axis.add_collection(lines, autolim=False)
+        ends = mesh.points[mesh.face_pairs].reshape(-1, 2)
+        codes = np.tile(np.array([Outline.MOVETO, Outline.LINETO], np.uint8), _AT_ONCE)
+        starts = range(0, len(ends), 2 * _AT_ONCE)
+        pieces = [ends[start : start + 2 * _AT_ONCE] for start in starts]
+        paths = [Outline(piece, codes[: len(piece)]) for piece in pieces]
+        look: dict[str, Any] = {
+            "facecolors": "none",
+            "edgecolors": colour,
+            "linewidths": width,
+            "alpha": alpha,
+        }
+        axis.add_collection(PathCollection(paths, capstyle="round", **look), autolim=False)
 
 
 def _line_width(axis: Any, n_cells: int, most: float) -> float:
     """Width in points that leaves cells visible; 0 where they are hardly larger than a dot."""
-    inches = axis.figure.get_figwidth() / axis.get_gridspec().ncols
-    cell = 72.0 * inches / np.sqrt(n_cells)
+    cell = 72.0 * inches_across(axis) / np.sqrt(n_cells)
     return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))
+
+
+def inches_across(axis: Any) -> float:
+    """Width that axes have in their figure, before anything is put beside them."""
+    grid, whole = axis.get_gridspec(), axis.figure.bbox.width / axis.figure.dpi
+    return float(whole * axis.get_position().width if grid is None else whole / grid.ncols)

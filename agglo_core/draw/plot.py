@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from agglo_core.measure.selection import Metric
     from agglo_core.registry import Registry
 
-__all__ = ["PALETTE", "colouring", "draw", "save_figure", "short_name"]
+__all__ = ["PALETTE", "colouring", "draw", "panels_of", "save_figure", "short_name"]
 
 _DPI = 160
 _IN_TITLES = ("UF", "CR")
@@ -78,7 +78,7 @@ def draw(
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
     wanted = _IN_TITLES if metrics is None else list(metrics)
-    panels = _panels(mesh, explode, section)
+    panels = panels_of(mesh, explode, section)
     columns = 1 + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
     width = float(np.clip(24.0 / columns, 2.4, 3.6))
     height = width * float(np.clip(panels.ratio, 0.15, 2.0)) + 0.55
@@ -103,7 +103,9 @@ def draw(
         save_figure(figure, Path(path))
 
 
-def _panels(mesh: Mesh, explode: float | None, section: Sequence[float] | None) -> PlanePanels | SolidPanels:
+def panels_of(
+    mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
+) -> PlanePanels | SolidPanels:
     """What draws the panels of a mesh; OptionError for what a plane mesh cannot have."""
     if mesh.dim == 3:
         return SolidPanels(mesh, _EXPLODE if explode is None else explode, section)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, Int
-from agglo_core.draw.colours import PALETTE, PAPER, colouring
-from agglo_core.draw.shading import rgb, shaded
+from agglo_core.draw.painting import Paint, blank, by_neighbours
+from agglo_core.draw.plane_panels import inches_across
+from agglo_core.draw.shading import shaded
 from agglo_core.draw.surfaces import Surface, beyond, check_explode, outer_faces, seen
 from agglo_core.mesh import Mesh
 
@@ -45,18 +46,17 @@ class SolidPanels:
         self.ratio = height / width
         """Height over width."""
 
-    def fine(self, axis: Any) -> None:
-        """Draw the mesh in one piece."""
-        self._show(axis, self.whole, np.broadcast_to(rgb(PAPER), (len(self.whole.parts), 3)))
+    def fine(self, axis: Any, paint: Paint | None = None) -> None:
+        """Draw the mesh in one piece, its cells painted or not."""
+        rows = (blank(self.mesh.n_cells) if paint is None else paint).rows
+        self._show(axis, self.whole, rows[self.whole.cells])
 
-    def level(self, axis: Any, labels: Int) -> None:
-        """Draw the agglomerates of a level, moved apart."""
+    def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
+        """Draw the agglomerates of a level, moved apart, painted, or with neighbours in different colours."""
         surface = outer_faces(self.mesh, labels, self.explode, self.kept)
-        tones = np.array([rgb(colour) for colour in PALETTE])
-        colours = tones[colouring(self.mesh.coarsen(labels), len(PALETTE))]
-        self._show(axis, surface, colours[surface.parts])
+        rows = (by_neighbours(self.mesh.coarsen(labels)) if paint is None else paint).rows
+        self._show(axis, surface, rows[surface.parts])
 
     def _show(self, axis: Any, surface: Surface, colours: Float) -> None:
-        inches = axis.figure.get_figwidth() / axis.get_gridspec().ncols
-        pixels = _FINE * inches * axis.figure.dpi * max(1.0, self.ratio)
+        pixels = _FINE * inches_across(axis) * axis.figure.dpi * max(1.0, self.ratio)
         axis.imshow(shaded(surface, seen(surface, pixels=int(pixels)), colours, _FINE))

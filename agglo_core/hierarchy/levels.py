@@ -149,6 +149,62 @@ class Hierarchy:
         """Show a level of a solid in a window or a picture: :func:`agglo_core.draw.solid_scene.view`."""
         made_by("agglo_core.draw.solid_scene:view")(self, level, explode=explode, section=section, path=path)
 
+    def plot(
+        self,
+        level: int = 0,
+        ax: Any = None,
+        *,
+        values: str | ArrayLike | None = None,
+        cmap: str = "viridis",
+        explode: float | None = None,
+        section: Sequence[float] | None = None,
+        registry: Any = None,
+    ) -> Any:
+        """Draw the agglomerates of a level on axes of matplotlib; neighbours differ in colour.
+
+        Parameters
+        ----------
+        level : int
+            0 is the finest.
+        ax, cmap, section : optional
+            As for :meth:`agglo_core.Mesh.plot`.
+        values : str or (n_level,) float, optional
+            What agglomerates are coloured by: the name of a metric, or numbers, with a colour bar; grey where
+            they are not finite.
+        explode : float, optional
+            In 3-D: agglomerates are moved by so many times the way from the middle of the mesh to theirs,
+            from 0 to 10; by default 0.35.
+        registry : Registry, optional
+            Where metrics are looked up; by default the installed plugins.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        OptionError, PluginError
+            Without matplotlib, or for an argument that is not as above.
+        MeshError
+            If the hierarchy has no mesh.
+        IndexError
+            If there is no such level.
+
+        Examples
+        --------
+        >>> from agglo_core import agglomerate, samples
+        >>> ax = agglomerate(samples.squares(8), n_parts=4).plot(values="CR")
+        >>> ax.figure.axes[-1].get_ylabel()  # of the colour bar
+        'CR'
+        """
+        return made_by("agglo_core.draw.on_axes:plot_level")(
+            self, level, ax, values=values, cmap=cmap, explode=explode, section=section, registry=registry
+        )
+
+    def _repr_html_(self) -> str:
+        html: str = made_by("agglo_core.draw.notebook:hierarchy_html")(self)
+        return html
+
     # -- cuts ----------------------------------------------------------------------------------
     @cached_property
     def forest(self) -> Forest:

@@ -2,5 +2,6 @@
 
 from agglo_core.measure.agglomerates import Level, measure_levels, quality, summary
 from agglo_core.measure.comparison import RunResult, timed_run, wanted
+from agglo_core.measure.quality_values import Quality
 
-__all__ = ["Level", "RunResult", "measure_levels", "quality", "summary", "timed_run", "wanted"]
+__all__ = ["Level", "Quality", "RunResult", "measure_levels", "quality", "summary", "timed_run", "wanted"]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int
 from agglo_core.errors import MeshError, OptionError, PluginError
+from agglo_core.measure.quality_values import Quality
 from agglo_core.measure.selection import RATIOS, Metric, built_metrics, select
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, Tell, followed, part, phase
@@ -97,7 +98,7 @@ def quality(
     progress: Listener | None = None,
     verbose: bool = False,
     threads: int | None = None,
-) -> dict[str, Float]:
+) -> Quality:
     """Quality of every agglomerate.
 
     Parameters
@@ -114,7 +115,8 @@ def quality(
 
     Returns
     -------
-    dict of name to (k,) float
+    Quality
+        A dict of name to (k,) float, which shows itself as a table.
 
     Raises
     ------
@@ -137,7 +139,7 @@ def quality(
         followed(progress, verbose) as listen,
         phase(listen, "measuring") as tell,
     ):
-        return _measured(mesh, mesh.coarsen(labels), labels, chosen, tell)
+        return Quality(_measured(mesh, mesh.coarsen(labels), labels, chosen, tell))
 
 
 def measure_levels(

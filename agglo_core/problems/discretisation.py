@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from agglo_core.arrays import Float, Int
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.system import System
 
@@ -34,6 +35,37 @@ class Samples:
     points: Float
     simplices: Int
     values: Float
+
+    def plot(self, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
+        """Draw the function on axes of matplotlib, with its jumps; in 3-D on a plane through the middle.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+        across : {"x", "y", "z"}
+            In 3-D: the axis that the plane is perpendicular to.
+        cmap : str
+            Colour map of matplotlib.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        OptionError
+            Without matplotlib, or for an argument that is not as above.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        >>> ax = Samples(np.zeros(3, int), corners, np.array([[0, 1, 2]]), corners[:, 0]).plot()
+        >>> ax.get_xlabel(), ax.get_ylabel()
+        ('x', 'y')
+        """
+        return made_by("agglo_core.draw.on_axes:plot_samples")(self, ax, across=across, cmap=cmap)
 
 
 @runtime_checkable

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from agglo_core.arrays import Float
+from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.deferred import deferrable
 from agglo_core.problems.iteration_history import mean_contraction, untold
 
@@ -101,3 +102,40 @@ class Solution:
     def asymptotic_contraction(self) -> float | None:
         """The same over the latter half of the iterations."""
         return mean_contraction(self.residuals, (len(self.residuals) - 1) // 2)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw residuals, relative to the first, and energy errors of the iterates on axes of matplotlib.
+
+        What x stands for on the mesh only the discretisation knows: ``sample(mesh, x)`` of it returns
+        :class:`~agglo_core.problems.Samples`, which have a ``plot``, too.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+
+        Raises
+        ------
+        OptionError
+            Without matplotlib, or if ``ax`` are no plane axes.
+
+        Examples
+        --------
+        >>> import agglo_core as agglo
+        >>> mesh = agglo.samples.squares(8)
+        >>> solver = agglo.registry.default().build("solver", "polydg_cg", degree=1)
+        >>> solution = solver.solve(agglo.Diffusion(source=8.0), agglo.agglomerate(mesh, n_parts=4))
+        >>> solution.plot().get_xlabel()
+        'iteration'
+        >>> solver.discretisation.sample(mesh, solution.x).plot().get_xlabel()
+        'x'
+        """
+        return made_by("agglo_core.draw.on_axes:plot_convergence")(self, ax)
+
+    def _repr_html_(self) -> str:
+        html: str = made_by("agglo_core.draw.notebook:solution_html")(self)
+        return html

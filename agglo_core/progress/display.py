@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+"""Progress: a bar on a terminal, a line that is written anew in a notebook, a line now and then elsewhere."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from agglo_core.errors import OptionError
+from agglo_core.progress.notebook_line import in_notebook, notebook_line
 from agglo_core.progress.phases import Listener, Progress
 
 __all__ = ["followed", "shown"]
@@ -19,16 +20,21 @@ _SECONDS = 10.0
 
 @contextmanager
 def shown(*, lines: bool = True) -> Iterator[Listener | None]:
-    """A listener that shows what it is told on stderr for as long as the context lasts.
+    """A listener that shows what it is told for as long as the context lasts.
+
+    On a terminal that is a bar on stderr, in a notebook a line in the output of the cell.
 
     Parameters
     ----------
     lines : bool
-        Whether to write lines where stderr is no terminal: when a phase begins and ends, and every ten
+        Whether to write lines on stderr where there is neither: when a phase begins and ends, and every ten
         seconds. If not, there is no listener there.
     """
     if _on_terminal():
         with _bar() as listen:
+            yield listen
+    elif in_notebook():
+        with notebook_line() as listen:
             yield listen
     else:
         yield _in_lines() if lines else None

@@ -81,6 +81,9 @@ def picture(registry: Registry, folder: Path) -> None:
     pytest.importorskip("matplotlib")
     plot.draw(MESH, {"mine": run(registry)}, folder / "p.png", metrics=["crowd"], registry=registry)
     assert (folder / "p.png").exists()
+    axes = run(registry).plot(values="crowd", registry=registry)
+    assert axes.figure.axes[-1].get_ylabel() == "crowd"
+    axes.figure.clear()
 
 
 def files(registry: Registry, folder: Path) -> None:
@@ -176,7 +179,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     measures: {"quality", "measure_levels", "summary", "built_metrics", "select"},
     files: {"read", "read_hierarchy", "write", "check_writable"},
     samples_by_name: {"names", "from_spec"},
-    picture: {"draw"},
+    picture: {"draw", "plot", "plot_level"},
     report: {"timed_run", "write_page", "sections_of_plugins"},
     problems: {"named_problem", "read_problem"},
     laws: {"check", "conformance"},

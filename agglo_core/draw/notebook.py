@@ -1,0 +1,197 @@
+"""What notebooks show of meshes, levels, quality and solutions: a small picture and a table, as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agglo_core.arrays import Float
+from agglo_core.draw.convergence import Curves, frame_curves, one_curve
+from agglo_core.draw.inline_picture import inline_picture
+from agglo_core.draw.plot import panels_of
+from agglo_core.errors import AggloError
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Solution
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["hierarchy_html", "mesh_html", "quality_html", "solution_html"]
+
+_MOST = 50_000
+"""Cells up to which there is a picture: a notebook is not kept waiting."""
+_LISTED = 8
+"""Tags, repairs, levels and metrics of which there are rows, and panels of a picture."""
+_PANELS = 3
+
+
+def mesh_html(mesh: Mesh) -> str:
+    """The mesh as HTML."""
+    low, high = (end(mesh.points[mesh.face_vertices], axis=0) for end in (np.min, np.max))
+    rows = [
+        ("cells", f"{mesh.n_cells:,}"),
+        ("faces", f"{mesh.n_faces:,}"),
+        ("points", f"{mesh.n_points:,}"),
+        ("extent", " × ".join(f"{size:.4g}" for size in high - low)),
+        *(_tag("cell tag", name, tags) for name, tags in _first(mesh.cell_tags)),
+        *(_tag("face tag", name, tags) for name, tags in _first(mesh.face_tags)),
+        *((what, f"{count:,}") for what, count in _first(mesh.repairs)),
+    ]
+    title = f"Mesh {mesh.name!r}" if mesh.name else "Mesh"
+    table = _table(("", ""), rows)
+    picture, note = _drawn(mesh, "mesh.plot()", [lambda axis, panels: panels.fine(axis)])
+    return _page(f"{title}, {mesh.dim}-D", picture, table, note)
+
+
+def hierarchy_html(hierarchy: Hierarchy) -> str:
+    """The levels as HTML."""
+    n, shown = hierarchy.graph.n, hierarchy.parts[:_LISTED]
+    rows = [
+        (str(level), f"{parts:,}", f"{n / parts:,.1f}", _target(hierarchy.targets[level]))
+        for level, parts in enumerate(shown)
+    ]
+    nested = "nested" if hierarchy.nested else "not nested"
+    title = f"Hierarchy of {n:,} cells, {nested}"
+    table = _table(("level", "parts", "cells per part", "target"), rows)
+    left = len(hierarchy.parts) - len(shown)
+    more = f"{left} more levels" if left else ""
+    if hierarchy.fine is None:
+        return _page(title, "", table, "; ".join(filter(None, (more, "of a graph: nothing to draw"))))
+    at = _spread(len(hierarchy.levels))
+    picture, note = _drawn(
+        hierarchy.fine, "hierarchy.plot(level)", [_panel(hierarchy, level) for level in at]
+    )
+    return _page(title, picture, table, "; ".join(filter(None, (more, note))))
+
+
+def quality_html(values: Mapping[str, Float]) -> str:
+    """Values of metrics on agglomerates as HTML, with a histogram of each."""
+    count = len(next(iter(values.values()), ()))
+    rows, shown = [], {}
+    for name, each in _first(values):
+        found = each[np.isfinite(each)]
+        numbers = [f"{float(end(found)):.4g}" if len(found) else "–" for end in (np.mean, np.min, np.max)]
+        rows.append((name, *numbers, f"{len(each) - len(found):,}" if len(found) < len(each) else ""))
+        if len(found):
+            shown[name] = found
+    head = ("metric", "mean", "least", "largest", "undefined")
+    used = None if any(row[-1] for row in rows) else -1
+    table = _table(head[:used], [row[:used] for row in rows])
+    left = f"{len(values) - len(rows)} more metrics" if len(values) > len(rows) else ""
+    bars = [_histogram(name, found) for name, found in list(shown.items())[: 2 * _PANELS]]
+    picture, missing = inline_picture(bars, "histograms of the values", width=1.5, ratio=0.8)
+    return _page(f"Quality of {count:,} agglomerates", picture, table, left or missing)
+
+
+def solution_html(solution: Solution) -> str:
+    """How a solution was reached as HTML, with its residuals."""
+    first, last = solution.residuals[[0, -1]] if len(solution.residuals) else (np.nan, np.nan)
+    told: Mapping[str, Any] = {
+        "unknowns": f"{solution.x.shape[0]:,}",
+        "iterations": f"{solution.iterations:,}",
+        "residual over the first": f"{last / first:.2e}" if first > 0.0 else "",
+        "contraction": _number(solution.contraction),
+        "energy error, estimated": _number(solution.energy_error),
+        "operator complexity": _number(solution.operator_complexity),
+        **{f"seconds: {phase}": f"{spent:.3g}" for phase, spent in _first(solution.seconds)},
+    }
+    table = _table(("", ""), [(name, text) for name, text in told.items() if text])
+
+    def convergence(axis: Any) -> None:
+        curves = Curves.of(solution)
+        one_curve(axis, "", curves)
+        frame_curves(axis, [curves])
+        axis.tick_params(labelsize=7)
+        axis.legend(fontsize=6, frameon=False)
+
+    known = len(solution.residuals) > 1
+    picture, missing = inline_picture([convergence] if known else [], "residuals", width=3.4, ratio=0.7)
+    notes = filter(None, (solution.choice, solution.advice, missing))
+    return _page(f"Solution, {solution.outcome}: {solution.reason}", picture, table, "; ".join(notes))
+
+
+def _drawn(mesh: Mesh, instead: str, draw: Sequence[Callable[[Any, Any], None]]) -> tuple[str, str]:
+    """Picture of panels of a mesh, and what to say if there is none."""
+    if mesh.n_cells > _MOST:
+        return "", f"{mesh.n_cells:,} cells: no picture by itself above {_MOST:,}; {instead} draws one"
+    if not draw:
+        return "", ""
+    panels = panels_of(mesh)
+    ratio = float(np.clip(panels.ratio, 0.15, 2.0))
+
+    def bare(one: Callable[[Any, Any], None]) -> Callable[[Any], None]:
+        def on(axis: Any) -> None:
+            one(axis, panels)
+            axis.set_axis_off()
+
+        return on
+
+    width = 2.6 if len(draw) == 1 else 2.0
+    try:
+        return inline_picture([bare(one) for one in draw], repr(mesh), width=width, ratio=ratio)
+    except AggloError as error:  # what is shown by itself must not end in a traceback
+        return "", f"no picture: {error}"
+
+
+def _panel(hierarchy: Hierarchy, level: int) -> Callable[[Any, Any], None]:
+    def on(axis: Any, panels: Any) -> None:
+        panels.level(axis, hierarchy.levels[level])
+        axis.set_title(f"level {level}", fontsize=8)
+
+    return on
+
+
+def _histogram(name: str, values: Float) -> Callable[[Any], None]:
+    def on(axis: Any) -> None:
+        axis.hist(values, bins=20, color="#77AADD")
+        axis.set_title(name, fontsize=8, parse_math=False)
+        axis.set_yticks([])
+        axis.tick_params(labelsize=6)
+        axis.spines[["top", "right", "left"]].set_visible(False)
+
+    return on
+
+
+def _spread(count: int) -> list[int]:
+    """At most three of ``count`` levels: the first, one in the middle, the last."""
+    return sorted({0, count // 2, count - 1}) if count else []
+
+
+def _first(items: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    return list(items.items())[:_LISTED]
+
+
+def _tag(what: str, name: str, tags: Any) -> tuple[str, str]:
+    count = len(np.unique(tags))
+    return f"{what} {name!r}", f"{count:,} value{'s' if count != 1 else ''}"
+
+
+def _target(target: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value}"
+        for name, value in target.items()
+        if value is not None
+    )
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ["<table>"]
+    if any(head):
+        lines.append(f"<thead><tr>{''.join(f'<th>{escape(each)}</th>' for each in head)}</tr></thead>")
+    lines += [f"<tr>{''.join(f'<td>{escape(each)}</td>' for each in row)}</tr>" for row in rows]
+    return "\n".join([*lines, "</table>"])
+
+
+def _page(title: str, picture: str, table: str, note: str = "") -> str:
+    below = f"<small>{escape(note)}</small>" if note else ""
+    return (
+        f'<div><b>{escape(title)}</b><div style="display: flex; flex-wrap: wrap; gap: 1em; '
+        f'align-items: flex-start">{picture}{table}</div>{below}</div>'
+    )

@@ -1,0 +1,148 @@
+"""Meshes, levels, functions and convergence on axes of matplotlib: what ``plot`` of each object does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.draw.convergence import Curves, frame_curves, one_curve
+from agglo_core.draw.painting import Paint, by_number, by_tag, explain
+from agglo_core.draw.plot import panels_of
+from agglo_core.draw.slices import Slice, middle_slice
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.measure import quality
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Samples, Solution
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.registry import Registry
+
+__all__ = ["plot_convergence", "plot_level", "plot_mesh", "plot_samples"]
+
+_AXES = "xyz"
+
+
+def plot_mesh(
+    mesh: Mesh,
+    ax: Any = None,
+    *,
+    values: str | ArrayLike | None = None,
+    cmap: str = "viridis",
+    section: Sequence[float] | None = None,
+) -> Any:
+    """Draw a mesh on axes; parameters as :meth:`agglo_core.Mesh.plot`."""
+    check_axes(ax)
+    panels, paint = panels_of(mesh, section=section), None
+    if isinstance(values, str):
+        if values not in mesh.cell_tags:
+            raise OptionError(f"no cell tag {values!r}; {mesh!r} has {', '.join(mesh.cell_tags) or 'none'}")
+        paint = by_tag(mesh.cell_tags[values], values, cmap)
+    elif values is not None:
+        paint = by_number(_one_for_each(values, mesh.n_cells, "cell"), "", cmap)
+    ax = new_axes() if ax is None else ax
+    panels.fine(ax, paint)
+    return _finished(ax, mesh, paint)
+
+
+def plot_level(
+    hierarchy: Hierarchy,
+    level: int = 0,
+    ax: Any = None,
+    *,
+    values: str | ArrayLike | None = None,
+    cmap: str = "viridis",
+    explode: float | None = None,
+    section: Sequence[float] | None = None,
+    registry: Registry | None = None,
+) -> Any:
+    """Draw a level on axes; parameters as :meth:`agglo_core.Hierarchy.plot`."""
+    check_axes(ax)
+    mesh = hierarchy.fine
+    if mesh is None:
+        raise MeshError("this hierarchy belongs to a graph: there is nothing to plot")
+    if not 0 <= level < len(hierarchy.levels):
+        raise IndexError(f"level {level} of a hierarchy with levels 0..{len(hierarchy.levels) - 1}")
+    panels, labels, paint = panels_of(mesh, explode, section), hierarchy.levels[level], None
+    if isinstance(values, str):
+        paint = by_number(quality(mesh, labels, (values,), registry)[values], values, cmap)
+    elif values is not None:
+        paint = by_number(_one_for_each(values, hierarchy.parts[level], "agglomerate"), "", cmap)
+    ax = new_axes() if ax is None else ax
+    panels.level(ax, labels, paint)
+    return _finished(ax, mesh, paint)
+
+
+def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
+    """Draw a function on axes; parameters as :meth:`agglo_core.problems.Samples.plot`."""
+    check_axes(ax)
+    if across not in ("x", "y", "z"):
+        raise OptionError(f"across must be 'x', 'y' or 'z', not {across!r:.60}")
+    from matplotlib.tri import Triangulation
+
+    by_number([], cmap=cmap)  # refuses a name that there is not
+    shown = Slice(samples.points, samples.simplices, samples.values)
+    names = "xy"
+    if samples.points.shape[1] == 3:
+        shown, names = middle_slice(samples, _AXES.index(across)), _AXES.replace(across, "")
+    ax = new_axes() if ax is None else ax
+    corners = Triangulation(shown.points[:, 0], shown.points[:, 1], shown.triangles)
+    ends = {"vmin": samples.values.min(), "vmax": samples.values.max()}
+    colours = ax.tripcolor(corners, shown.values, shading="gouraud", rasterized=True, cmap=cmap, **ends)
+    ax.set(aspect="equal", xlabel=names[0], ylabel=names[1])
+    ax.get_figure().colorbar(colours, ax=ax, label="u")
+    return ax
+
+
+def plot_convergence(solution: Solution, ax: Any = None) -> Any:
+    """Draw residuals and energy errors on axes; see :meth:`agglo_core.problems.Solution.plot`."""
+    check_axes(ax)
+    curves = Curves.of(solution)
+    ax = new_axes() if ax is None else ax
+    one_curve(ax, "", curves)
+    frame_curves(ax, [curves])
+    ax.legend(fontsize=8, frameon=False)
+    return ax
+
+
+def check_axes(ax: Any) -> None:
+    """Raise OptionError without matplotlib, or unless these are plane axes, or None."""
+    try:
+        from matplotlib.axes import Axes
+    except ImportError as error:
+        raise OptionError(f'plotting needs matplotlib: pip install "agglo[plot]" ({error})') from error
+    if ax is not None and not isinstance(ax, Axes):
+        raise OptionError(f"ax must be axes of matplotlib, as plt.subplots()[1], not {type(ax).__name__}")
+    if ax is not None and ax.name != "rectilinear":
+        raise OptionError(
+            f"ax must be plane axes (solids are drawn as pictures), not of projection {ax.name!r}"
+        )
+
+
+def new_axes() -> Any:
+    """Axes of a new figure of pyplot, which notebooks and ``plt.show()`` show."""
+    from matplotlib import pyplot
+
+    return pyplot.figure(layout="constrained").add_subplot()
+
+
+def _one_for_each(values: ArrayLike, count: int, what: str) -> Any:
+    """Values as numbers ``(count,)``; OptionError for any others."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"values must be a name or numbers, one for each {what}: {error}") from error
+    if found.shape != (count,):
+        raise OptionError(f"values must have shape ({count},), one for each {what}, not {found.shape}")
+    return found
+
+
+def _finished(ax: Any, mesh: Mesh, paint: Paint | None) -> Any:
+    if mesh.dim == 3:  # a picture of it: pixels mean nothing to a reader
+        ax.set_axis_off()
+    if paint is not None:
+        explain(ax, paint)
+    return ax

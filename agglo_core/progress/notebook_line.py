@@ -1,0 +1,58 @@
+"""Progress in notebooks: one line in the output of the cell, written anew as the computation goes on."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from agglo_core.progress.phases import Listener, Progress
+
+__all__ = ["in_notebook", "notebook_line"]
+
+_WIDTH = 20
+_PAUSE = 0.1
+"""Least number of seconds between two updates within a phase: they travel to a browser."""
+
+
+def in_notebook() -> bool:
+    """Whether what is written goes to a notebook: stderr is that of an IPython kernel."""
+    return type(sys.stderr).__module__.partition(".")[0] == "ipykernel"
+
+
+@contextmanager
+def notebook_line() -> Iterator[Listener]:
+    """A listener whose line says at the end which phases there were and how long they took.
+
+    An error leaves the line as it was: it shows how far the computation has come.
+    """
+    from IPython.display import display
+
+    start, handle, last, shown = time.monotonic(), None, Progress("", 0.0), 0.0
+    phases: dict[str, None] = {}
+
+    def listen(now: Progress) -> None:
+        nonlocal handle, last, shown
+        phases.setdefault(now.phase)
+        if now.phase != last.phase or time.monotonic() - shown >= _PAUSE:
+            if handle is None:
+                handle = display(_plain(_bar(now)), raw=True, display_id=True)
+            else:
+                handle.update(_plain(_bar(now)), raw=True)
+            shown = time.monotonic()
+        last = now
+
+    yield listen
+    if handle is not None:
+        handle.update(_plain(f"{', '.join(phases)}: {time.monotonic() - start:.1f} s"), raw=True)
+
+
+def _bar(now: Progress) -> str:
+    done = round(_WIDTH * now.fraction)
+    return f"{'█' * done}{'░' * (_WIDTH - done)} {now.fraction:4.0%} {now.phase} {now.text}".rstrip()
+
+
+def _plain(text: str) -> dict[str, Any]:
+    return {"text/plain": text}
