@@ -28,8 +28,9 @@ def notebook_line() -> Iterator[Listener]:
 
     An error leaves the line as it was: it shows how far the computation has come.
     """
-    from IPython.display import display
+    import IPython.display
 
+    display: Any = IPython.display.display  # untyped
     start, handle, last, shown = time.monotonic(), None, Progress("", 0.0), 0.0
     phases: dict[str, None] = {}
 
