@@ -124,6 +124,34 @@ def test_the_network_in_torch_is_the_same(level):
         np.testing.assert_allclose(found[b], expected[1], atol=1e-9)
 
 
+def slow_cost(graph, sides):
+    """cut · ∛V (1/V₁ + 1/V₂) + max(15, 4 √n) (1 − B/T)."""
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    cut = graph.interface[sides[rows] != sides[graph.indices]].sum() / 2
+    volume, mean = np.bincount(sides, graph.measures), graph.measures @ graph.centroids / graph.measures.sum()
+    means = np.stack([np.bincount(sides, graph.measures * x) / volume for x in graph.centroids.T], axis=1)
+    within = graph.measures @ ((graph.centroids - means[sides]) ** 2).sum(axis=1)
+    total = graph.measures @ ((graph.centroids - mean) ** 2).sum(axis=1)
+    return cut * np.cbrt(volume.sum()) * (1 / volume).sum() + max(15, 4 * np.sqrt(graph.n)) * within / total
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("n", [25, 80, 500])
+def test_the_cheapest_threshold_near_the_mean_is_taken(n, seed):
+    graph = samples.voronoi3d(n, seed).graph
+    even, odd, frames, _, cells, shares, _ = described(graph)
+    scores, found = slow_directions(even[0], odd[0], frames[0], FastGNN().net(3))
+    costs = []
+    for row in found[scores >= scores.max() - (0.5 if n >= 40 else np.inf)]:
+        heights = cells @ row
+        band = max(0.45, 3 / np.cbrt(n)) * np.sqrt(shares @ heights**2)
+        for threshold in np.linspace(-band, band, 33)[1:-1]:
+            sides = (heights > threshold).astype(np.int64)
+            if 0 < sides.sum() < n:
+                costs.append(slow_cost(graph, sides))
+    assert slow_cost(graph, sides_of(graph)) == pytest.approx(min(costs), rel=1e-9)
+
+
 @pytest.mark.parametrize("n", [12, 60, 700])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_turning_scaling_shifting_and_renumbering_change_nothing(n, seed):
