@@ -14,7 +14,7 @@ def agglo_components() -> list[Component]:
             name="gnn",
             target="agglo_gnn.fast:FastGNN",
             requires=("safetensors",),
-            promises={"deterministic": True, "invariant": True, "pickles": True},
+            promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
             summary="A learned direction and an exact sweep across it; needs no torch.",
         ),
         Component(

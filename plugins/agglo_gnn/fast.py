@@ -22,6 +22,7 @@ from agglo_core.authoring import (
     frozen_float,
     sweep_arrays,
 )
+from agglo_gnn.spatial_network import SPATIAL_SHAPES
 
 __all__ = ["SHAPES", "FastGNN"]
 
@@ -34,34 +35,43 @@ SHAPES: Mapping[str, tuple[int, ...]] = {
 }  # fmt: skip
 """The parameters, in the order of the forward pass: 4,562 numbers."""
 
-_SHIPPED = Path(__file__).parent / "weights" / "fast.safetensors"
+_WEIGHTS = Path(__file__).parent / "weights"
+_MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}
 
 
 class FastGNN:
     """Bisection by a learned direction and an exact sweep across it.
 
-    A block of at least 96 cells is rasterised in its principal frame. Two SAGE layers on the
+    In the plane a block of at least 96 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
     the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
     or of equal cells, try their axes and diagonals as well, and the best of these directions turned
     by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
-    32 cells on. Neither side is ever empty, and no random numbers are used.
+    32 cells on.
+
+    In space a network of two dense layers looks at the moments of a block, up to the fourth: it scores the
+    three principal axes and tilts each. The block is swept along the best one, and along those that come
+    close to it.
+
+    Neither side is ever empty, and no random numbers are used.
 
     Parameters
     ----------
     weights : path or mapping of arrays, optional
-        A model file written by ``agglo train --preset fast``, or its arrays; default: those shipped.
+        A model file written by ``agglo train --preset fast`` or ``fast3d``, or its arrays, for meshes of its
+        dimension; default: those shipped, for both.
     lookahead : int
         If positive: this many cuts of each block are tried by splitting both sides all the way to the
         size that is the target, and the one that leads to the fewest parts is taken. Much slower. A
         number of parts cannot be the target then; without a target there is nothing to look ahead to.
+        In the plane only.
 
     Raises
     ------
     FileError
         If the model file is missing, corrupt or of another architecture.
     OptionError
-        If an option makes no sense, or the graph is not planar.
+        If an option makes no sense, or the weights are for meshes of the other dimension.
     """
 
     def __init__(
@@ -72,7 +82,7 @@ class FastGNN:
         if isinstance(lookahead, bool) or not isinstance(lookahead, int) or lookahead < 0:
             raise OptionError(f"gnn: lookahead must be a whole number, 0 or more, given {lookahead!r}")
         self.lookahead = lookahead
-        self.net = _parameters(weights)
+        self._nets = {} if weights is None else _parameters(weights)
         self._h_star: float | None = None
 
     def for_target(self, target: Target) -> FastGNN:
@@ -96,9 +106,9 @@ class FastGNN:
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Side of each node ``(n,)``; ``seeds`` are not used."""
-        if level.dim != 2:
-            raise OptionError(f"gnn: the model splits planar meshes; this one has dimension {level.dim}")
         if self._h_star is not None:
+            if level.dim != 2:
+                raise OptionError("gnn: lookahead works in the plane; this mesh has dimension 3")
             from agglo_gnn.lookahead import look_ahead
 
             return look_ahead(level, self.fast_sides, self.lookahead, self._h_star)
@@ -107,39 +117,62 @@ class FastGNN:
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
         """All splits of a run in one call, with the built-in refiner or none and the built-in fixer.
 
-        Not when it looks ahead, nor in space, where there is nothing that it could do.
+        Not when it looks ahead.
         """
-        if self._h_star is not None or graph.dim != 2:
+        if self._h_star is not None:
             return None
-        from agglo_gnn.fast_kernels import split_fast
+        if graph.dim == 2:
+            from agglo_gnn.fast_kernels import split_fast as split
+        else:
+            from agglo_gnn.spatial_kernels import split_solids as split
 
-        return PieceGrowth.for_components(graph, pieces, partial(split_fast, self.net), refiners, fixer)
+        return PieceGrowth.for_components(graph, pieces, partial(split, self.net(graph.dim)), refiners, fixer)
 
     def fast_sides(self, level: Graph) -> Int:
         """Side of each node ``(n,)``, without looking ahead."""
-        from agglo_gnn.fast_kernels import bisect_fast
+        if level.dim == 2:
+            from agglo_gnn.fast_kernels import bisect_fast as bisect
+        else:
+            from agglo_gnn.spatial_kernels import bisect_solids as bisect
 
-        sides: Int = bisect_fast(*sweep_arrays(level), self.net)
+        sides: Int = bisect(*sweep_arrays(level), self.net(level.dim))
         return sides
 
+    def net(self, dim: int) -> tuple[Float, ...]:
+        """The parameters for meshes of that dimension.
 
-def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any] | None) -> tuple[Float, ...]:
-    if weights is None:
-        return _shipped()
+        Raises
+        ------
+        OptionError
+            If other weights were given.
+        """
+        if self._nets and dim not in self._nets:
+            (other,) = self._nets
+            raise OptionError(f"gnn: these weights are for meshes of dimension {other}; this one has {dim}")
+        return self._nets[dim] if self._nets else _shipped(dim)
+
+
+def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int, tuple[Float, ...]]:
+    """The arrays in their order, by the dimension of the meshes that they are for."""
     if isinstance(weights, Mapping):
         arrays: Mapping[str, Any] = weights
-        wrong = [key for key, shape in SHAPES.items() if np.shape(arrays.get(key, 0.0)) != shape]
-        if wrong or set(arrays) != set(SHAPES):
-            raise OptionError(f"gnn: weights must be arrays named and shaped as {dict(SHAPES)}")
+        dim = 3 if set(arrays) == set(SPATIAL_SHAPES) else 2
+        shapes = _MODELS[dim][1]
+        wrong = [key for key, shape in shapes.items() if np.shape(arrays.get(key, 0.0)) != shape]
+        if wrong or set(arrays) != set(shapes):
+            raise OptionError(f"gnn: weights must be arrays named and shaped as {dict(shapes)}")
     elif isinstance(weights, str | os.PathLike):
         from agglo_gnn import model_file
 
-        arrays, _ = model_file.load(Path(weights), architecture="fast", shapes=SHAPES)
+        path = Path(weights)
+        dim = 3 if model_file.read_header(path)["architecture"] == _MODELS[3][0] else 2
+        architecture, shapes = _MODELS[dim]
+        arrays, _ = model_file.load(path, architecture=architecture, shapes=shapes)
     else:
         raise OptionError(f"gnn: weights must be a model file, given {weights!r}")
-    return tuple(frozen_float(arrays[key]) for key in SHAPES)
+    return {dim: tuple(frozen_float(arrays[key]) for key in shapes)}
 
 
 @cache  # to read and check the file takes longer than to split a small mesh
-def _shipped() -> tuple[Float, ...]:
-    return _parameters(_SHIPPED)
+def _shipped(dim: int) -> tuple[Float, ...]:
+    return _parameters(_WEIGHTS / f"{_MODELS[dim][0]}.safetensors")[dim]

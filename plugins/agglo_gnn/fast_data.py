@@ -13,7 +13,7 @@ from agglo_gnn.features import rasterise
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Pieces", "batch_of", "gather"]
+__all__ = ["Pieces", "batch_of", "gather", "rows_of"]
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ def gather(levels: list[Graph]) -> Pieces:
 def batch_of(data: Pieces, chosen: Int) -> dict[str, torch.Tensor]:
     import torch
 
-    cells, cell_owner, cell_first = _rows(data.cell_offsets, chosen)
-    edges, edge_owner, _ = _rows(data.edge_offsets, chosen)
-    nodes, node_owner, node_first = _rows(data.node_offsets, chosen)
+    cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)
+    edges, edge_owner, _ = rows_of(data.edge_offsets, chosen)
+    nodes, node_owner, node_first = rows_of(data.node_offsets, chosen)
     near = data.near[nodes]
     arrays = {
         "cells": data.cells[cells].astype(np.float32),
@@ -92,7 +92,7 @@ def batch_of(data: Pieces, chosen: Int) -> dict[str, torch.Tensor]:
     return {key: torch.from_numpy(values) for key, values in arrays.items()}
 
 
-def _rows(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
+def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
     """Rows of the chosen pieces one after the other, the place of each row's piece, and their new starts."""
     sizes = np.diff(offsets)[chosen]
     first = np.cumsum(sizes) - sizes

@@ -19,7 +19,7 @@ from agglo_core.authoring import (
 )
 from agglo_gnn.raster_kernels import fill_raster, raster_room, to_frame
 
-__all__ = ["bisect_fast", "direction", "split_fast"]
+__all__ = ["bisect_fast", "dense", "direction", "number_cells", "split_fast"]
 
 _ONE = np.uint64(1)  # to be added to unsigned indices
 _TIE = 1e-6  # of a bin: values that close to its end lie inside
@@ -57,7 +57,8 @@ def _sage(count, near, given, own, other, bias, out):
 
 
 @helper
-def _dense(given, weight, bias, rectify, out):
+def dense(given, weight, bias, rectify, out):
+    """``out = given · weight + bias``, rectified or not."""
     for o in range(len(bias)):
         out[o] = bias[o]
     for k in range(weight.shape[0]):
@@ -83,9 +84,9 @@ def direction(count, nodes, near, areas, features, net):
     for k in range(len(features)):
         pooled[width + k] = features[k]
     hidden, again, out = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
-    _dense(pooled, dense1, add1, True, hidden)
-    _dense(hidden, dense2, add2, True, again)
-    _dense(again, dense3, add3, False, out)
+    dense(pooled, dense1, add1, True, hidden)
+    dense(hidden, dense2, add2, True, again)
+    dense(again, dense3, add3, False, out)
     return out[0], out[1]
 
 
@@ -104,7 +105,7 @@ def _band_bins(n, x, y, p, q, low, rate, shares, bins):
 
 
 @helper
-def _number_cells(cells, lo, hi, tag, marks):
+def number_cells(cells, lo, hi, tag, marks):
     """Tag the cells of a piece as on the left, and write their numbers to the second column of the marks."""
     own, _ = piece_splits.side_tags(lo, hi)
     start = np.uint64(lo)
@@ -170,7 +171,7 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
     first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
     section = scales[0], scales[1], scales[2]
-    _number_cells(cells, lo, hi, tag, marks)
+    number_cells(cells, lo, hi, tag, marks)
     for c in range(first, last + 1):
         f = (c - 1) // 2
         if c < 0:

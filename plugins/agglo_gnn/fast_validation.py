@@ -12,7 +12,7 @@ from agglo_gnn.fast_data import batch_of, gather
 from agglo_gnn.fast_network import network
 from agglo_gnn.pieces import piece_graphs
 
-__all__ = ["validate"]
+__all__ = ["cut_costs", "validate"]
 
 _SEED = 20_000
 Rival = Callable[[Graph, UInt64], Int]
@@ -37,9 +37,9 @@ def validate(parameters: Mapping[str, Float], initial: Mapping[str, Float], coun
     costs: dict[str, list[Float]] = {key: [] for key in (*rivals, "base")}
     for level in levels:
         seeds = np.zeros(level.n_blocks, np.uint64)
-        costs["base"].append(_costs(level, np.asarray(two_means(level, seeds))))
+        costs["base"].append(cut_costs(level, np.asarray(two_means(level, seeds))))
         for key, rival in rivals.items():
-            costs[key].append(_costs(level, rival(level, seeds)))
+            costs[key].append(cut_costs(level, rival(level, seeds)))
     large = np.concatenate([level.sizes for level in levels]) >= 32
     joined = {key: np.concatenate(values) for key, values in costs.items()}
     base = joined.pop("base")
@@ -64,8 +64,8 @@ def _scores(level: Graph, parameters: Mapping[str, Float]) -> Float:
     return np.asarray((c[batch["cell_owner"]] * batch["cells"]).sum(1).numpy(), dtype=float)
 
 
-def _costs(level: Graph, sides: Int) -> Float:
-    """cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T) of each block."""
+def cut_costs(level: Graph, sides: Int) -> Float:
+    """cut · √A (1/A₁ + 1/A₂) + 15 (1 − B/T) of each block; in space ∛A."""
     block, count = level.block_ids, level.n_blocks
     rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
     crossing = sides[rows] != sides[level.indices]
@@ -79,5 +79,6 @@ def _costs(level: Graph, sides: Int) -> Float:
     inertia = np.bincount(block, level.measures * (level.centroids**2).sum(axis=1), minlength=count)
     mean = sum(m.sum(axis=1) ** 2 for m in moment) / total
     within = inertia - sum((m**2 / area).sum(axis=1) for m in moment)
-    costs: Float = cut * np.sqrt(total) * (1 / area).sum(axis=1) + 15 * within / (inertia - mean)
+    length = np.sqrt(total) if level.dim == 2 else np.cbrt(total)
+    costs: Float = cut * length * (1 / area).sum(axis=1) + 15 * within / (inertia - mean)
     return costs

@@ -20,14 +20,14 @@ from agglo_core.authoring import (
     samples,
 )
 
-__all__ = ["RECIPE", "piece_graphs"]
+__all__ = ["FEWEST", "RECIPE", "halved", "piece_graphs"]
 
 RECIPE = (
     "recursion pieces of 10..1200 cells of Voronoi, Delaunay and grid meshes, half stretched up to 2.5:1, "
     "half cut to random stars with holes and slits; split by inertial, sweep1 or sweep8 bisection, "
     "half of them refined"
 )
-_FEWEST, _MOST = 10, 1200
+FEWEST, _MOST = 10, 1200
 
 
 def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
@@ -40,17 +40,17 @@ def piece_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
         while graph.n_blocks:
             found += graph.n_blocks
             yield graph
-            graph = _halved(graph, bisector, refine)
+            graph = halved(graph, bisector, refine)
 
 
-def _halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
+def halved(level: Graph, bisector: InertialBisection | SweepBisection, refine: bool) -> Graph:
     """The pieces of the next depth: connected pieces of both sides that are large enough."""
     seeds: UInt64 = np.zeros(level.n_blocks, np.uint64)
     sides = frozen_int(bisector.bisect_level(level, seeds))
     if refine:
         sides = InterfaceRefiner().refine(level, sides, seeds, Target())
     pieces = level.split(level.components(2 * level.block_ids + sides))[0]
-    return pieces.take(np.flatnonzero(np.diff(pieces.offsets) >= _FEWEST))
+    return pieces.take(np.flatnonzero(np.diff(pieces.offsets) >= FEWEST))
 
 
 def _domain(rng: np.random.Generator) -> Graph:
@@ -65,7 +65,7 @@ def _domain(rng: np.random.Generator) -> Graph:
         mesh = Mesh.from_polygons(points, (loops.loop_offsets, loops.vertices))
     graph = mesh.graph
     inside = _blob(rng, graph.centroids) if blob else np.ones(graph.n, bool)
-    if inside.sum() < 2 * _FEWEST:
+    if inside.sum() < 2 * FEWEST:
         return graph
     labels = graph.components(frozen_int(inside)) + 1
     largest = np.argmax(np.bincount(labels * inside)[1:]) + 1

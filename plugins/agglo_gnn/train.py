@@ -22,10 +22,10 @@ _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "r
 
 
 @click.command()
-@click.option("--preset", type=click.Choice(["paper", "fast"]), default="fast", show_default=True)
+@click.option("--preset", type=click.Choice(["paper", "fast", "fast3d"]), default="fast", show_default=True)
 @click.option("-o", "--output", type=FILE, help="Model file to write (default PRESET.safetensors).")
 @click.option("--epochs", type=_COUNT, help="Passes through the training set (paper: 300).")
-@click.option("--steps", type=_COUNT, help="Of the preset fast, 64 pieces each.")
+@click.option("--steps", type=_COUNT, help="Of the presets fast and fast3d, 64 pieces each.")
 @click.option("--seed", type=Number(int, least=0, most=2**31 - 1), default=0, show_default=True)
 @click.option("--meshes", type=_COUNT, help="Training meshes (paper: 800), a quarter to validate.")
 @click.option("--pieces", type=_SHARE, help="Share of meshes cut down to a random piece.")
@@ -34,7 +34,7 @@ _PAPER_ONLY = ("epochs", "meshes", "pieces", "rate", "network", "checkpoint", "r
 @click.option("--checkpoint", type=FILE, help="File kept up to date after each epoch (.safetensors).")
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint.")
 @click.option("--device", type=click.Choice(["auto", "cpu", "cuda"]), default="auto", help="Default auto.")
-@click.option("--log", type=FILE, help="Text file with a line for each epoch (fast: each 100 steps).")
+@click.option("--log", type=FILE, help="Text file with a line for each epoch (fast, fast3d: each 100 steps).")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 @click.pass_context
 def train(
@@ -56,15 +56,16 @@ def train(
 ) -> None:
     """Train a bisector, from a seed and nothing else, and write its model file.
 
-    The preset fast makes weights for gnn; the preset paper makes them for gnn_paper and takes all options
-    except --steps. On one machine the same seed gives the same file to the last bit.
+    The preset fast makes weights for gnn in the plane, fast3d in space; the preset paper makes them for
+    gnn_paper and takes all options except --steps. On one machine the same seed gives the same file to the
+    last bit.
     """
     _check_torch()
     target = output or Path(f"{preset}.safetensors")
     _check_files(target, checkpoint, log, resume)
     _refuse_foreign(context, ("steps",) if preset == "paper" else _PAPER_ONLY, preset)
-    if preset == "fast":
-        _train_fast(target, seed, steps, log, quiet, _command(context))
+    if preset != "paper":
+        _train_fast(preset, target, seed, steps, log, quiet, _command(context))
     else:
         from agglo_gnn.paper_train import train_paper
         from agglo_gnn.training import Recipe
@@ -136,23 +137,36 @@ def _command(context: click.Context) -> str:
 
 
 def _train_fast(
-    target: Path, seed: int, steps: int | None, log: Path | None, quiet: bool, command: str
+    preset: str, target: Path, seed: int, steps: int | None, log: Path | None, quiet: bool, command: str
 ) -> None:
     from agglo_core.authoring import __version__
     from agglo_gnn import model_file
-    from agglo_gnn.fast_train import train_fast
-    from agglo_gnn.features import FEATURES
-    from agglo_gnn.pieces import RECIPE
     from agglo_gnn.training_report import reporter
 
+    fit, features, pieces = _parts_of(preset)
     given = {} if steps is None else {"steps": steps}
-    total = given.get("steps") or signature(train_fast).parameters["steps"].default
-    with reporter([f"# {command}", f"# {RECIPE}", _FAST_COLUMNS], log, quiet) as report:
+    total = given.get("steps") or signature(fit).parameters["steps"].default
+    with reporter([f"# {command}", f"# {pieces}", _FAST_COLUMNS], log, quiet) as report:
 
         def progress(step: int, loss: float, seconds: float) -> None:
             report(f"{step:5d}  {loss:8.4f}  {seconds:11.1f}", step / total)
 
-        arrays, metrics = train_fast(seed, progress=progress, **given)
-    recipe = {"pieces": RECIPE, "steps": total}
-    header = {"architecture": "fast", "features": list(FEATURES), "recipe": recipe, "seed": seed}
+        arrays, metrics = fit(seed, progress=progress, **given)
+    recipe = {"pieces": pieces, "steps": total}
+    header = {"architecture": preset, "features": list(features), "recipe": recipe, "seed": seed}
     model_file.save(target, arrays, header | {"version": __version__, "metrics": metrics})
+
+
+def _parts_of(preset: str) -> tuple[Any, tuple[str, ...], str]:
+    """Training, names of the features and origin of the pieces."""
+    if preset == "fast3d":
+        from agglo_gnn.spatial_network import SPATIAL_FEATURES
+        from agglo_gnn.spatial_pieces import SPATIAL_RECIPE
+        from agglo_gnn.spatial_train import train_solids
+
+        return train_solids, SPATIAL_FEATURES, SPATIAL_RECIPE
+    from agglo_gnn.fast_train import train_fast
+    from agglo_gnn.features import FEATURES
+    from agglo_gnn.pieces import RECIPE
+
+    return train_fast, FEATURES, RECIPE

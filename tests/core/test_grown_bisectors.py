@@ -21,8 +21,7 @@ from agglo_core.registry import default
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)
-PLANAR = ("inertial", "sweep", "gnn")
-SPATIAL = ("inertial", "sweep")
+NAMES = ("inertial", "sweep", "gnn")
 
 
 class DepthByDepth:
@@ -35,7 +34,7 @@ class DepthByDepth:
         return self.tool.bisect_level(level, seeds)
 
 
-@pytest.mark.parametrize(("name", "dim"), [*((name, 2) for name in PLANAR), *((name, 3) for name in SPATIAL)])
+@pytest.mark.parametrize(("name", "dim"), [(name, dim) for name in NAMES for dim in (2, 3)])
 @settings(max_examples=20, deadline=None)
 @given(n=st.integers(3, 90), seed=SEEDS, refined=st.booleans(), data=st.data())
 def test_counts_are_exact_on_any_graph(
@@ -49,7 +48,7 @@ def test_counts_are_exact_on_any_graph(
     assert_kept(hierarchy)
 
 
-@pytest.mark.parametrize("name", PLANAR)
+@pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None)
 @given(n=st.integers(20, 400), seed=SEEDS, factors=st.lists(st.floats(0.5, 6.0), min_size=1, max_size=3))
 def test_no_part_is_wider_than_asked(name: str, n: int, seed: int, factors: list[float]) -> None:
@@ -69,11 +68,9 @@ MESHES = {
 
 
 @pytest.mark.parametrize("kind", MESHES)
-@pytest.mark.parametrize("name", PLANAR)
+@pytest.mark.parametrize("name", NAMES)
 def test_shapes_are_as_good_as_depth_by_depth(name: str, kind: str) -> None:
     mesh = MESHES[kind](11)
-    if mesh.dim == 3 and name not in SPATIAL:
-        return
     targets: list[dict[str, Any]] = [{"cells_per_part": 16}, {"h_factor": 4.0}]
     for target in targets:
         options = {**target, "polish": False}
@@ -84,7 +81,7 @@ def test_shapes_are_as_good_as_depth_by_depth(name: str, kind: str) -> None:
         assert one.parts[0] <= 1.03 * other.parts[0]
 
 
-@pytest.mark.parametrize("name", SPATIAL)
+@pytest.mark.parametrize("name", NAMES)
 def test_space(name: str) -> None:
     for mesh in (samples.boxes(6), samples.tetrahedra(4)):
         hierarchy = grown(mesh, bisector=name, n_parts=(27, 5))
@@ -110,7 +107,7 @@ def test_squares_of_the_paper_become_squares(name: str, angle: float, shift: flo
         np.testing.assert_allclose(area, 1 / 16, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", PLANAR)
+@pytest.mark.parametrize("name", NAMES)
 def test_constraints_are_kept_and_threads_change_nothing(name: str) -> None:
     mesh = samples.random_triangles(20_000, seed=3)
     options = {"bisector": name, "cells_per_part": (20, 200), "constraints": [Line()]}

@@ -191,13 +191,15 @@ def test_what_they_raise_by_mistake_is_theirs() -> None:
         raise ZeroDivisionError
 
 
-def test_networks_for_planes_refuse_solids(agglo: Agglo) -> None:
-    code, out, err = agglo("run", "boxes:n=2", "--bisector", "gnn", "--parts", "2", "-o", "left.vtu")
+def test_what_is_for_planes_refuses_solids(agglo: Agglo) -> None:
+    code, out, err = agglo(
+        "run", "boxes:n=2", "--bisector", "gnn:lookahead=2", "--h-star", "0.9", "-o", "left.vtu"
+    )
     assert (code, out, Path("left.vtu").exists()) == (2, "", False)
     assert "error: bisector 'gnn' (plugin 'gnn', distribution agglo" in err
     assert "raised" not in err
     with pytest.raises(OptionError, match="3"):
-        agglo_.agglomerate(agglo_.samples.boxes(2), bisector="gnn", n_parts=2)
+        agglo_.agglomerate(agglo_.samples.boxes(2), bisector=("gnn", {"lookahead": 2}), h_star=0.9)
 
 
 LARGE = "larger than h*"

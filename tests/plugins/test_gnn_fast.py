@@ -240,15 +240,15 @@ def test_being_told_a_target_leaves_the_bisector_as_it_was(level):
     np.testing.assert_array_equal(sides_of(level, bisector), bisector.fast_sides(level))
 
 
-def test_space_is_refused():
-    with pytest.raises(OptionError, match="planar"):
-        sides_of(samples.boxes(3).graph)
+def test_weights_of_the_plane_are_refused_in_space():
+    with pytest.raises(OptionError, match="for meshes of dimension 2; this one has 3"):
+        sides_of(samples.boxes(3).graph, FastGNN(arrays(1)))
 
 
 def test_bad_model_files_are_refused(tmp_path):
-    from agglo_gnn.fast import _SHIPPED
+    from agglo_gnn.fast import _WEIGHTS
 
-    whole = _SHIPPED.read_bytes()
+    whole = (_WEIGHTS / "fast.safetensors").read_bytes()
     for content in (whole[:-50], pickle.dumps({"a": 1}), b"", whole[:200] + b"\0" * 40 + whole[240:]):
         file = tmp_path / "bad.safetensors"
         file.write_bytes(content)

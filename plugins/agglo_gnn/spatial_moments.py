@@ -1,0 +1,217 @@
+"""Kernels of the features in space: moments of a piece, its frame, and what the network is told of axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import centre_block, helper, kernel, piece_frames
+
+__all__ = ["describe_solids", "fill_features", "frame_by_moments", "moment_room"]
+
+_EVEN, _ODD = 16, 10
+_ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
+_TURNS = 6
+_TURNED = 1e-9
+_SECOND, _THIRD, _FOURTH, _END = 9, 18, 45, 126  # where they start in the room, after the frame
+
+
+@helper(allocates=True)
+def moment_room():
+    """Work arrays: frame and moments of order 2 to 4 as full tensors, (3, 3) twice, even and odd features."""
+    return np.empty(_END), np.empty((3, 3)), np.empty((3, 3)), np.empty(_EVEN), np.empty(_ODD), np.empty(125)
+
+
+@helper(reorder_sums=True)
+def _low_moments(n, x, y, z, w, out):
+    """Moments of order 2 and 3, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    xxx, xxy, xxz, xyy, xyz, xzz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    yyy, yyz, yzz, zzz = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        a, b, c = w[i] * x[i], w[i] * y[i], w[i] * z[i]
+        xx += a * x[i]
+        xy += a * y[i]
+        xz += a * z[i]
+        yy += b * y[i]
+        yz += b * z[i]
+        zz += c * z[i]
+        xxx += a * x[i] * x[i]
+        xxy += a * x[i] * y[i]
+        xxz += a * x[i] * z[i]
+        xyy += b * x[i] * y[i]
+        xyz += a * y[i] * z[i]
+        xzz += c * x[i] * z[i]
+        yyy += b * y[i] * y[i]
+        yyz += b * y[i] * z[i]
+        yzz += c * y[i] * z[i]
+        zzz += c * z[i] * z[i]
+    out[50], out[30], out[26], out[10], out[6], out[2] = xx, xy, xz, yy, yz, zz
+    out[75], out[55], out[51], out[35], out[31], out[27] = xxx, xxy, xxz, xyy, xyz, xzz
+    out[15], out[11], out[7], out[3] = yyy, yyz, yzz, zzz
+
+
+@helper(reorder_sums=True)
+def _fourth_moments(n, x, y, z, w, out):
+    """Moments of order 4, at ``25 a + 5 b + c`` for x^a y^b z^c."""
+    m400, m310, m301, m220, m211, m202, m130, m121 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m112, m103, m040, m031, m022, m013, m004 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        xx, xy, yy, yz, zz = x[i] * x[i], x[i] * y[i], y[i] * y[i], y[i] * z[i], z[i] * z[i]
+        wxx, wxy, wyy, wzz = w[i] * xx, w[i] * xy, w[i] * yy, w[i] * zz
+        m400 += wxx * xx
+        m310 += wxx * xy
+        m301 += wxx * x[i] * z[i]
+        m220 += wxx * yy
+        m211 += wxx * yz
+        m202 += wxx * zz
+        m130 += wxy * yy
+        m121 += wxy * yz
+        m112 += wxy * zz
+        m103 += wzz * x[i] * z[i]
+        m040 += wyy * yy
+        m031 += wyy * yz
+        m022 += wyy * zz
+        m013 += wzz * yz
+        m004 += wzz * zz
+    out[100], out[80], out[76], out[60], out[56], out[52], out[40] = m400, m310, m301, m220, m211, m202, m130
+    out[36], out[32], out[28], out[20], out[16] = m121, m112, m103, m040, m031
+    out[12], out[8], out[4] = m022, m013, m004
+
+
+@helper
+def _fill_tensors(sums, inertia, t):
+    """Write the moments as full tensors, of lengths in which the inertia is 3; the frame is the identity."""
+    one = 1.0 / np.sqrt(inertia / 3.0)
+    two = one * one
+    for i in range(3):
+        for j in range(3):
+            ij = (5 ** (2 - i)) + (5 ** (2 - j))
+            t[3 * i + j] = 1.0 if i == j else 0.0
+            t[_SECOND + 3 * i + j] = two * sums[ij]
+            for k in range(3):
+                ijk = ij + 5 ** (2 - k)
+                t[_THIRD + 9 * i + 3 * j + k] = two * one * sums[ijk]
+                for m in range(3):
+                    t[_FOURTH + 27 * i + 9 * j + 3 * k + m] = two * two * sums[ijk + 5 ** (2 - m)]
+
+
+@helper
+def _turn_index(t, start, end, stride, turn):
+    """Turn one index of a tensor."""
+    for outer in range(start, end, 3 * stride):
+        for at in range(outer, outer + stride):
+            x, y, z = t[at], t[at + stride], t[at + 2 * stride]
+            for k in range(3):
+                t[at + k * stride] = turn[k, 0] * x + turn[k, 1] * y + turn[k, 2] * z
+
+
+@helper
+def _turn_all(t, turn):
+    """Turn the frame, and all moments with it."""
+    _turn_index(t, 0, _SECOND, 3, turn)
+    stride = 1
+    for order in range(1, 5):
+        if order <= 2:
+            _turn_index(t, _SECOND, _THIRD, stride, turn)
+        if order <= 3:
+            _turn_index(t, _THIRD, _FOURTH, stride, turn)
+        _turn_index(t, _FOURTH, _END, stride, turn)
+        stride *= 3
+
+
+@helper
+def _turn_to_least_fourth(t, turn):
+    """Turn axes of nearly equal second moments to where fourth moments are least: along sides of a cube."""
+    for _ in range(_TURNS):
+        largest = 0.0
+        for i in range(2):
+            for j in range(i + 1, 3):
+                one, other = t[_SECOND + 4 * i], t[_SECOND + 4 * j]
+                if min(one, other) < _ISOTROPIC * max(one, other):
+                    continue
+                iiii, jjjj, iijj = t[_FOURTH + 40 * i], t[_FOURTH + 40 * j], t[_FOURTH + 36 * i + 4 * j]
+                odd = t[_FOURTH + 39 * i + j] - t[_FOURTH + 27 * i + 13 * j]
+                angle = 0.25 * np.arctan2(-4.0 * odd, 6.0 * iijj - iiii - jjjj)
+                for k in range(3):
+                    for m in range(3):
+                        turn[k, m] = 1.0 if k == m else 0.0
+                turn[i, i], turn[j, j] = np.cos(angle), np.cos(angle)
+                turn[i, j], turn[j, i] = np.sin(angle), -np.sin(angle)
+                _turn_all(t, turn)
+                largest = max(largest, abs(angle))
+        if largest < _TURNED:
+            break
+
+
+@helper
+def frame_by_moments(n, local, shares, inertia, room):
+    """Principal axes of a piece, as rows, and its moments along them; one pass over the cells for each order.
+
+    Axes with nearly equal second moments are turned to where fourth moments are least. Their order and
+    where they point mean nothing.
+    """
+    t, values, frame, _, _, sums = room
+    _low_moments(n, local[0], local[1], local[2], shares, sums)
+    _fourth_moments(n, local[0], local[1], local[2], shares, sums)
+    _fill_tensors(sums, inertia, t)
+    for i in range(3):
+        for j in range(3):
+            values[i, j] = t[_SECOND + 3 * i + j]
+    piece_frames.diagonalise(values, frame)
+    _turn_all(t, frame)
+    _turn_to_least_fourth(t, values)
+
+
+@helper
+def fill_features(n, t, i, j, k, even, odd):
+    """What the network is told of axis i and of how to tilt it towards axis j; k is the third one.
+
+    Moments and products of moments: ``even`` ones do not change when an axis is turned round, ``odd`` ones
+    change sign with i and with j.
+    """
+    second, third, fourth = _SECOND, _THIRD, _FOURTH
+    iii, jjj, kkk = t[third + 13 * i], t[third + 13 * j], t[third + 13 * k]
+    iij, ijj, ikk = t[third + 12 * i + j], t[third + 9 * i + 4 * j], t[third + 9 * i + 4 * k]
+    jkk, ijk, iik = t[third + 9 * j + 4 * k], t[third + 9 * i + 3 * j + k], t[third + 12 * i + k]
+    even[0], even[1], even[2] = t[second + 4 * i], t[second + 4 * j], t[second + 4 * k]
+    even[3], even[4], even[5] = t[fourth + 40 * i] / 3, t[fourth + 40 * j] / 3, t[fourth + 40 * k] / 3
+    even[6], even[7] = t[fourth + 36 * i + 4 * j], t[fourth + 36 * i + 4 * k]
+    even[8], even[9], even[10], even[11] = t[fourth + 36 * j + 4 * k], iii * iii, iii * ijj, iii * ikk
+    even[12], even[13], even[14], even[15] = jjj * jjj, iij * iij, iik * iik, 3.0 / np.cbrt(n)
+    odd[0], odd[1], odd[2] = t[second + 3 * i + j], t[fourth + 39 * i + j], t[fourth + 27 * i + 13 * j]
+    odd[3], odd[4], odd[5] = t[fourth + 27 * i + 9 * j + 4 * k], iii * iij, ijj * iij
+    odd[6], odd[7], odd[8], odd[9] = ijj * jjj, iii * jjj, ikk * jkk, ijk * kkk
+
+
+@kernel
+def describe_solids(offsets, centroids, weights, measures):
+    """Features of each block of a graph in space.
+
+    Returns even ``(B, 6, 16)`` and odd features ``(B, 6, 10)`` of axes (0, 1, 2), (0, 2, 1), (1, 2, 0),
+    (1, 0, 2), (2, 0, 1) and (2, 1, 0); the frames ``(B, 3, 3)``, the moments along them ``(B, 117)``,
+    positions ``(n, 3)`` about the centres of mass in lengths in which the inertia is 3, shares ``(n,)``,
+    and one over the measure of typical sections ``(B,)``.
+    """
+    blocks, total, largest = len(offsets) - 1, len(weights), np.diff(offsets).max()
+    local, shares, room = np.empty((3, largest)), np.empty(largest), moment_room()
+    even, odd, sections = np.empty((blocks, 6, _EVEN)), np.empty((blocks, 6, _ODD)), np.empty(blocks)
+    frames, moments = np.empty((blocks, 3, 3)), np.empty((blocks, _END - _SECOND))
+    cells, all_shares = np.empty((total, 3)), np.empty(total)
+    for b in range(blocks):
+        start, n = offsets[b], offsets[b + 1] - offsets[b]
+        sections[b], inertia, _ = centre_block(start, n, centroids, weights, measures, local, shares)
+        frame_by_moments(n, local, shares, inertia, room)
+        t, unit = room[0], 1.0 / np.sqrt(inertia / 3.0)
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            fill_features(n, t, i, j, k, even[b, 2 * i], odd[b, 2 * i])
+            fill_features(n, t, i, k, j, even[b, 2 * i + 1], odd[b, 2 * i + 1])
+            for m in range(3):
+                frames[b, i, m] = t[3 * i + m]
+        for m in range(_END - _SECOND):
+            moments[b, m] = t[_SECOND + m]
+        for c in range(n):
+            all_shares[start + c] = shares[c]
+            for m in range(3):
+                cells[start + c, m] = unit * local[m, c]
+    return even, odd, frames, moments, cells, all_shares, sections
