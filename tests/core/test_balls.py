@@ -149,8 +149,9 @@ def _check_balls(mesh: Mesh, labels: np.ndarray, parts: range) -> None:
     for part in parts:
         faces = outer_faces(mesh, labels, part)
         sampled = sampled_radius(faces, seed=part)
-        if sampled < largest[part] * (1 - 1e-3):  # the samples met a lesser summit, if ours is one
-            sampled = sampled_radius(faces, seed=part, starts=80)
+        for starts in (80, 1500):  # few samples may meet a lesser summit, if ours is one
+            if sampled < largest[part] * (1 - 1e-3):
+                sampled = sampled_radius(faces, seed=part, starts=starts)
         assert largest[part] == pytest.approx(sampled, rel=1e-3), part
         assert centred[part] == pytest.approx(max(heights(centroids[part][None], faces)[0], 0.0), abs=1e-9)
 
