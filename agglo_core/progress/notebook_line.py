@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 from agglo_core.progress.phases import Listener, Progress
@@ -28,9 +29,7 @@ def notebook_line() -> Iterator[Listener]:
 
     An error leaves the line as it was: it shows how far the computation has come.
     """
-    import IPython.display
-
-    display: Any = IPython.display.display  # untyped
+    display: Any = import_module("IPython.display").display
     start, handle, last, shown = time.monotonic(), None, Progress("", 0.0), 0.0
     phases: dict[str, None] = {}
 

@@ -85,7 +85,7 @@ def test_its_metric_is_one_of_all(hilbert: Path) -> None:
     source = """
 import agglo_core as agglo
 mesh = agglo.samples.squares(4)
-print(agglo.quality(mesh, [0] * 16, metrics=("gyration", "cells")))
+print(dict(agglo.quality(mesh, [0] * 16, metrics=("gyration", "cells"))))
 print(agglo.quality(mesh, range(16), metrics=[("hilbert/gyration", {})])["hilbert/gyration"].max())
 """
     done = subprocess.run(
