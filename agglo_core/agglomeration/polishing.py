@@ -136,7 +136,7 @@ def _without_bad_moves(
     while asked.any():
         bad = np.bincount(result, minlength=len(changed)) == 0
         if not bad.any():
-            broken = broken_parts(graph.indptr, graph.indices, result, asked)
+            broken = broken & ~asked | broken_parts(graph.indptr, graph.indices, result, asked)
             if np.isfinite(limit):
                 wide = wide & ~asked | graph.wide_parts(result, limit, asked)
             bad, changed = broken | wide, np.zeros_like(changed)
