@@ -1,0 +1,7 @@
+"""Meshes, graphs and hierarchies whose cells lie on several processes (ranks) of MPI."""
+
+from __future__ import annotations
+
+from agglo_core.distributed.communication import RankError, Ranks, Traffic
+
+__all__ = ["RankError", "Ranks", "Traffic"]
