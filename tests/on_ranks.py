@@ -8,6 +8,7 @@ when the time is up.
 from __future__ import annotations
 
 import faulthandler
+import importlib
 import importlib.util
 import inspect
 import os
@@ -138,11 +139,8 @@ def _work(file: str, name: str, folder: str, seconds: str) -> None:
     with open(home / f"failure-{rank}", "w") as failure:
         faulthandler.dump_traceback_later(float(seconds), exit=True, file=failure)
         try:
-            spec = importlib.util.spec_from_file_location(Path(file).stem, file)
-            assert spec is not None and spec.loader is not None
-            module = importlib.util.module_from_spec(spec)
-            sys.modules[spec.name] = module  # or what it defines could not be pickled
-            spec.loader.exec_module(module)
+            sys.path.insert(0, str(Path(file).parent))
+            module = importlib.import_module(Path(file).stem)
             arguments = pickle.loads((home / "arguments").read_bytes())
             (home / f"answer-{rank}").write_bytes(pickle.dumps(getattr(module, name)(*arguments)))
         except BaseException:
