@@ -3,5 +3,6 @@
 from __future__ import annotations
 
 from agglo_core.distributed.communication import RankError, Ranks, Traffic
+from agglo_core.distributed.distributed_mesh import DistributedMesh
 
-__all__ = ["RankError", "Ranks", "Traffic"]
+__all__ = ["DistributedMesh", "RankError", "Ranks", "Traffic"]
