@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from agglo_core.distributed.communication import RankError, Ranks, Traffic
 from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.distributed.writing import write
 
-__all__ = ["DistributedMesh", "RankError", "Ranks", "Traffic"]
+__all__ = ["DistributedMesh", "RankError", "Ranks", "Traffic", "write"]
