@@ -1,0 +1,128 @@
+"""Cells with all their faces and points, by numbers of the whole mesh: what ranks send one another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.mesh.elements import gather
+
+__all__ = ["WholeCells", "joined", "parcels", "places", "taken"]
+
+
+class WholeCells(NamedTuple):
+    """Some cells of a mesh, and all faces and points of them; cells, faces and points by rising number.
+
+    A face that two ranks have has the same number, sides and loop on both.
+    """
+
+    cells: Int  # (n,) global ids
+    owners: Int  # (n,) ranks
+    cell_tags: Mapping[str, Int]
+    faces: Int  # (F,) numbers, in whose order the faces of any cell are taken
+    face_offsets: Int  # (F + 1,)
+    face_vertices: Int  # into points
+    face_cells: Int  # (F, 2) global ids of owner and neighbour, -1 outside, whether they are here or not
+    face_owners: Int  # (F, 2) ranks that have these cells, -1 outside
+    face_tags: Mapping[str, Int]
+    points: Int  # (p,) global ids
+    coordinates: Float  # (p, d)
+
+
+def places(sought: Int, among: Int) -> Int:
+    """Place of each number sought in ``among (n,)``, which rises; -1 where it is not there."""
+    if not len(among):
+        return frozen_int(np.full(np.shape(sought), -1))
+    found = np.minimum(np.searchsorted(among, sought), len(among) - 1)
+    return frozen_int(np.where(among[found] == sought, found, -1))
+
+
+def taken(whole: WholeCells, cells: Int, faces: Int) -> WholeCells:
+    """The cells and faces at these places, both rising, and the points of these faces."""
+    offsets, entries = gather(whole.face_offsets, faces)
+    points, vertices = np.unique(whole.face_vertices[entries], return_inverse=True)
+    return WholeCells(
+        whole.cells[cells],
+        whole.owners[cells],
+        {name: values[cells] for name, values in whole.cell_tags.items()},
+        whole.faces[faces],
+        offsets,
+        frozen_int(vertices),
+        whole.face_cells[faces],
+        whole.face_owners[faces],
+        {name: values[faces] for name, values in whole.face_tags.items()},
+        whole.points[points],
+        whole.coordinates[points],
+    )
+
+
+def joined(parts: Sequence[WholeCells]) -> WholeCells:
+    """All cells, faces and points of the parts; of those that several have, what the first says."""
+    if len(parts) == 1:
+        return parts[0]
+    _, cells = _merged([part.cells for part in parts])
+    _, faces = _merged([part.faces for part in parts])
+    points, first = _merged([part.points for part in parts])
+    sizes = np.concatenate([np.diff(part.face_offsets) for part in parts])
+    offsets, entries = gather(frozen_int(np.concatenate(([0], np.cumsum(sizes)))), faces)
+    vertices = np.concatenate([places(part.points, points)[part.face_vertices] for part in parts])
+
+    def column(name: str, rows: Int) -> NDArray[np.int64]:
+        return np.concatenate([getattr(part, name) for part in parts])[rows]
+
+    return WholeCells(
+        frozen_int(column("cells", cells)),
+        frozen_int(column("owners", cells)),
+        _joined_tags([part.cell_tags for part in parts], cells),
+        frozen_int(column("faces", faces)),
+        offsets,
+        frozen_int(vertices[entries]),
+        frozen_int(column("face_cells", faces)),
+        frozen_int(column("face_owners", faces)),
+        _joined_tags([part.face_tags for part in parts], faces),
+        points,
+        frozen_float(np.concatenate([part.coordinates for part in parts])[first]),
+    )
+
+
+def _merged(numbers: Sequence[Int]) -> tuple[Int, Int]:
+    """The different numbers, rising, and the place of the first of each when all lists are put together."""
+    different, first = np.unique(np.concatenate(numbers), return_index=True)
+    return frozen_int(different), frozen_int(first)
+
+
+def _joined_tags(parts: Sequence[Mapping[str, Int]], rows: Int) -> dict[str, Int]:
+    return {name: frozen_int(np.concatenate([part[name] for part in parts])[rows]) for name in parts[0]}
+
+
+def parcels(
+    whole: WholeCells, cells: tuple[Int, Int], faces: tuple[Int, Int], always: Iterable[int] = ()
+) -> dict[int, WholeCells]:
+    """What goes to each rank.
+
+    Parameters
+    ----------
+    whole : WholeCells
+    cells, faces : (ranks (k,), places (k,))
+        Each pair says that what is at this place goes to this rank; a pair may come more than once.
+    always : iterable of int
+        Ranks that get a parcel even if there is nothing in it but the names of tags.
+    """
+    by_cell, by_face = _by_rank(*cells, len(whole.cells)), _by_rank(*faces, len(whole.faces))
+    none = frozen_int([])
+    return {
+        rank: taken(whole, by_cell.get(rank, none), by_face.get(rank, none))
+        for rank in sorted({*by_cell, *by_face, *always})
+    }
+
+
+def _by_rank(ranks: Int, where: Int, n: int) -> dict[int, Int]:
+    """Different places below n that go to each rank, rising."""
+    to, rows = np.divmod(np.unique(ranks * n + where), max(n, 1))
+    bounds = np.append(np.flatnonzero(np.diff(to, prepend=-1)), len(to)).tolist()
+    return {int(to[i]): frozen_int(rows[i:j]) for i, j in pairwise(bounds)}
