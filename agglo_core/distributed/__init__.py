@@ -6,5 +6,14 @@ from agglo_core.distributed.agglomerating import agglomerate
 from agglo_core.distributed.communication import RankError, Ranks, Traffic
 from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.distributed.writing import write
 
-__all__ = ["DistributedHierarchy", "DistributedMesh", "RankError", "Ranks", "Traffic", "agglomerate"]
+__all__ = [
+    "DistributedHierarchy",
+    "DistributedMesh",
+    "RankError",
+    "Ranks",
+    "Traffic",
+    "agglomerate",
+    "write",
+]

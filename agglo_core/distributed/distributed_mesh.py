@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Int, Mask, frozen, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.distributed.cell_values import CellValues
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.halo import common_origin, ghosts, local_mesh, own_cells
-from agglo_core.distributed.moving import moved
+from agglo_core.distributed.given_cells import given_cells
+from agglo_core.distributed.halo import LocalMesh, common_origin, ghosts, local_mesh, own_cells
+from agglo_core.distributed.local_cells import FaceTags, across_ranks
+from agglo_core.distributed.mesh_laws import check_laws
+from agglo_core.distributed.moving import check_bounds, check_destinations, moved
+from agglo_core.distributed.shared_points import numbered_by_place
 from agglo_core.distributed.sharing import scattered
 from agglo_core.distributed.whole_cells import WholeCells, joined
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import check_points
 
 __all__ = ["DistributedMesh"]
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedMesh:
+class DistributedMesh(CellValues):
     """A mesh whose cells lie on the ranks of MPI: each has its own cells, and their neighbours as ghosts.
 
     Build one with :meth:`scatter`, :meth:`from_local` or :meth:`from_pieces`. All ranks must call these, and
@@ -99,6 +105,99 @@ class DistributedMesh:
         return cls._with_ghosts(ranks, scattered(mesh, ranks, method), name)
 
     @classmethod
+    def from_local(
+        cls,
+        ranks: Ranks | None,
+        points: ArrayLike,
+        cells: Any,
+        point_ids: ArrayLike,
+        *,
+        cell_ids: ArrayLike | None = None,
+        cell_tags: Mapping[str, ArrayLike] | None = None,
+        face_tags: FaceTags | None = None,
+        name: str = "",
+    ) -> DistributedMesh:
+        """Mesh from the cells that each rank holds; neighbours on other ranks are found by their points.
+
+        Parameters
+        ----------
+        ranks : Ranks or None
+            None stands for all of ``MPI.COMM_WORLD``.
+        points : (n_points, d) float
+            Those that the cells use, and maybe others. A rank without cells may give anything.
+        cells
+            Own cells alone, with numbers of these points: polygons as in :meth:`Mesh.from_polygons` if d is
+            2, polyhedra as in :meth:`Mesh.from_polyhedra` if d is 3.
+        point_ids : (n_points,) int
+            Global ids: points with the same one are one, on whichever ranks, and must be at one place.
+        cell_ids : (n_own,) int, optional
+            Global ids, all of 0..n_cells−1 in use; by default cells are numbered rank after rank.
+        cell_tags : mapping of name to (n_own,) int, optional
+            The same names on all ranks that have cells.
+        face_tags : mapping of name to (faces, values), optional
+            Faces as lists of points (in 2-D pairs) and an integer for each; all others get 0. Of a face
+            between two ranks one of them or both may say it.
+        name : str
+
+        Raises
+        ------
+        MeshError
+            For a cell that is faulty by itself, with its number on this rank (on other ranks RankError);
+            on all ranks, naming ranks and cells: cell ids that are given twice or missing, a point at two
+            places, three cells at a face, cells of two ranks that lie on the same side of a face, ranks
+            that differ in dimension or names of tags, no cells at all.
+
+        Notes
+        -----
+        Cells are neighbours if they have a face with the same points. Vertices that hang on a neighbour's
+        face are not looked for, as :meth:`Mesh.conforming` does.
+
+        Examples
+        --------
+        >>> points = [[0, 0], [1, 0], [1, 1], [0, 1]]
+        >>> whole = DistributedMesh.from_local(None, points, [[0, 1, 2], [0, 2, 3]], [7, 9, 4, 2])
+        >>> whole.local.n_faces, whole.point_ids.tolist()
+        (5, [2, 4, 7, 9])
+        """
+        ranks = ranks or Ranks()
+        given = given_cells(points, cells, point_ids, cell_ids, cell_tags, name, ranks)
+        return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
+
+    @classmethod
+    def from_pieces(
+        cls,
+        ranks: Ranks | None,
+        points: ArrayLike,
+        cells: Any,
+        *,
+        cell_ids: ArrayLike | None = None,
+        cell_tags: Mapping[str, ArrayLike] | None = None,
+        face_tags: FaceTags | None = None,
+        name: str = "",
+    ) -> DistributedMesh:
+        """As :meth:`from_local`, for points without global ids: those at exactly the same place are one.
+
+        Examples
+        --------
+        >>> points = [[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]]
+        >>> DistributedMesh.from_pieces(None, points, [[0, 1, 2], [3, 4, 5]]).local.n_points
+        4
+        """
+        ranks = ranks or Ranks()
+        with ranks.together():
+            where = check_points(points) if len(cells) else np.empty((0, 0))
+        return cls.from_local(
+            ranks,
+            where,
+            cells,
+            numbered_by_place(where, ranks),
+            cell_ids=cell_ids,
+            cell_tags=cell_tags,
+            face_tags=face_tags,
+            name=name,
+        )
+
+    @classmethod
     def _with_ghosts(cls, ranks: Ranks, own: WholeCells, name: str) -> DistributedMesh:
         whole = joined([own, *ghosts(own, ranks)])
         origin = common_origin(own, ranks)
@@ -112,27 +211,21 @@ class DistributedMesh:
         told = f"rank {rank.rank} of {rank.size}: {own} own, {len(self.owners) - own} ghosts"
         return f"DistributedMesh({self.n_cells} cells; {told})"
 
-    @cached_property
-    def own(self) -> Int:
-        """Places of the own cells in the local mesh ``(n_own,)``, rising."""
-        return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
+    def check(self) -> None:
+        """See that each cell is owned once, and that each rank has all ghosts, as their owners have them.
 
-    @cached_property
-    def h(self) -> float:
-        """Mesh size: the largest diameter of a cell of the whole mesh. All ranks must ask for it."""
-        return self.ranks.largest(float(self.local.cell_diameters[self.own].max(initial=0.0)))
+        Raises
+        ------
+        MeshError
+            On all ranks, naming rank and cell.
 
-    @cached_property
-    def _sent(self) -> dict[int, Int]:
-        """Own cells (as numbers among the own ones) that are ghosts of each other rank."""
-        sides = np.append(self.owners, -1)[self.local.face_cells]
-        here = self.ranks.rank
-        face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
-        to, cell = sides[face, 1 - side], self.local.face_cells[face, side]
-        return {
-            int(rank): frozen_int(np.searchsorted(self.own, np.unique(cell[to == rank])))
-            for rank in np.unique(to)
-        }
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> DistributedMesh.scatter(samples.squares(2)).check()
+        """
+        held = LocalMesh(self.local, self.hidden)
+        check_laws(self._own_cells(), self.global_ids, self.owners, held, self.n_cells, self.ranks)
 
     # -- other cells, other ranks ---------------------------------------------------------------
     def coarsen(self, labels: ArrayLike, bounds: ArrayLike) -> DistributedMesh:
@@ -161,26 +254,8 @@ class DistributedMesh:
         >>> whole.coarsen([0, 0, 1, 1] * 4, [0, 2]).local
         Mesh('squares 4x4', 2-D, 2 cells, 20 faces, 20 points)
         """
-        ends, size = np.asarray(bounds), self.ranks.size
-        own, first_bounds = self._checked(labels), self.ranks.from_first(ends.tolist())
-        with self.ranks.together():
-            if (
-                ends.shape != (size + 1,)
-                or ends.dtype.kind not in "iu"
-                or ends[0]
-                or (np.diff(ends) < 0).any()
-            ):
-                raise MeshError(f"bounds must be {size + 1} integers that rise from 0, given {ends.tolist()}")
-            if first_bounds != ends.tolist():
-                raise MeshError(
-                    f"bounds differ: {first_bounds} on rank 0, {ends.tolist()} on rank {self.ranks.rank}"
-                )
-            if own.ndim != 1 or (own.size and own.dtype.kind not in "iu"):
-                raise MeshError(f"labels must be integers, one per own cell; given {own.dtype}, {own.shape}")
-            wrong = np.flatnonzero((own < 0) | (own >= ends[-1]))
-            if len(wrong):
-                cell = self.global_ids[self.own[wrong[0]]]
-                raise MeshError(f"cell {cell} has label {own[wrong[0]]}, but there are {ends[-1]} parts")
+        ends, own = np.asarray(bounds), self.checked(labels)
+        check_bounds(own, ends, self.global_ids[self.own], self.ranks)
         number = self.exchange(frozen_int(own))
         coarse = self._moved(number, frozen_int(np.searchsorted(ends, number, side="right") - 1))
         with self.ranks.together():
@@ -204,14 +279,8 @@ class DistributedMesh:
         >>> DistributedMesh.scatter(samples.squares(2)).redistributed([0, 0, 0, 0])
         DistributedMesh(4 cells; rank 0 of 1: 4 own, 0 ghosts)
         """
-        to = self._checked(rank_of_own_cell)
-        with self.ranks.together():
-            if to.ndim != 1 or (to.size and to.dtype.kind not in "iu"):
-                raise MeshError(f"ranks must be integers, one per own cell; given {to.dtype}, {to.shape}")
-            if to.min(initial=0) < 0 or to.max(initial=0) >= self.ranks.size:
-                raise MeshError(
-                    f"there are {self.ranks.size} ranks, but cells shall go to {to.min()}..{to.max()}"
-                )
+        to = self.checked(rank_of_own_cell)
+        check_destinations(to, self.global_ids[self.own], self.ranks)
         return self._moved(self.global_ids, self.exchange(frozen_int(to)))
 
     def _moved(self, number: Int, to: Int) -> DistributedMesh:
@@ -221,63 +290,3 @@ class DistributedMesh:
     def _own_cells(self) -> WholeCells:
         ids = self.global_ids, self.owners, self.point_ids, self.face_ids
         return own_cells(self.local, *ids, self.ranks.rank)
-
-    # -- values of cells -----------------------------------------------------------------------
-    def exchange(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of all local cells ``(n_local, …)``: ghosts get those of their owners.
-
-        Parameters
-        ----------
-        values : (n_own, …)
-            Of the own cells, by rising global id.
-
-        Raises
-        ------
-        MeshError
-            If there are not as many values as own cells; on other ranks RankError.
-
-        Examples
-        --------
-        >>> from agglo_core import samples
-        >>> whole = DistributedMesh.scatter(samples.squares(2))
-        >>> whole.exchange([5, 6, 7, 8]).tolist()
-        [5, 6, 7, 8]
-        """
-        own = self._checked(values)
-        arrived = self.ranks.exchanged({rank: own[cells] for rank, cells in self._sent.items()})
-        everything = np.empty((len(self.owners), *own.shape[1:]), own.dtype)
-        everything[self.own] = own
-        for rank, found in arrived.items():
-            everything[self.owners == rank] = found
-        return frozen(everything, everything.dtype)
-
-    def gather(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of all cells of the mesh ``(n_cells, …)`` by global id, on every rank: for small meshes.
-
-        Parameters
-        ----------
-        values : (n_own, …)
-            Of the own cells, by rising global id.
-
-        Raises
-        ------
-        MeshError
-            If there are not as many values as own cells; on other ranks RankError.
-
-        Examples
-        --------
-        >>> from agglo_core import samples
-        >>> DistributedMesh.scatter(samples.squares(2)).gather([5, 6, 7, 8]).tolist()
-        [5, 6, 7, 8]
-        """
-        parts = self.ranks.gathered((self.global_ids[self.own], self._checked(values)))
-        order = np.argsort(np.concatenate([ids for ids, _ in parts]))
-        return np.concatenate([own for _, own in parts if len(own)])[order]
-
-    def _checked(self, values: ArrayLike) -> NDArray[Any]:
-        with self.ranks.together():
-            array = np.asarray(values)
-            if array.ndim == 0 or len(array) != len(self.own):
-                rank, n = self.ranks.rank, len(self.own)
-                raise MeshError(f"rank {rank} has {n} own cells, but the values have shape {array.shape}")
-            return array

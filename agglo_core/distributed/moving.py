@@ -3,15 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.whole_cells import WholeCells, joined, parcels, places
+from agglo_core.errors import MeshError
 from agglo_core.mesh.elements import gather
 
-__all__ = ["moved"]
+__all__ = ["check_bounds", "check_destinations", "moved"]
+
+
+def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: Ranks) -> None:
+    """Raise MeshError unless labels and bounds are as ``DistributedMesh.coarsen`` wants them.
+
+    On other ranks RankError is raised; ``cells (n_own,)`` are global ids.
+    """
+    first = ranks.from_first(bounds.tolist())
+    with ranks.together():
+        n, kinds = ranks.size + 1, "iu"
+        if bounds.shape != (n,) or bounds.dtype.kind not in kinds or bounds[0] or (np.diff(bounds) < 0).any():
+            raise MeshError(f"bounds must be {n} integers that rise from 0, given {bounds.tolist()}")
+        if first != bounds.tolist():
+            raise MeshError(f"bounds differ: {first} on rank 0, {bounds.tolist()} on rank {ranks.rank}")
+        _check_integers("labels", labels)
+        wrong = np.flatnonzero((labels < 0) | (labels >= bounds[-1]))
+        if len(wrong):
+            cell, label = cells[wrong[0]], labels[wrong[0]]
+            raise MeshError(f"cell {cell} has label {label}, but there are {bounds[-1]} parts")
+
+
+def check_destinations(to: NDArray[Any], cells: Int, ranks: Ranks) -> None:
+    """Raise MeshError unless each own cell goes to a rank that exists; on other ranks RankError."""
+    with ranks.together():
+        _check_integers("ranks", to)
+        wrong = np.flatnonzero((to < 0) | (to >= ranks.size))
+        if len(wrong):
+            raise MeshError(
+                f"cell {cells[wrong[0]]} shall go to rank {to[wrong[0]]}, but there are {ranks.size} ranks"
+            )
+
+
+def _check_integers(what: str, values: NDArray[Any]) -> None:
+    if values.ndim != 1 or (values.size and values.dtype.kind not in "iu"):
+        raise MeshError(
+            f"{what} must be integers, one per own cell; given shape {values.shape}, dtype {values.dtype}"
+        )
 
 
 def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:

@@ -24,7 +24,7 @@ from agglo_core.mesh.checks import (
 )
 from agglo_core.mesh.plain_faces import plain_faces
 
-__all__ = ["Faces", "build_polygons"]
+__all__ = ["Faces", "build_polygons", "loops_as_csr"]
 
 _FAULTS = {  # by the codes of kernels.faces
     1: "a repeated vertex",
@@ -44,7 +44,7 @@ class Faces(NamedTuple):
     repairs: dict[str, int]
 
 
-def _as_csr(cells: Any) -> tuple[Int, Int]:
+def loops_as_csr(cells: Any) -> tuple[Int, Int]:
     """Offsets and vertices of loops given as a list, an (n, k) array or such a pair."""
     if isinstance(cells, tuple) and len(cells) == 2 and any(isinstance(part, np.ndarray) for part in cells):
         return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
@@ -75,7 +75,7 @@ def _plane(points: Float) -> Float:
 
 def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool) -> Faces:
     """Faces of polygons given as vertex loops; arguments and errors are those of ``Mesh.from_polygons``."""
-    offsets, vertices = _as_csr(cells)
+    offsets, vertices = loops_as_csr(cells)
     points = check_points(points)
     check_offsets(offsets, len(vertices), "cell")
     if len(offsets) < 2:

@@ -24,7 +24,7 @@ from agglo_core.mesh.checks import (
 from agglo_core.mesh.geometry3d import face_moments
 from agglo_core.mesh.polygons import Faces
 
-__all__ = ["build_polyhedra"]
+__all__ = ["build_polyhedra", "solids_as_csr"]
 
 _CLOSED = 1e-9  # of a cell's surface: what its area vectors may add up to
 
@@ -34,7 +34,7 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     points = check_points(points)
     if points.shape[1] != 3:
         raise MeshError(f"polyhedra need points of shape (n_points, 3), not {points.shape}")
-    cell_offsets, loop_offsets, vertices = _as_csr(cells)
+    cell_offsets, loop_offsets, vertices = solids_as_csr(cells)
     _check_counts(cell_offsets, loop_offsets, vertices)
     check_indices(loop_offsets[cell_offsets], vertices, len(points))
     used, vertices, repairs = compact_points(points, vertices, merge_points)
@@ -54,7 +54,7 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs))
 
 
-def _as_csr(cells: Any) -> tuple[Int, Int, Int]:
+def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
     """Cell offsets, loop offsets and vertices of cells given as nested lists or as these three."""
     if isinstance(cells, tuple) and len(cells) == 3 and any(isinstance(part, np.ndarray) for part in cells):
         a, b, c = cells

@@ -1,0 +1,107 @@
+"""Values of cells that lie on several ranks: own ones, those of ghosts, all."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import Int, frozen, frozen_int
+from agglo_core.distributed.communication import Ranks
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+
+__all__ = ["CellValues"]
+
+
+class CellValues:
+    """The part of :class:`~agglo_core.distributed.DistributedMesh` that knows whose ghosts its cells are."""
+
+    ranks: Ranks
+    local: Mesh
+    global_ids: Int
+    owners: Int
+
+    @cached_property
+    def own(self) -> Int:
+        """Places of the own cells in the local mesh ``(n_own,)``, rising."""
+        return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
+
+    @cached_property
+    def h(self) -> float:
+        """Mesh size: the largest diameter of a cell of the whole mesh. All ranks must ask for it."""
+        return self.ranks.largest(float(self.local.cell_diameters[self.own].max(initial=0.0)))
+
+    @cached_property
+    def ghosts_elsewhere(self) -> dict[int, Int]:
+        """Which own cells are ghosts of each other rank: places among the own ones, rising."""
+        sides = np.append(self.owners, -1)[self.local.face_cells]
+        here = self.ranks.rank
+        face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
+        to, cell = sides[face, 1 - side], self.local.face_cells[face, side]
+        return {
+            int(rank): frozen_int(np.searchsorted(self.own, np.unique(cell[to == rank])))
+            for rank in np.unique(to)
+        }
+
+    def exchange(self, values: ArrayLike) -> NDArray[Any]:
+        """Values of all local cells ``(n_local, …)``: ghosts get those of their owners.
+
+        Parameters
+        ----------
+        values : (n_own, …)
+            Of the own cells, by rising global id.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells; on other ranks RankError.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> whole = DistributedMesh.scatter(samples.squares(2))
+        >>> whole.exchange([5, 6, 7, 8]).tolist()
+        [5, 6, 7, 8]
+        """
+        own = self.checked(values)
+        arrived = self.ranks.exchanged({rank: own[cells] for rank, cells in self.ghosts_elsewhere.items()})
+        everything = np.empty((len(self.owners), *own.shape[1:]), own.dtype)
+        everything[self.own] = own
+        for rank, found in arrived.items():
+            everything[self.owners == rank] = found
+        return frozen(everything, everything.dtype)
+
+    def gather(self, values: ArrayLike) -> NDArray[Any]:
+        """Values of all cells of the mesh ``(n_cells, …)`` by global id, on every rank: for small meshes.
+
+        Parameters
+        ----------
+        values : (n_own, …)
+            Of the own cells, by rising global id.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells; on other ranks RankError.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> DistributedMesh.scatter(samples.squares(2)).gather([5, 6, 7, 8]).tolist()
+        [5, 6, 7, 8]
+        """
+        parts = self.ranks.gathered((self.global_ids[self.own], self.checked(values)))
+        order = np.argsort(np.concatenate([ids for ids, _ in parts]))
+        return np.concatenate([own for _, own in parts if len(own)])[order]
+
+    def checked(self, values: ArrayLike) -> NDArray[Any]:
+        """Values of the own cells as an array ``(n_own, …)``, or MeshError; on other ranks RankError."""
+        with self.ranks.together():
+            array = np.asarray(values)
+            if array.ndim == 0 or len(array) != len(self.own):
+                rank, n = self.ranks.rank, len(self.own)
+                raise MeshError(f"rank {rank} has {n} own cells, but the values have shape {array.shape}")
+            return array

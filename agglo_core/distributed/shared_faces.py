@@ -1,0 +1,110 @@
+"""Faces between cells of two ranks, found by the points that they have."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.meeting import Meeting, groups, rank_of_key, refuse_all
+
+__all__ = ["Beyond", "FaceKeys", "cells_beyond", "face_keys"]
+
+
+class FaceKeys(NamedTuple):
+    """What tells faces ``(n,)`` apart: equal for those with the same points, in whatever order these come."""
+
+    low: Int  # the smallest point
+    mixed: UInt64  # sum of well-mixed numbers of all
+
+
+class Beyond(NamedTuple):
+    """The other side of each face ``(n,)``, where that is on another rank; else -1."""
+
+    cells: Int
+    ranks: Int
+    faces: Int  # number of the face there
+    tags: NDArray[np.int64]  # (n, k) what is said of the face there
+
+
+def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
+    """Keys of faces with global points ``vertices[offsets[f]:offsets[f + 1]]``."""
+    if len(offsets) < 2:
+        return FaceKeys(frozen_int([]), np.empty(0, np.uint64))
+    mixed = np.add.reduceat(splitmix(vertices.view(np.uint64)), offsets[:-1])
+    return FaceKeys(frozen_int(np.minimum.reduceat(vertices, offsets[:-1])), mixed)
+
+
+def cells_beyond(
+    vertices: Int, offsets: Int, keys: FaceKeys, cells: Int, tags: NDArray[np.int64], faces: Int, ranks: Ranks
+) -> Beyond:
+    """The cells of other ranks at ``faces (k,)``, numbers of those whose points others have too.
+
+    Parameters
+    ----------
+    vertices, offsets : CSR
+        Global points of each face, as the owner sees them.
+    keys : FaceKeys
+    cells : (n, 2) int
+        Global ids of the own cells on both sides; -1 where there is none.
+    tags : (n, k) int
+        0 is for no tag.
+
+    Raises
+    ------
+    MeshError
+        On all ranks, naming cells and ranks: if a face has three cells, if two solids are on the same side of
+        it, if the tags of both ranks differ.
+    """
+    low, mixed = keys.low[faces], keys.mixed[faces]
+    turn = _turns(vertices, offsets, keys.low)[faces]
+    to = rank_of_key(splitmix(low.view(np.uint64)), ranks.size)
+    meeting = Meeting(ranks, to, low, mixed, cells[faces], turn, faces, tags[faces])
+    low, mixed, sides, turn, number, said = meeting.columns
+    order, bounds = groups(mixed, low)
+    single = np.flatnonzero(np.diff(bounds) == 2)
+    a, b = order[bounds[single]], order[bounds[single] + 1]
+    refuse_all(ranks, _third_cell(sides[order], bounds, meeting.senders[order]))
+    overlap = turn[a] == turn[b]
+    differ = ((said[a] != said[b]) & (said[a] != 0) & (said[b] != 0)).any(axis=1)
+    for wrong, what in (
+        (overlap, "lie on the same side of a face"),
+        (differ, "differ in a tag of their face"),
+    ):
+        named = None
+        if wrong.any():
+            pair = [(a if first else b)[np.argmax(wrong)] for first in (True, False)]
+            cell = [f"cell {sides[row, 0]} (rank {meeting.senders[row]})" for row in pair]
+            named = f"{cell[0]} and {cell[1]} {what}"
+        refuse_all(ranks, named)
+    partner = np.full(len(order), -1)
+    partner[a], partner[b] = b, a
+    none = partner < 0
+    found = [np.where(none, -1, each[partner]) for each in (sides[:, 0], meeting.senders, number)]
+    answers = meeting.answered(*found, np.where(none[:, None], 0, said[partner]))
+    whole = [np.full(len(cells), -1) for _ in range(3)] + [np.zeros_like(tags)]
+    for column, answer in zip(whole, answers, strict=True):
+        column[faces] = answer
+    return Beyond(*whole)
+
+
+def _turns(vertices: Int, offsets: Int, low: Int) -> Int:
+    """Where each loop goes from its smallest point, an edge from its tail: differs on the two sides."""
+    sizes = np.diff(offsets)
+    at = np.flatnonzero(vertices == np.repeat(low, sizes))  # no loop meets a point twice
+    following = np.where(at + 1 < offsets[1:], at + 1, offsets[:-1])
+    return frozen_int(vertices[np.where(sizes == 2, offsets[:-1], following)])
+
+
+def _third_cell(sides: Int, bounds: Int, senders: Int) -> str | None:
+    """What is wrong with the first face that has three cells."""
+    count = np.diff(np.append(0, np.cumsum((sides >= 0).sum(axis=1)))[bounds])
+    many = np.flatnonzero(count > 2)
+    if not len(many):
+        return None
+    rows = range(bounds[many[0]], bounds[many[0] + 1])
+    cells = [f"{cell} (rank {senders[row]})" for row in rows for cell in sides[row] if cell >= 0]
+    return f"a face has more than two cells: cells {', '.join(cells)}"
