@@ -82,9 +82,7 @@ def agglomerate(
         with ranks.together():
             run = _new_run(given, known)
         with phase(listen, "agglomerating") as tell:
-            levels = made_levels(
-                begun.stage, start.goals, DomainRun(given, run, start.kept.bounds), told=tell
-            )
+            levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
         labels = [begun.of_own_cells(level.ids) for level in levels]
     statistics = _of_all_ranks(ranks, run)
     if first:

@@ -48,7 +48,7 @@ def made_levels(
         return []
     if told is not None:
         told(0.0, f"{len(goals)} levels, {stage.count} domains")
-    census = census_of(stage.of_all(lambda domain: row_of(domain, goals, maker.bounds)))
+    census = census_of(stage.of_all(lambda domain: row_of(domain, goals, maker.kept.bounds)))
     shares = ready_goals(goals, census)
     if shares[0]:
         return _agglomerated(stage, goals, shares, maker, turn, told)

@@ -45,14 +45,14 @@ class Kept:
         Pairs of cells that no part may both hold.
     bounds : sequence of Member
         Bounds on the size of parts.
-    titles : str
-        What the constraints are called.
+    members : sequence of Member
+        All constraints, for what is said of them.
     """
 
     forbidden: Mask
     barriers: Int
     bounds: Sequence[Member]
-    titles: str
+    members: Sequence[Member]
 
 
 def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
@@ -82,9 +82,7 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
                 )
             forbidden |= forbidden_by(member, graph)
     barriers = np.concatenate([np.empty((0, 2), np.int64), *pairs])
-    return Kept(
-        agreed(cells, forbidden), frozen_int(barriers), bounds, ", ".join(member.title for member in members)
-    )
+    return Kept(agreed(cells, forbidden), frozen_int(barriers), bounds, members)
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:

@@ -17,6 +17,7 @@ from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
 from agglo_core.components.barriers import Barriers
+from agglo_core.distributed.distributed_rules import Kept
 from agglo_core.distributed.domain import Domain
 from agglo_core.registry.attribution import Member
 
@@ -32,13 +33,13 @@ class DomainRun:
     pipeline : Pipeline
     run : Run
         Its components; what happens is added up in its statistics.
-    bounds : sequence of Member
-        Bounds on the size of parts.
+    kept : Kept
+        What constraints ask.
     """
 
     pipeline: Pipeline
     run: Run
-    bounds: Sequence[Member]
+    kept: Kept
 
     def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
         """Labels ``(n,)`` of each level of domain ``number``; ``turn``: how often domains have changed."""
@@ -47,8 +48,8 @@ class DomainRun:
         cells_alone = turn == 0
         make = line_levels if self.pipeline.lines and cells_alone else ordered_levels
         kway = self.pipeline.method == "kway"
-        run, post = self._seeded(number, turn), self._post(domain, self.bounds)
-        with naming(self.bounds):
+        run, post = self._seeded(number, turn), self._post(domain, self.kept.bounds)
+        with naming(self.kept.members):
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
     def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:

@@ -24,7 +24,8 @@ class Census(NamedTuple):
     """What is known of all domains of a stage, one item each: the same on every rank."""
 
     nodes: Int
-    alone: Int  # nodes without neighbours
+    alone: Int  # nodes without neighbours, here or elsewhere
+    components: Int  # of the other nodes
     fewest: Int  # parts there must be, those alone included
     mass: Float  # of the nodes that are not alone
     estimates: Float  # (domains, goals): parts of each goal of a size
@@ -33,6 +34,11 @@ class Census(NamedTuple):
     def domains(self) -> int:
         """How many are not empty."""
         return int(np.count_nonzero(self.nodes))
+
+    @property
+    def scattered(self) -> int:
+        """Components that only the borders of domains make."""
+        return int(self.components.sum()) - self.domains
 
     def expected(self, goal: Goal, place: int) -> float:
         """How many parts the goal number ``place`` will have."""
@@ -43,21 +49,30 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
     """What is asked of one domain for the census."""
     graph = domain.graph
     if domain.n == 0:
-        return [0.0] * (4 + len(goals))
-    alone = np.diff(graph.indptr) == 0
+        return [0.0] * (5 + len(goals))
+    leading_out = np.zeros(graph.n, bool)
+    leading_out[domain.links.node[~domain.links.barred]] = True
+    alone = (np.diff(graph.indptr) == 0) & ~leading_out
     components = graph.components()
-    fewest = int(components.max()) + 1
+    fewest = count = int(components.max()) + 1
     for member in bounds:
         fewest = max(fewest, member.tool.counting(domain.cells).fewest(graph, components))
     sizes = [float(goal.estimate(graph)) if isinstance(goal, SizeGoal) else 0.0 for goal in goals]
-    return [domain.n, int(alone.sum()), fewest, float(graph.mass[~alone].sum()), *sizes]
+    return [
+        domain.n,
+        int(alone.sum()),
+        count - int(alone.sum()),
+        fewest,
+        float(graph.mass[~alone].sum()),
+        *sizes,
+    ]
 
 
 def census_of(rows: Sequence[Sequence[float]]) -> Census:
     """The census from the rows of all domains."""
     table = np.array(rows)
-    nodes, alone, fewest = (frozen_int(column) for column in table[:, :3].T)
-    return Census(nodes, alone, fewest, frozen_float(table[:, 3]), frozen_float(table[:, 4:]))
+    nodes, alone, components, fewest = (frozen_int(column) for column in table[:, :4].T)
+    return Census(nodes, alone, components, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
 
 
 def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
@@ -84,7 +99,8 @@ def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
 def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
     """Whether the first so many goals can be met by each domain for itself."""
     coarsest = goals[number - 1]
-    if census.expected(coarsest, number - 1) < LEAST_PARTS * census.domains:
+    expected = census.expected(coarsest, number - 1)
+    if expected < max(LEAST_PARTS * census.domains, 2 * census.scattered):
         return False
     try:
         least = census.fewest
