@@ -8,6 +8,7 @@ someone who has left.
 from __future__ import annotations
 
 import pickle
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ __all__ = ["RankError", "Ranks", "Traffic"]
 
 T = TypeVar("T")
 
+_PAUSE = 0.005  # seconds between looks at whether others have come
 _TAG = 7411  # of messages from rank to rank; whoever shares the communicator has others
 
 
@@ -133,6 +135,12 @@ class Ranks:
         if self.rank in parcels:
             found[self.rank] = parcels[self.rank]
         return {rank: found[rank] for rank in sorted(found)}
+
+    def meet(self) -> None:
+        """Wait until all ranks are here, and leave the processor to them meanwhile: for long waits."""
+        request = self.comm.Ibarrier()
+        while not request.Test():
+            time.sleep(_PAUSE)
 
     @contextmanager
     def together(self) -> Iterator[None]:

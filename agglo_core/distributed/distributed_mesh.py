@@ -115,6 +115,7 @@ class DistributedMesh(CellValues):
         cell_ids: ArrayLike | None = None,
         cell_tags: Mapping[str, ArrayLike] | None = None,
         face_tags: FaceTags | None = None,
+        weak: bool = False,
         name: str = "",
     ) -> DistributedMesh:
         """Mesh from the cells that each rank holds; neighbours on other ranks are found by their points.
@@ -137,6 +138,8 @@ class DistributedMesh(CellValues):
         face_tags : mapping of name to (faces, values), optional
             Faces as lists of points (in 2-D pairs) and an integer for each; all others get 0. Of a face
             between two ranks one of them or both may say it.
+        weak : bool
+            As in :meth:`Mesh.from_polygons`: plane cells may have bridges to holes.
         name : str
 
         Raises
@@ -160,7 +163,7 @@ class DistributedMesh(CellValues):
         (5, [2, 4, 7, 9])
         """
         ranks = ranks or Ranks()
-        given = given_cells(points, cells, point_ids, cell_ids, cell_tags, name, ranks)
+        given = given_cells(points, cells, point_ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
         return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod
@@ -173,6 +176,7 @@ class DistributedMesh(CellValues):
         cell_ids: ArrayLike | None = None,
         cell_tags: Mapping[str, ArrayLike] | None = None,
         face_tags: FaceTags | None = None,
+        weak: bool = False,
         name: str = "",
     ) -> DistributedMesh:
         """As :meth:`from_local`, for points without global ids: those at exactly the same place are one.
@@ -194,6 +198,7 @@ class DistributedMesh(CellValues):
             cell_ids=cell_ids,
             cell_tags=cell_tags,
             face_tags=face_tags,
+            weak=weak,
             name=name,
         )
 
