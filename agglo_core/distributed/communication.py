@@ -125,6 +125,7 @@ class Ranks:
             sizes[to] = len(data)
             self._count(data, 1)
         coming = np.empty(self.size, np.int64)
+        self._count(0, self.size - 1)
         self.comm.Alltoall(sizes, coming)
         arriving = {int(rank): bytearray(int(coming[rank])) for rank in np.flatnonzero(coming)}
         waiting = [self.comm.Irecv(room, source=rank, tag=_TAG) for rank, room in arriving.items()]
@@ -172,6 +173,8 @@ def _weight(value: Any) -> int:
         return len(value)
     if isinstance(value, np.ndarray):
         return int(value.nbytes)
+    if isinstance(value, Mapping):
+        return sum(8 + _weight(each) for each in value.values())
     if isinstance(value, list | tuple):
         return sum(_weight(each) for each in value)
     return 8
