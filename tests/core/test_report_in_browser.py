@@ -171,6 +171,15 @@ def test_the_point_under_the_pointer_stays_there_when_zooming(page: Path, mesh: 
         assert tab.run("return document.getElementById('pick').value;") == marked != ""
 
 
+def test_two_runs_are_side_by_side_from_the_start_where_there_is_room(page: Path) -> None:
+    for width, panels in ((1400, 2), (360, 1)):
+        with visited(page, width=width) as tab:
+            shown = "return [...document.querySelectorAll('.map')].map((each) => each.checkVisibility());"
+            assert sum(tab.run(shown)) == panels
+            runs = tab.run("return [...document.querySelectorAll('.run')].map((each) => each.value);")
+            assert runs == ["0", "2"]  # the one that failed is none
+
+
 def test_two_panels_mark_what_holds_the_same_cell(page: Path, mesh: Mesh, runs: list[RunResult]) -> None:
     with visited(page, "run=one&level=0", width=1400) as tab:
         tab.run("document.getElementById('two').click();")

@@ -10,6 +10,7 @@ function remember() {
 }
 
 function recall() {
+  if (location.hash.length < 2) return;
   const words = new URLSearchParams(location.hash.slice(1)), whole = (name) => Number.parseInt(words.get(name), 10);
   const runNamed = (name) => REPORT.runs.findIndex((run) => run.name === words.get(name) && run.levels.length);
   const [left, right] = state.panels;

@@ -40,6 +40,10 @@ async function decoded(value) {
   return Object.fromEntries(await Promise.all(pairs));
 }
 
+if (typeof DecompressionStream === "undefined") {
+  $("hint").textContent = "This browser cannot unpack the data of the report: it needs one of 2023 or later.";
+  throw new Error("there is no DecompressionStream");
+}
 const REPORT = await decoded(JSON.parse($("data").textContent));
 const OUTSIDE = REPORT.cells; // cells are their places in REPORT.order
 

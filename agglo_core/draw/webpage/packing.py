@@ -27,9 +27,7 @@ def integers(values: ArrayLike) -> dict[str, Any]:
 
 def bytes_apart(values: ArrayLike) -> dict[str, Any]:
     """Whole numbers whose high bytes are mostly alike: all lowest bytes first, then all of the next, …"""
-    name, array = _smallest(values)
-    planes = np.ascontiguousarray(array).view(np.uint8).reshape(-1, array.itemsize).T
-    return _packed(name, planes.tobytes()) | {"apart": True}
+    return _apart(*_smallest(values))
 
 
 def differences(values: ArrayLike) -> dict[str, Any]:
@@ -40,8 +38,8 @@ def differences(values: ArrayLike) -> dict[str, Any]:
 
 
 def reals(values: ArrayLike) -> dict[str, Any]:
-    """Real numbers, to seven digits."""
-    return _packed("Float32", np.asarray(values).astype("<f4").tobytes())
+    """Real numbers, to seven digits; their bytes apart, too."""
+    return _apart("Float32", np.asarray(values).astype("<f4"))
 
 
 def _smallest(values: ArrayLike) -> tuple[str, NDArray[np.generic]]:
@@ -49,6 +47,11 @@ def _smallest(values: ArrayLike) -> tuple[str, NDArray[np.generic]]:
     largest = int(array.max(initial=0))
     name, kind = next(pair for pair in _INTEGERS if largest <= np.iinfo(pair[1]).max)
     return name, array.astype(kind)
+
+
+def _apart(name: str, array: NDArray[np.generic]) -> dict[str, Any]:
+    planes = np.ascontiguousarray(array).view(np.uint8).reshape(-1, array.itemsize).T
+    return _packed(name, planes.tobytes()) | {"apart": True}
 
 
 def _packed(name: str, raw: bytes) -> dict[str, Any]:

@@ -1,10 +1,11 @@
 // State of the page: two panels, of which the right one may be hidden, and the colours of both.
+const WIDE = 900; // CSS pixels of a window that shows two runs beside each other from the start
 const CHOICES = choices();
 const first = REPORT.runs.findIndex((run) => run.levels.length);
 const second = REPORT.runs.findIndex((run, index) => index > first && run.levels.length);
 const state = {
   panels: [{ run: first, level: 0, part: null }, { run: second < 0 ? first : second, level: 0, part: null }],
-  two: false,
+  two: second >= 0 && window.innerWidth >= WIDE,
   choice: CHOICES[0],
 };
 
