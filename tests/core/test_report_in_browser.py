@@ -171,6 +171,32 @@ def test_the_point_under_the_pointer_stays_there_when_zooming(page: Path, mesh: 
         assert tab.run("return document.getElementById('pick').value;") == marked != ""
 
 
+def test_two_fingers_zoom_and_one_moves(page: Path) -> None:
+    with visited(page, "run=one&level=0", width=400) as tab:
+        tab.do("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+        x, y = tab.run(
+            "const f = document.querySelector('.map').getBoundingClientRect(); return [f.x + 180, f.y + 150];"
+        )
+
+        def touch(kind: str, *places: float) -> None:
+            points = [{"x": x + place, "y": y, "id": finger} for finger, place in enumerate(places)]
+            tab.do("Input.dispatchTouchEvent", type=f"touch{kind}", touchPoints=points)
+            tab.settle()
+
+        touch("Start", -20, 20)
+        for gap in (30, 40):
+            touch("Move", -gap, gap)
+        touch("End")
+        assert tab.text("#zoom") == "2×"
+        before = tab.picture()
+        touch("Start", 0)
+        touch("Move", 30)
+        touch("Move", 60)
+        touch("End")
+        assert tab.text("#zoom") == "2×"
+        assert tab.picture() != before
+
+
 def test_two_runs_are_side_by_side_from_the_start_where_there_is_room(page: Path) -> None:
     for width, panels in ((1400, 2), (360, 1)):
         with visited(page, width=width) as tab:

@@ -66,9 +66,10 @@ function swatch(tone, name) {
 }
 
 function showLegend(place, choice, limits) {
-  const title = element("b", {}, choice.name), note = choice.unit ? [element("span", {}, choice.unit)] : [];
+  const title = element("b", {}, choice.name), shade = REPORT.stills ? "darker in the shade" : "";
+  const note = [choice.unit, shade].filter(Boolean).map((words) => element("span", {}, words));
   if (choice.key === "part") return place.replaceChildren("Colours only tell neighbours apart.");
-  if (choice.tag?.known) return place.replaceChildren(title, ...choice.tag.known.map((name, at) => swatch(REPORT.palette[at], name)));
+  if (choice.tag?.known) return place.replaceChildren(title, ...choice.tag.known.map((name, at) => swatch(REPORT.palette[at], name)), ...note);
   if (!(limits.low <= limits.high)) return place.replaceChildren(title, "No agglomerate shown here has a value.");
   const bar = element("i", { class: "bar", role: "img", "aria-label": `from ${shown(limits.low)} (dark blue) to ${shown(limits.high)} (yellow)` });
   bar.style.background = `linear-gradient(to right, ${SCALE.join(", ")})`;
