@@ -54,12 +54,15 @@ function shown(value) {
   return value.toPrecision(4);
 }
 
-const fixed = (digits) => (value) => (value === null || value === undefined || Number.isNaN(value) ? "–" : value.toFixed(digits));
+const fixed = (digits) => (value) =>
+  value === null || value === undefined || Number.isNaN(value) ? "–" : value.toFixed(digits);
 
 // An element with attributes, and text or elements inside; text never becomes markup.
 function element(tag, attributes = {}, ...content) {
   const svg = ["svg", "rect", "line", "circle", "path", "text"].includes(tag);
-  const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", tag) : document.createElement(tag);
+  const made = svg
+    ? document.createElementNS("http://www.w3.org/2000/svg", tag)
+    : document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") made.addEventListener(name, value);
     else made.setAttribute(name, value);

@@ -4,7 +4,10 @@ const CHOICES = choices();
 const first = REPORT.runs.findIndex((run) => run.levels.length);
 const second = REPORT.runs.findIndex((run, index) => index > first && run.levels.length);
 const state = {
-  panels: [{ run: first, level: 0, part: null }, { run: second < 0 ? first : second, level: 0, part: null }],
+  panels: [
+    { run: first, level: 0, part: null },
+    { run: second < 0 ? first : second, level: 0, part: null },
+  ],
   two: second >= 0 && window.innerWidth >= WIDE,
   choice: CHOICES[0],
 };
@@ -21,7 +24,8 @@ function clamp(each) {
 
 // Another run or level in a panel. The right one goes along with the left one while their levels are the same.
 function choose(place, change) {
-  const [left, right] = state.panels, together = place === 0 && left.level === right.level;
+  const [left, right] = state.panels,
+    together = place === 0 && left.level === right.level;
   Object.assign(state.panels[place], { part: null }, change);
   if (together) Object.assign(right, { level: left.level, part: null });
   showLevels();
@@ -29,13 +33,18 @@ function choose(place, change) {
 
 // Both panels mark what holds the cell.
 function pointAt(place, cell) {
-  const parts = shownPanels().map((each) => (cell === OUTSIDE ? null : levelOf(each)?.labels[cell] ?? null));
+  const parts = shownPanels().map((each) =>
+    cell === OUTSIDE ? null : (levelOf(each)?.labels[cell] ?? null),
+  );
   mark(parts);
 }
 
 function mark(parts) {
   const before = state.panels.map(({ part }) => part);
-  state.panels.forEach((each, place) => { each.part = parts[place] ?? null; clamp(each); });
+  state.panels.forEach((each, place) => {
+    each.part = parts[place] ?? null;
+    clamp(each);
+  });
   if (state.panels.some(({ part }, place) => part !== before[place])) showPart();
 }
 
@@ -56,12 +65,15 @@ function showLevels() {
 }
 
 function nameLevel(panel, each) {
-  const run = runOf(each), level = levelOf(each);
+  const run = runOf(each),
+    level = levelOf(each);
   panel.now = level;
   panel.run.value = String(each.run);
   panel.level.max = run.levels.length - 1;
   panel.level.value = each.level;
-  const name = level ? `${each.level}: ${level.target}, ${shown(level.parts)} agglomerates` : `the mesh: ${shown(REPORT.cells)} cells`;
+  const name = level
+    ? `${each.level}: ${level.target}, ${shown(level.parts)} agglomerates`
+    : `the mesh: ${shown(REPORT.cells)} cells`;
   panel.name.textContent = name;
   panel.level.setAttribute("aria-valuetext", name);
   panel.canvas.setAttribute("aria-label", `${run.name}, level ${name}`);
@@ -70,31 +82,56 @@ function nameLevel(panel, each) {
 let limits = null; // of the colour scale
 
 function drawAll(settled = true) {
-  shownPanels().forEach((each, place) => drawPanel(panels[place], {
-    part: each.part,
-    tints: () => tintsOf(state.choice, levelOf(each), limits),
-    key: [each.run, each.level, state.choice.key, limits.low, limits.high, isDark(), $("side").value].join(),
-    withCells: $("cells").checked,
-    drawn: showHint,
-  }, settled));
+  shownPanels().forEach((each, place) =>
+    drawPanel(
+      panels[place],
+      {
+        part: each.part,
+        tints: () => tintsOf(state.choice, levelOf(each), limits),
+        key: [
+          each.run,
+          each.level,
+          state.choice.key,
+          limits.low,
+          limits.high,
+          isDark(),
+          $("side").value,
+        ].join(),
+        withCells: $("cells").checked,
+        drawn: showHint,
+      },
+      settled,
+    ),
+  );
 }
 
 function showPart() {
   drawAll();
-  const [left] = state.panels, place = Math.max(left.level, 0);
-  $("boxes-hint").textContent = `Level ${place}. Boxes span the quartiles, the bar is the median, the dot the mean; ` +
+  const [left] = state.panels,
+    place = Math.max(left.level, 0);
+  $("boxes-hint").textContent =
+    `Level ${place}. Boxes span the quartiles, the bar is the median, the dot the mean; ` +
     "whiskers reach at most 1.5 boxes further. The red line is the agglomerate shown above.";
-  boxTable($("boxes"), place, new Map(shownPanels().map((each) => [each.run, each.level === place ? each.part : null])));
+  boxTable(
+    $("boxes"),
+    place,
+    new Map(shownPanels().map((each) => [each.run, each.level === place ? each.part : null])),
+  );
   if (document.activeElement !== $("pick")) $("pick").value = left.part ?? "";
   showFacts();
-  for (const row of $("parts").tBodies[0]?.rows ?? []) row.classList.toggle("chosen", Number(row.dataset.part) === left.part);
+  for (const row of $("parts").tBodies[0]?.rows ?? [])
+    row.classList.toggle("chosen", Number(row.dataset.part) === left.part);
   remember();
 }
 
 function showHint() {
-  const [left] = state.panels, level = levelOf(left), hidden = level && left.part !== null && !scene.sees(level, left.part);
-  $("hint").textContent = hidden ? "It cannot be seen from here: choose another view."
-    : panels[0].missing || (level ? "Point at the mesh, or type a number." : "Move the slider to a coarse level.");
+  const [left] = state.panels,
+    level = levelOf(left),
+    hidden = level && left.part !== null && !scene.sees(level, left.part);
+  $("hint").textContent = hidden
+    ? "It cannot be seen from here: choose another view."
+    : panels[0].missing ||
+      (level ? "Point at the mesh, or type a number." : "Move the slider to a coarse level.");
 }
 
 // Called by whoever moves the sight; many a frame are one.
@@ -110,8 +147,14 @@ const panels = state.panels.map((_, place) => makePanel(place, { chosen: choose,
 
 function startControls() {
   CHOICES.forEach(({ key, name }) => $("colour").append(element("option", { value: key }, name)));
-  $("colour").addEventListener("change", () => { state.choice = CHOICES.find(({ key }) => key === $("colour").value); showLevels(); });
-  $("two").addEventListener("change", () => { state.two = $("two").checked; showLevels(); });
+  $("colour").addEventListener("change", () => {
+    state.choice = CHOICES.find(({ key }) => key === $("colour").value);
+    showLevels();
+  });
+  $("two").addEventListener("change", () => {
+    state.two = $("two").checked;
+    showLevels();
+  });
   $("cells").addEventListener("change", showPart);
   $("pick").addEventListener("input", () => mark([$("pick").value === "" ? null : Number($("pick").value)]));
   $("zoom-in").addEventListener("click", () => zoomAt(panels[0], STEP));
@@ -134,7 +177,10 @@ function start() {
   showLevels();
   startTheme(() => drawAll());
   new ResizeObserver(() => drawAll()).observe($("panels"));
-  window.addEventListener("hashchange", () => { recall(); showLevels(); });
+  window.addEventListener("hashchange", () => {
+    recall();
+    showLevels();
+  });
 }
 
 start();

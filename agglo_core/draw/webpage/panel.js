@@ -1,12 +1,22 @@
 // A panel: one level of one run on a canvas. Several panels see the same part of the scene.
-const SLOW = 60, REST = 150; // ms of a picture that is only moved while the sight moves; of rest until it is made anew
+const SLOW = 60,
+  REST = 150; // ms of a picture that is only moved while the sight moves; of rest until it is made anew
 
 function makePanel(place, heard) {
   const root = $("panel").content.firstElementChild.cloneNode(true);
   const find = (name) => root.querySelector(`.${name}`);
   const panel = {
-    root, canvas: find("map"), run: find("run"), level: find("level"), name: find("level-name"), now: null,
-    base: document.createElement("canvas"), made: null, cost: 0, rest: 0, missing: "",
+    root,
+    canvas: find("map"),
+    run: find("run"),
+    level: find("level"),
+    name: find("level-name"),
+    now: null,
+    base: document.createElement("canvas"),
+    made: null,
+    cost: 0,
+    rest: 0,
+    missing: "",
   };
   REPORT.runs.forEach((run, index) => {
     if (run.levels.length) panel.run.append(element("option", { value: index }, run.name));
@@ -20,7 +30,8 @@ function makePanel(place, heard) {
 
 // Height of the canvas by its width: the whole scene fits, and the canvas into the window.
 function fitCanvas({ canvas, now }) {
-  const { width, height } = scene.box(now), room = canvas.clientWidth - 2 * MARGIN;
+  const { width, height } = scene.box(now),
+    room = canvas.clientWidth - 2 * MARGIN;
   const most = 0.8 * Math.max(window.innerHeight, 400);
   canvas.style.height = `${Math.round(Math.min(Math.max((room * height) / width + 2 * MARGIN, 120), most))}px`;
   const dots = window.devicePixelRatio || 1;
@@ -38,7 +49,9 @@ function sized(canvas, size) {
 // ``content`` is {part, tints, key, withCells, drawn}: the agglomerate that is marked, a function that gives the
 // colours of cells, what tells whether these, or the level, are others than before, and who is told at the end.
 function drawPanel(panel, content, settled = true) {
-  const size = fitCanvas(panel), view = viewOf(panel), level = panel.now;
+  const size = fitCanvas(panel),
+    view = viewOf(panel),
+    level = panel.now;
   const key = [size.width, size.height, view.scale, view.x, view.y, content.key, content.withCells].join();
   if (panel.made?.key !== key && !settled && panel.cost > SLOW && panel.made) {
     panel.canvas.setAttribute("aria-busy", "true");
@@ -62,8 +75,16 @@ function drawPanel(panel, content, settled = true) {
 
 // The last picture where the sight is now.
 function moved(panel, size, view) {
-  const before = panel.made.view, grown = view.scale / before.scale, { width, height } = panel.base;
+  const before = panel.made.view,
+    grown = view.scale / before.scale,
+    { width, height } = panel.base;
   const left = width / 2 + (before.x - view.x) * view.scale * view.dots - (grown * width) / 2;
   const downwards = (scene.upwards ? -1 : 1) * (before.y - view.y) * view.scale * view.dots;
-  sized(panel.canvas, size).drawImage(panel.base, left, height / 2 + downwards - (grown * height) / 2, grown * width, grown * height);
+  sized(panel.canvas, size).drawImage(
+    panel.base,
+    left,
+    height / 2 + downwards - (grown * height) / 2,
+    grown * width,
+    grown * height,
+  );
 }

@@ -1,5 +1,6 @@
 // A table whose heads sort its rows. A column is {name, value(row), show(value), cell(row)}; cell may give a
-// whole element instead. Missing values stay at the end either way. ``finish`` gets each line, ``filled`` is told of all.
+// whole element instead. Missing values stay at the end either way. ``finish`` gets each line, ``filled`` is
+// told of all.
 function sortable(table, columns, rows, finish = () => {}, filled = () => {}) {
   const order = { column: null, down: false };
   const compare = (column) => (one, other) => {
@@ -13,7 +14,11 @@ function sortable(table, columns, rows, finish = () => {}, filled = () => {}) {
     const sorted = order.column ? [...rows].sort(compare(order.column)) : rows;
     const body = element("tbody");
     for (const row of sorted) {
-      const line = element("tr", {}, ...columns.map((column) => column.cell?.(row) ?? element("td", {}, column.show(column.value(row)))));
+      const line = element(
+        "tr",
+        {},
+        ...columns.map((column) => column.cell?.(row) ?? element("td", {}, column.show(column.value(row)))),
+      );
       finish(line, row);
       body.append(line);
     }
@@ -25,10 +30,19 @@ function sortable(table, columns, rows, finish = () => {}, filled = () => {}) {
     const sort = () => {
       order.down = order.column === column ? !order.down : false;
       order.column = column;
-      heads.forEach((head, i) => head.setAttribute("aria-sort", columns[i] !== column ? "none" : order.down ? "descending" : "ascending"));
+      heads.forEach((head, i) =>
+        head.setAttribute(
+          "aria-sort",
+          columns[i] !== column ? "none" : order.down ? "descending" : "ascending",
+        ),
+      );
       fill();
     };
-    return element("th", { scope: "col", "aria-sort": "none" }, element("button", { type: "button", click: sort }, column.name));
+    return element(
+      "th",
+      { scope: "col", "aria-sort": "none" },
+      element("button", { type: "button", click: sort }, column.name),
+    );
   });
   table.replaceChildren(element("thead", {}, element("tr", {}, ...heads)));
   fill();

@@ -6,8 +6,13 @@ const isDark = () => (document.documentElement.dataset.theme ?? (DARK.matches ? 
 const toneOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 function startTheme(changed) {
-  const name = () => { $("theme").textContent = isDark() ? "Light" : "Dark"; };
-  const tell = () => { name(); changed(); };
+  const name = () => {
+    $("theme").textContent = isDark() ? "Light" : "Dark";
+  };
+  const tell = () => {
+    name();
+    changed();
+  };
   $("theme").hidden = false;
   $("theme").addEventListener("click", () => {
     document.documentElement.dataset.theme = isDark() ? "light" : "dark";
