@@ -257,7 +257,7 @@ class DistributedMesh(CellValues):
         >>> from agglo_core import samples
         >>> whole = DistributedMesh.scatter(samples.squares(4))
         >>> whole.coarsen([0, 0, 1, 1] * 4, [0, 2]).local
-        Mesh('squares 4x4', 2-D, 2 cells, 20 faces, 20 points)
+        Mesh('squares 4x4', 2-D, 2 cells, 20 faces, 19 points)
         """
         ends, own = np.asarray(bounds), self.checked(labels)
         check_bounds(own, ends, self.global_ids[self.own], self.ranks)

@@ -21,6 +21,7 @@ MODULES = (
     "agglo_core.graph",
     "agglo_core.graph.functionals",
     "agglo_core.hierarchy",
+    "agglo_core.distributed",
     "agglo_core.agglomeration",
     "agglo_core.io",
     "agglo_core.interchange",
