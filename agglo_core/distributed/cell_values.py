@@ -62,6 +62,7 @@ class CellValues:
         Examples
         --------
         >>> from agglo_core import samples
+        >>> from agglo_core.distributed import DistributedMesh
         >>> whole = DistributedMesh.scatter(samples.squares(2))
         >>> whole.exchange([5, 6, 7, 8]).tolist()
         [5, 6, 7, 8]
@@ -90,6 +91,7 @@ class CellValues:
         Examples
         --------
         >>> from agglo_core import samples
+        >>> from agglo_core.distributed import DistributedMesh
         >>> DistributedMesh.scatter(samples.squares(2)).gather([5, 6, 7, 8]).tolist()
         [5, 6, 7, 8]
         """

@@ -17,12 +17,11 @@ from agglo_core.distributed.halo import LocalMesh, common_origin, ghosts, local_
 from agglo_core.distributed.local_cells import FaceTags, across_ranks
 from agglo_core.distributed.mesh_laws import check_laws
 from agglo_core.distributed.moving import check_bounds, check_destinations, moved
-from agglo_core.distributed.shared_points import numbered_by_place
 from agglo_core.distributed.sharing import scattered
 from agglo_core.distributed.whole_cells import WholeCells, joined
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_points
+from agglo_core.mesh.checks import whole_numbers
 
 __all__ = ["DistributedMesh"]
 
@@ -160,7 +159,9 @@ class DistributedMesh(CellValues):
         (5, [2, 4, 7, 9])
         """
         ranks = ranks or Ranks()
-        given = given_cells(points, cells, point_ids, cell_ids, cell_tags, name, ranks)
+        with ranks.together():
+            ids = whole_numbers(point_ids, "point_ids")
+        given = given_cells(points, cells, ids, cell_ids, cell_tags, name, ranks)
         return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod
@@ -184,18 +185,8 @@ class DistributedMesh(CellValues):
         4
         """
         ranks = ranks or Ranks()
-        with ranks.together():
-            where = check_points(points) if len(cells) else np.empty((0, 0))
-        return cls.from_local(
-            ranks,
-            where,
-            cells,
-            numbered_by_place(where, ranks),
-            cell_ids=cell_ids,
-            cell_tags=cell_tags,
-            face_tags=face_tags,
-            name=name,
-        )
+        given = given_cells(points, cells, None, cell_ids, cell_tags, name, ranks)
+        return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod
     def _with_ghosts(cls, ranks: Ranks, own: WholeCells, name: str) -> DistributedMesh:
@@ -252,7 +243,7 @@ class DistributedMesh(CellValues):
         >>> from agglo_core import samples
         >>> whole = DistributedMesh.scatter(samples.squares(4))
         >>> whole.coarsen([0, 0, 1, 1] * 4, [0, 2]).local
-        Mesh('squares 4x4', 2-D, 2 cells, 20 faces, 20 points)
+        Mesh('squares 4x4', 2-D, 2 cells, 20 faces, 19 points)
         """
         ends, own = np.asarray(bounds), self.checked(labels)
         check_bounds(own, ends, self.global_ids[self.own], self.ranks)
