@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import Int, frozen, frozen_int
 from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.whole_cells import distinct
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 
@@ -42,8 +43,8 @@ class CellValues:
         face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
         to, cell = sides[face, 1 - side], self.local.face_cells[face, side]
         return {
-            int(rank): frozen_int(np.searchsorted(self.own, np.unique(cell[to == rank])))
-            for rank in np.unique(to)
+            int(rank): frozen_int(np.searchsorted(self.own, distinct(cell[to == rank])))
+            for rank in distinct(to)
         }
 
     def exchange(self, values: ArrayLike) -> NDArray[Any]:

@@ -251,9 +251,9 @@ class DistributedMesh(CellValues):
         coarse = self._moved(number, frozen_int(np.searchsorted(ends, number, side="right") - 1))
         with self.ranks.together():
             first, last = ends[self.ranks.rank : self.ranks.rank + 2]
-            missing = np.setdiff1d(np.arange(first, last), coarse.global_ids[coarse.own])
-            if len(missing):
-                raise MeshError(f"labels leave gaps: no cell is labelled {missing[0]} (of 0..{ends[-1] - 1})")
+            if last - first > len(coarse.own):
+                missing = np.setdiff1d(np.arange(first, last), coarse.global_ids[coarse.own])[0]
+                raise MeshError(f"labels leave gaps: no cell is labelled {missing} (of 0..{ends[-1] - 1})")
         return coarse
 
     def redistributed(self, rank_of_own_cell: ArrayLike) -> DistributedMesh:
