@@ -18,7 +18,7 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["alone", "check_bounds", "constrained", "naming"]
+__all__ = ["alone", "check_bounds", "constrained", "forbidden_by", "naming"]
 
 
 def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Graph:
@@ -34,7 +34,7 @@ def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Gr
         return there
     forbidden = np.zeros(len(graph.indices), bool)
     for member in asked:
-        forbidden |= _forbidden(member, graph)
+        forbidden |= forbidden_by(member, graph)
     return there.without_edges(forbidden)
 
 
@@ -74,7 +74,7 @@ def naming(constraints: Sequence[Member]) -> Iterator[None]:
         ) from None
 
 
-def _forbidden(member: Member, graph: Graph) -> Mask:
+def forbidden_by(member: Member, graph: Graph) -> Mask:
     """Forbidden CSR entries ``(m,)``, both directions of each edge."""
     with attributed(member.title):
         given = np.asarray(member.tool.forbidden(graph))

@@ -7,7 +7,7 @@ parts it is to become. Pieces are given as lists of cells: ``order``, cut by ``o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Integral, Real
@@ -130,8 +130,8 @@ def check_targets(targets: Mapping[str, Any]) -> None:
 
 
 def resolve_goals(
-    graph: Graph,
-    h0: float | None,
+    n_cells: int,
+    h0: Callable[[], float],
     *,
     h_star: Numbers | None = None,
     h_factor: Numbers | None = None,
@@ -141,8 +141,8 @@ def resolve_goals(
 ) -> tuple[Goal, ...]:
     """Goals from exactly one of the four kinds of target, finest first; ``h_factor=(2, 4, 8)`` if none.
 
-    ``h_factor`` is in units of ``h0``, the mesh size. ``cells_per_part=c`` means round(n / c) parts, of those
-    cells that are not to stay ``alone``.
+    ``h_factor`` is in units of ``h0()``, the mesh size. ``cells_per_part=c`` means round(n / c) parts,
+    of those cells that are not to stay ``alone``.
 
     Raises
     ------
@@ -161,9 +161,9 @@ def resolve_goals(
     name, value = next(given, ("h_factor", (2.0, 4.0, 8.0)))
     values = _positive(name, value)
     if name in ("n_parts", "cells_per_part"):
-        counts = [_count(name, value, graph.n, alone) for value in values]
+        counts = [_count(name, value, n_cells, alone) for value in values]
         return tuple(sorted(counts, key=lambda goal: -goal.parts))
-    sizes = _sizes(values) if name == "h_star" else _multiples(values, graph, h0)
+    sizes = _sizes(values) if name == "h_star" else _multiples(values, h0())
     return tuple(sorted(sizes, key=lambda goal: goal.h_star))
 
 
@@ -178,8 +178,7 @@ def _sizes(values: Sequence[float]) -> list[SizeGoal]:
     return [SizeGoal(value, {"h_star": value}) for value in values]
 
 
-def _multiples(values: Sequence[float], graph: Graph, h0: float | None) -> list[SizeGoal]:
-    size = float(graph.part_diameters(np.arange(graph.n)).max()) if h0 is None else h0
+def _multiples(values: Sequence[float], size: float) -> list[SizeGoal]:
     if not size > 0:
         raise OptionError("the cells have no extent, so h_factor means nothing: give h_star or n_parts")
     return [SizeGoal(value * size, {"h_star": value * size, "h_factor": value}) for value in values]

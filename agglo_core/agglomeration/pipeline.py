@@ -9,6 +9,8 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from agglo_core.agglomeration.choices import POLISH, Choice, new_run, short_name
 from agglo_core.agglomeration.constraints import alone, check_bounds, constrained, naming
 from agglo_core.agglomeration.enforcing import part_rules
@@ -200,11 +202,14 @@ class Pipeline(Rules):
         )
 
     def _goals(self, mesh: Mesh | Graph, graph: Graph, allowed: Graph) -> tuple[Goal, ...]:
-        given = (self.h_star, self.n_parts, self.cells_per_part, self.metric)
-        in_mesh_sizes = all(each is None for each in given)
+        def mesh_size() -> float:
+            if isinstance(mesh, Mesh) and self.metric is None:
+                return mesh.h
+            return float(graph.part_diameters(np.arange(graph.n)).max())
+
         return resolve_goals(
-            graph,
-            mesh.h if in_mesh_sizes and isinstance(mesh, Mesh) else None,
+            graph.n,
+            mesh_size,
             h_star=self.h_star,
             h_factor=self.h_factor,
             n_parts=self.n_parts,

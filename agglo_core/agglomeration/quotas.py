@@ -27,18 +27,19 @@ def share_out(k: int, measures: Float, offsets: Int) -> Int:
     return apportion(k, frozen_float(np.bincount(pieces, measures)), frozen_int(sizes))
 
 
-def apportion(k: int, measures: Float, cells: Int) -> Int:
-    """Divide k parts among pieces by measure: at least 1 each, at most their cells, exactly k in all.
+def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
+    """Divide k parts among pieces by measure: at least ``least`` each, at most their cells, exactly k in all.
 
     If no piece has a measure, they are divided by number of cells.
 
     Raises
     ------
     OptionError
-        If there are more pieces than parts, or fewer cells.
+        If the pieces need more parts, or have fewer cells.
     """
-    if k < len(measures):
-        raise TooFewPartsError(k, len(measures))
+    fewest = int(np.broadcast_to(least, cells.shape).sum())
+    if k < fewest:
+        raise TooFewPartsError(k, fewest)
     if k > cells.sum():
         raise OptionError(f"too many parts, {k}: there are {int(cells.sum())} cells")
     if len(measures) == 1:
@@ -48,9 +49,9 @@ def apportion(k: int, measures: Float, cells: Int) -> Int:
     low, high = -float(k), float(k)
     for _ in range(80):  # the quotas nearest to ideal + shift add up to more as the shift rises
         shift = 0.5 * (low + high)
-        fits = np.clip(np.floor(ideal + shift + 0.5), 1, cells).sum() <= k
+        fits = np.clip(np.floor(ideal + shift + 0.5), least, cells).sum() <= k
         low, high = (shift, high) if fits else (low, shift)
-    quotas = np.clip(np.floor(ideal + low + 0.5), 1, cells).astype(np.int64)
+    quotas = np.clip(np.floor(ideal + low + 0.5), least, cells).astype(np.int64)
     want = np.where(quotas < cells, ideal - quotas, -np.inf)
     quotas[np.argsort(-want, kind="stable")[: k - int(quotas.sum())]] += 1
     return frozen_int(quotas)

@@ -100,8 +100,16 @@ class Rules:
             found.append(_on_mesh(chosen("constraint", each, registry)[0], mesh))
         return found
 
-    def balanced(self, graph: Graph, *, counts: bool) -> Graph:
+    def balanced(
+        self,
+        graph: Graph,
+        *,
+        counts: bool,
+        total: Callable[[Float], float] = lambda values: float(values.sum()),
+    ) -> Graph:
         """The graph with the masses by which counts are shared out; sizes share out nothing.
+
+        ``total`` adds up values of all cells, also of those that lie elsewhere.
 
         Raises
         ------
@@ -116,8 +124,8 @@ class Rules:
         if self.balance == "measure":
             return graph
         mass = self.mass(graph)
-        total = float(graph.measures.sum())
-        share = graph.measures * (_TIE * mass.sum() / total) if total > 0 else 0.0
+        whole, heavy = total(graph.measures), total(mass)
+        share = graph.measures * (_TIE * heavy / whole) if whole > 0 else 0.0
         return graph.with_mass(mass + share)
 
     def mass(self, graph: Graph) -> Float:

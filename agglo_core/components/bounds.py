@@ -42,7 +42,8 @@ class Bounds:
     ) -> None:
         self.max_cells, self.min_cells = max_cells, min_cells
         self.max_measure, self.min_measure = max_measure, min_measure
-        for name, value in vars(self).items():
+        self._cells: Int | None = None
+        for name, value in self._given.items():
             number = isinstance(value, Real) and not isinstance(value, bool)
             if value is not None and not (number and 0 < value < np.inf):
                 raise OptionError(f"{name} must be positive and finite, given {value!r}")
@@ -51,20 +52,30 @@ class Bounds:
             if least is not None and most is not None and least > most:
                 raise OptionError(f"min_{what}, {least}, is more than max_{what}, {most}")
 
+    @property
+    def _given(self) -> dict[str, float | None]:
+        return {name: value for name, value in vars(self).items() if name != "_cells"}
+
+    def counting(self, cells: Int) -> Bounds:
+        """The same bounds on agglomerates: node i of a graph holds ``cells[i]`` cells."""
+        made = Bounds(self.max_cells, self.min_cells, self.max_measure, self.min_measure)
+        made._cells = cells
+        return made
+
     def admissible(self, graph: Graph, labels: Int) -> Mask:
         """Which parts ``(k,)`` are not too large; single cells never are."""
-        cells, measures = _sizes(graph, labels)
+        cells, measures = self._sizes(graph, labels)
         good = np.ones(len(cells), bool)
         if self.max_cells is not None:
             good &= cells <= self.max_cells
         if self.max_measure is not None:
             good &= measures <= self.max_measure * (1 + _ROUNDING)
-        allowed: Mask = good | (cells == 1)
+        allowed: Mask = good | (np.bincount(labels) == 1)
         return allowed
 
     def incomplete(self, graph: Graph, labels: Int) -> Mask:
         """Which parts ``(k,)`` are too small."""
-        cells, measures = _sizes(graph, labels)
+        cells, measures = self._sizes(graph, labels)
         small = np.zeros(len(cells), bool)
         if self.min_cells is not None:
             small |= cells < self.min_cells
@@ -76,10 +87,12 @@ class Bounds:
         """Least number of parts that can be had of cells that are connected as ``components (n,)`` say."""
         least = np.ones(int(components.max()) + 1)
         if self.max_cells is not None:
-            least = np.maximum(least, np.ceil(np.bincount(components) / self.max_cells))
+            cells = np.bincount(components, self._cells)
+            least = np.maximum(least, np.ceil(cells / self.max_cells))
         if self.max_measure is not None:
-            cells = np.minimum(graph.measures, self.max_measure)  # wider cells stay alone
-            least = np.maximum(least, np.ceil(np.bincount(components, cells) / self.max_measure - _ROUNDING))
+            measures = np.minimum(graph.measures, self.max_measure)  # wider cells stay alone
+            needed = np.bincount(components, measures) / self.max_measure
+            least = np.maximum(least, np.ceil(needed - _ROUNDING))
         return int(least.sum())
 
     def evened(self, graph: Graph, labels: Int, block: Int, through: Int, whole: Graph) -> Int:
@@ -89,13 +102,20 @@ class Bounds:
         cannot be mended so is left.
         """
         for weights, least, most in (
-            (None, self.min_cells, self.max_cells),
+            (self._cells, self.min_cells, self.max_cells),
             (whole.measures, self.min_measure, self.max_measure),
         ):
             sizes = frozen_float(np.bincount(through, weights, graph.n))
             if least is not None or most is not None:
                 labels = _evened(graph, labels, block, sizes, least or 0.0, most or np.inf)
         return labels
+
+    def _sizes(self, graph: Graph, labels: Int) -> tuple[Int, Float]:
+        """Cells and measure of each part."""
+        return (
+            frozen_int(np.bincount(labels, self._cells)),
+            frozen_float(np.bincount(labels, graph.measures)),
+        )
 
 
 def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, most: float) -> Int:
@@ -112,7 +132,3 @@ def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, m
     where = graph.indptr, graph.indices, graph.centroids
     room = frozen_float(np.where(usable, room, np.inf))
     return frozen_int(even_out(*where, sizes, labels, block, mean, room))
-
-
-def _sizes(graph: Graph, labels: Int) -> tuple[Int, Float]:
-    return frozen_int(np.bincount(labels)), frozen_float(np.bincount(labels, graph.measures))

@@ -1,8 +1,19 @@
-"""Meshes, graphs and hierarchies whose cells lie on several processes (ranks) of MPI."""
+"""Meshes and hierarchies whose cells lie on several processes (ranks) of MPI."""
 
 from __future__ import annotations
 
+from agglo_core.distributed.agglomerating import agglomerate
 from agglo_core.distributed.communication import RankError, Ranks, Traffic
+from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.distributed.writing import write
 
-__all__ = ["DistributedMesh", "RankError", "Ranks", "Traffic"]
+__all__ = [
+    "DistributedHierarchy",
+    "DistributedMesh",
+    "RankError",
+    "Ranks",
+    "Traffic",
+    "agglomerate",
+    "write",
+]

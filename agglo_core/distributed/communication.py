@@ -11,9 +11,10 @@ import pickle
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agglo_core.errors import AggloError, OptionError
 
@@ -94,6 +95,16 @@ class Ranks:
     def largest(self, value: float) -> float:
         """Largest number that a rank gave."""
         return max(self.gathered(value))
+
+    def reduced(self, values: NDArray[Any], how: Literal["sum", "min", "max"]) -> NDArray[Any]:
+        """Arrays of one shape from all ranks, put together item by item: the same on each of them.
+
+        Sums of integers do not depend on the ranks, those of reals in their last digits.
+        """
+        total = np.empty_like(values)
+        self._count(values, 1 if self.size > 1 else 0)
+        self.comm.Allreduce(np.ascontiguousarray(values), total, op=getattr(_mpi(), how.upper()))
+        return total
 
     def from_first(self, value: T) -> T:
         """What rank 0 gave, on every rank."""

@@ -12,8 +12,8 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from agglo_core.errors import FileError
@@ -33,6 +33,9 @@ def staging(path: Path) -> Iterator[Path]:
     at all. A symbolic link is followed, an existing file's permissions are kept. Folders that killed
     processes left for the same ``path`` are removed first.
 
+    Files in folders inside move to folders of these names. The others are taken for lists of them: old ones
+    are withdrawn before anything moves, so that none ever leads to files of two writings.
+
     Yields
     ------
     Path
@@ -47,14 +50,40 @@ def staging(path: Path) -> Iterator[Path]:
     """
     with _own_folder(path) as stage, ExitStack() as elsewhere:
         yield stage
-        moves = [(file, (path.parent / file.name).resolve()) for file in sorted(stage.iterdir())]
-        for _, target in moves:
-            check_replaceable(target)
-        ready = [(_beside(target, file, elsewhere), target) for file, target in moves]
-        for file, target in ready:
-            if target.exists():
-                shutil.copymode(target, file)
-            os.replace(file, target)
+        files = sorted(file for file in stage.rglob("*") if file.is_file())
+        inner = [file for file in files if file.parent != stage]
+        lists = [file for file in files if file.parent == stage]
+        with _folders(path.parent / file.parent.relative_to(stage) for file in inner):
+            moves = [(file, (path.parent / file.relative_to(stage)).resolve()) for file in inner + lists]
+            for _, target in moves:
+                check_replaceable(target)
+            ready = [(_beside(target, file, elsewhere), target) for file, target in moves]
+            for file, target in ready:
+                if target.exists():
+                    shutil.copymode(target, file)
+            for _, target in ready[len(inner) :] if inner else ():
+                target.unlink(missing_ok=True)
+            for file, target in ready:
+                os.replace(file, target)
+
+
+@contextmanager
+def _folders(folders: Iterable[Path]) -> Iterator[None]:
+    """These folders, made if they are not there; those that were made go if the block fails before."""
+    made = []
+    try:
+        for folder in dict.fromkeys(folders):
+            if not folder.exists():
+                folder.mkdir()
+                made.append(folder)
+            elif not folder.is_dir():
+                raise FileError(f"{folder}: exists and is not a folder")
+        yield
+    except BaseException:
+        for folder in made:
+            with suppress(OSError):  # not empty: files have moved there
+                folder.rmdir()
+        raise
 
 
 def check_replaceable(target: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,15 @@ from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["ListedFaces", "face_fields", "faces_with", "listed_faces", "tags_of_faces"]
+__all__ = [
+    "ListedFaces",
+    "face_fields",
+    "faces_with",
+    "joined_faces",
+    "listed_faces",
+    "tags_of_faces",
+    "usual_values",
+]
 
 _CELLS, _OFFSETS, _POINTS = "agglo_face_cells", "agglo_face_offsets", "agglo_face_points"
 _TAG = "agglo_face_tag "
@@ -28,7 +36,12 @@ class ListedFaces(NamedTuple):
     tags: Mapping[str, Int]  # name -> (k + 1,) the value of all other faces, then that of each
 
 
-def face_fields(mesh: Mesh, number: Int | None) -> dict[str, Int]:
+def face_fields(
+    mesh: Mesh,
+    number: Int | None,
+    cells: Int | None = None,
+    usual: Mapping[str, int] | None = None,
+) -> dict[str, Int]:
     """Arrays that hold the face tags of a mesh; none if it has no tags.
 
     Parameters
@@ -36,24 +49,34 @@ def face_fields(mesh: Mesh, number: Int | None) -> dict[str, Int]:
     mesh : Mesh
     number : (n_points,) int or None
         The number of each point in the file, where it differs.
+    cells : (k,) int, optional
+        The cells that the file holds, in its order, if not all; faces beside none of them are not listed.
+    usual : mapping of str to int, optional
+        The value of all faces that are not listed, by tag; by default the most common one.
     """
     if not mesh.face_tags:
         return {}
-    usual = {name: int(_most_common(values)) for name, values in mesh.face_tags.items()}
+    usual = usual_values(mesh) if usual is None else usual
+    beside = _smaller_cell(mesh) if cells is None else _smaller_among(mesh, cells)
     chosen = np.zeros(mesh.n_faces, bool)
     for name, values in mesh.face_tags.items():
         chosen |= values != usual[name]
-    faces = frozen_int(np.flatnonzero(chosen))
+    faces = frozen_int(np.flatnonzero(chosen & (beside >= 0)))
     offsets, places = gather(mesh.face_offsets, faces)
     vertices = mesh.face_vertices[places]
     found = {
-        _CELLS: frozen_int(_smaller_cell(mesh)[faces]),
+        _CELLS: frozen_int(beside[faces]),
         _OFFSETS: offsets,
         _POINTS: vertices if number is None else frozen_int(number[vertices]),
     }
     for name, values in mesh.face_tags.items():
         found[f"{_TAG}{name}"] = frozen_int(np.concatenate(([usual[name]], values[faces])))
     return found
+
+
+def usual_values(mesh: Mesh) -> dict[str, int]:
+    """The most common value of each face tag."""
+    return {name: int(_most_common(values)) for name, values in mesh.face_tags.items()}
 
 
 def _most_common(values: Int) -> Any:
@@ -64,6 +87,14 @@ def _most_common(values: Int) -> Any:
 def _smaller_cell(mesh: Mesh) -> Int:
     owner, neighbour = mesh.face_cells.T
     return frozen_int(np.where(neighbour >= 0, np.minimum(owner, neighbour), owner))
+
+
+def _smaller_among(mesh: Mesh, cells: Int) -> Int:
+    """The smaller place among ``cells`` of the two cells beside each face, −1 where neither is one."""
+    place = np.full(mesh.n_cells + 1, len(cells))  # the last one is what lies outside
+    place[cells] = np.arange(len(cells))
+    smaller = place[mesh.face_cells].min(axis=1)
+    return frozen_int(np.where(smaller < len(cells), smaller, -1))
 
 
 def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int) -> ListedFaces | None:
@@ -93,6 +124,29 @@ def listed_faces(fields: Mapping[str, NDArray[Any]], n_points: int, n_cells: int
         if len(values) != len(cells) + 1:
             raise FileError(f"face tag {name!r} has {len(values)} values, expected {len(cells) + 1}")
     return ListedFaces(cells, offsets, vertices, tags)
+
+
+def joined_faces(listed: Sequence[ListedFaces | None], cells: Int, points: Int) -> ListedFaces | None:
+    """The faces that pieces list, whose cells and points begin with those numbers; None unless all agree.
+
+    They do if they list faces by the same tags, with the same value for all others.
+    """
+    given = [each for each in listed if each is not None]
+    alike = [{name: int(values[0]) for name, values in each.tags.items()} for each in given]
+    if len(given) < len(listed) or any(each != alike[0] for each in alike):
+        return None
+    sizes = np.concatenate([np.diff(each.offsets) for each in given])
+    return ListedFaces(
+        frozen_int(np.concatenate([each.cells + start for each, start in zip(given, cells, strict=True)])),
+        frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
+        frozen_int(
+            np.concatenate([each.vertices + start for each, start in zip(given, points, strict=True)])
+        ),
+        {
+            name: frozen_int(np.concatenate(([usual], *(each.tags[name][1:] for each in given))))
+            for name, usual in alike[0].items()
+        },
+    )
 
 
 def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, Int]:

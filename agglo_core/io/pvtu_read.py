@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path, PurePosixPath
 
@@ -11,7 +12,7 @@ from agglo_core.io.vtu_arrays import vtk_root
 from agglo_core.io.vtu_read import stored_pieces
 from agglo_core.mesh import Mesh
 
-__all__ = ["read_pvtu"]
+__all__ = ["read_pvtu", "sources_of", "stored_piece", "stored_together"]
 
 
 def read_pvtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
@@ -22,17 +23,24 @@ def read_pvtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
     """
-    files = [_stored(path.parent, source) for source in _sources(path.read_bytes())]
+    files = [stored_piece(path.parent, source) for source in sources_of(path.read_bytes())]
     if not files:
         raise FileError("there is no Piece in it")
-    stored = Stored(
+    return mesh_from_pieces(
+        stored_together(files), merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
+    )
+
+
+def stored_together(files: Sequence[Stored]) -> Stored:
+    """What several files hold."""
+    return Stored(
         list(chain.from_iterable(file.pieces for file in files)),
         list(chain.from_iterable(file.left_out for file in files)),
+        all(file.ours for file in files),
     )
-    return mesh_from_pieces(stored, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
 
 
-def _sources(content: bytes) -> list[str]:
+def sources_of(content: bytes) -> list[str]:
     """The files that are named, each once and none outside the folder of the list."""
     root = vtk_root(content, "PUnstructuredGrid")
     sources = []
@@ -49,7 +57,7 @@ def _sources(content: bytes) -> list[str]:
     return sources
 
 
-def _stored(folder: Path, source: str) -> Stored:
+def stored_piece(folder: Path, source: str) -> Stored:
     """The pieces of one VTU file, or FileError naming it."""
     try:
         content = (folder / source).read_bytes()

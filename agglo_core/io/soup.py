@@ -54,6 +54,8 @@ class Soup(NamedTuple):
     solids: Polyhedra
     tags: Mapping[str, Int]  # name -> (n,)
     listed: ListedFaces | None = None
+    point_ids: Int | None = None  # numbers in the mesh of which this is a piece
+    cell_ids: Int | None = None
 
 
 def mesh_from_soup(soup: Soup, *, merge_points: bool, allow_gaps: bool, weak: bool, name: str) -> Mesh:

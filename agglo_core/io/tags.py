@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,15 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["BRIDGES", "cell_data", "check_names", "is_level", "note_left_out", "tag_values"]
+__all__ = [
+    "BRIDGES",
+    "cell_data",
+    "check_names",
+    "is_level",
+    "note_left_out",
+    "tag_values",
+    "tags_and_levels",
+]
 
 BRIDGES = "agglo_loops"
 """Cell data of our own VTU files: boundary loops of each cell, where some have several."""
@@ -34,17 +42,22 @@ def is_level(name: str) -> bool:
 
 
 def cell_data(mesh: Mesh, hierarchy: Hierarchy | None) -> dict[str, Int]:
-    """Cell tags, and labels of every level as ``level_0``, …; those of an earlier hierarchy are dropped.
+    """Cell tags, and labels of every level: see :func:`tags_and_levels`."""
+    return tags_and_levels(mesh.cell_tags, hierarchy.levels if hierarchy is not None else None)
 
-    Only a hierarchy takes their place: without one, tags of these names are kept as they are.
+
+def tags_and_levels(tags: Mapping[str, Int], levels: Sequence[Int] | None) -> dict[str, Int]:
+    """Tags, and labels of every level as ``level_0``, …; those of an earlier hierarchy are dropped.
+
+    Only levels take their place: without any, tags of these names are kept as they are.
     """
-    if hierarchy is None:
-        return dict(mesh.cell_tags)
-    stale = [name for name in mesh.cell_tags if is_level(name)]
+    if levels is None:
+        return dict(tags)
+    stale = [name for name in tags if is_level(name)]
     if stale:
         _log.info("cell data of an earlier hierarchy left out: %s", ", ".join(stale))
-    tags = {name: values for name, values in mesh.cell_tags.items() if not is_level(name)}
-    return tags | {f"level_{i}": labels for i, labels in enumerate(hierarchy.levels)}
+    kept = {name: values for name, values in tags.items() if not is_level(name)}
+    return kept | {f"level_{i}": labels for i, labels in enumerate(levels)}
 
 
 def check_names(names: Iterable[str], what: str = "cell") -> None:

@@ -6,23 +6,18 @@ import logging
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from numpy.typing import NDArray
-
-from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.arrays import Float, Int
 from agglo_core.io.atomic import staging
+from agglo_core.io.grid_pieces import FaceArrays, piece_of
 from agglo_core.io.level_values import (
     LevelValues,
     about_agglomerates,
     check_level_values,
     under_free_names,
 )
-from agglo_core.io.listed_faces import face_fields
-from agglo_core.io.plain_cells import used_points
 from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
-from agglo_core.io.vtu_arrays import DERIVED
-from agglo_core.io.vtu_cells import POLYHEDRON, Cells, cells_of
 from agglo_core.io.vtu_document import Piece
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Tell, part
@@ -30,7 +25,7 @@ from agglo_core.progress import Tell, part
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["Storage", "numbered", "write_grids"]
+__all__ = ["Storage", "write_grids"]
 
 _log = logging.getLogger("agglo")
 
@@ -55,7 +50,7 @@ class Storage(NamedTuple):
     """
 
     write: WritePiece
-    faces: Callable[[Cells, Int | None], dict[str, NDArray[Any]]]
+    faces: FaceArrays
     ours: Callable[[Path], bool]
 
 
@@ -110,7 +105,8 @@ def write_grids(
     taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
         own = part(tell, 0, 1 + len(levels))
-        storage.write(folder / path.name, _piece(storage, mesh, tags, {}), compress=compress, tell=own)
+        piece = piece_of(mesh, storage.faces, tags, {})
+        storage.write(folder / path.name, piece, compress=compress, tell=own)
         for i, labels in enumerate(levels):
             own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
             piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], taken)
@@ -135,19 +131,6 @@ def _remove_stale(storage: Storage, path: Path, count: int) -> None:
             _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
 
 
-def _piece(
-    storage: Storage, mesh: Mesh, tags: Mapping[str, Int], derived: Mapping[str, NDArray[Any]]
-) -> Piece:
-    cells, data = cells_of(mesh), dict(tags)
-    if (cells.loops > 1).any():
-        data[BRIDGES] = cells.loops
-    points, number = used_points(mesh)
-    faces = storage.faces(cells, number) if (cells.types == POLYHEDRON).any() else {}
-    corners = {"connectivity": numbered(cells.vertices, number), "offsets": cells.offsets[1:]}
-    arrays: dict[str, NDArray[Any]] = {**corners, "types": cells.types, **faces}
-    return Piece(points, arrays, {}, data, derived, DERIVED, face_fields(mesh, number))
-
-
 def _coarse_piece(
     storage: Storage,
     coarse: Mesh,
@@ -158,9 +141,4 @@ def _coarse_piece(
 ) -> Piece:
     kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
     known = about_agglomerates(levels, level, coarse, values)
-    return _piece(storage, coarse, kept, under_free_names(known, taken))
-
-
-def numbered(vertices: Int, number: Int | None) -> Int:
-    """Points by their numbers in the file."""
-    return vertices if number is None else frozen_int(number[vertices])
+    return piece_of(coarse, storage.faces, kept, under_free_names(known, taken))

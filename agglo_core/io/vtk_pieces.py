@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.joined_pieces import in_global_order, joined, without_ghosts
 from agglo_core.io.soup import Soup, mesh_from_soup, with_repairs
 from agglo_core.io.tags import BRIDGES, note_left_out
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.elements import Polyhedra, concatenate, gather, take_cells
+from agglo_core.mesh.elements import Polyhedra, concatenate, gather
 
-__all__ = ["CellArrays", "Stored", "check_counts", "mesh_from_pieces", "soup_of_piece"]
+__all__ = [
+    "CellArrays",
+    "Stored",
+    "check_counts",
+    "mesh_from_pieces",
+    "mesh_of_soup",
+    "soup_of_piece",
+    "soup_of_pieces",
+]
 
 _VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
 _FEW = 1 << 15  # points below which nobody counts
-_GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
 
 
 class CellArrays(Protocol):
@@ -31,10 +40,20 @@ class CellArrays(Protocol):
 
 
 class Stored(NamedTuple):
-    """What a file holds: its pieces, and the names of cell data that are no tags, one for each piece."""
+    """What a file holds.
+
+    Attributes
+    ----------
+    pieces : list of Soup
+    left_out : list of str
+        Names of cell data that are no tags, one for each piece.
+    ours : bool
+        Whether agglo wrote it: then global ids are those of the mesh.
+    """
 
     pieces: list[Soup]
     left_out: list[str]
+    ours: bool = False
 
 
 def check_counts(n_points: int, n: int) -> None:
@@ -121,57 +140,26 @@ def _face_stream(stream: Int, stops: Int) -> Polyhedra:
     return Polyhedra(frozen_int(offsets), frozen_int(loop_offsets), frozen_int(stream[entries]))
 
 
-def _join(pieces: list[Soup]) -> Soup:
-    """All pieces as one; tags that some piece lacks are left out."""
-    if not pieces:
-        raise FileError("there is no Piece in it")
-    if len(pieces) == 1:
-        return pieces[0]
-    shift = np.cumsum([0, *(len(piece.points) for piece in pieces)])
-    ends = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
-    common = [key for key in pieces[0].tags if all(key in piece.tags for piece in pieces)]
-    moved = [
-        piece.solids._replace(vertices=frozen_int(piece.solids.vertices + start))
-        for piece, start in zip(pieces, shift[:-1], strict=True)
-    ]
-    return Soup(
-        frozen_float(np.concatenate([piece.points for piece in pieces])),
-        frozen_int(np.concatenate([piece.types for piece in pieces])),
-        frozen_int(
-            np.concatenate([[0], *(p.offsets[1:] + e for p, e in zip(pieces, ends[:-1], strict=True))])
-        ),
-        frozen_int(np.concatenate([p.vertices + s for p, s in zip(pieces, shift[:-1], strict=True)])),
-        concatenate(moved),
-        {key: frozen_int(np.concatenate([piece.tags[key] for piece in pieces])) for key in common},
-    )
-
-
-def _without_ghosts(soup: Soup) -> tuple[Soup, int]:
-    """Without the cells that other pieces repeat."""
-    tags = dict(soup.tags)
-    ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
-    if not ghost.any():
-        return soup._replace(tags=tags), 0
-    kept = np.flatnonzero(~ghost)
-    offsets, places = gather(soup.offsets, frozen_int(kept))
-    solid = np.flatnonzero(~ghost[soup.types == 42])
-    return Soup(
-        soup.points,
-        frozen_int(soup.types[kept]),
-        offsets,
-        frozen_int(soup.vertices[places]),
-        take_cells(soup.solids, frozen_int(solid)),
-        {key: frozen_int(values[kept]) for key, values in tags.items()},
-    ), int(ghost.sum())
-
-
 def mesh_from_pieces(stored: Stored, *, merge_points: bool, allow_gaps: bool, name: str) -> Mesh:
     """Mesh of pieces, joined without the ghost cells that repeat each other; raises an AggloError."""
-    pieces, counts = zip(*map(_without_ghosts, stored.pieces), strict=True) if stored.pieces else ((), ())
-    soup = _join([piece for piece in pieces if len(piece.types)] or list(pieces))
+    soup, ghosts = soup_of_pieces(stored.pieces)
+    soup, left_out = in_global_order(soup) if stored.ours else soup, stored.left_out
+    return mesh_of_soup(soup, ghosts, left_out, merge_points=merge_points, allow_gaps=allow_gaps, name=name)
+
+
+def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
+    """The cells of all pieces one after the other, and how many ghosts were left out; raises FileError."""
+    own = [without_ghosts(piece) for piece in pieces]
+    return joined([piece for piece, _ in own]), sum(count for _, count in own)
+
+
+def mesh_of_soup(
+    soup: Soup, ghosts: int, left_out: Iterable[str], *, merge_points: bool, allow_gaps: bool, name: str
+) -> Mesh:
+    """Mesh of joined cells; what was left out of it is told among its repairs. Raises an AggloError."""
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
     mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=weak, name=name)
-    mesh = with_repairs(mesh, {"ghost cells dropped": sum(counts)})
-    return note_left_out(mesh, stored.left_out)
+    mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
+    return note_left_out(mesh, left_out)

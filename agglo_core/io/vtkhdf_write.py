@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, fits_in_index, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.grid_pieces import numbered
 from agglo_core.io.level_values import LevelValues
-from agglo_core.io.vtk_grids import Storage, numbered, write_grids
+from agglo_core.io.vtk_grids import Storage, write_grids
 from agglo_core.io.vtkhdf_arrays import COUNTS, DERIVED, GROUP, NAMES, hdf5
 from agglo_core.io.vtu_cells import POLYHEDRON, Cells
 from agglo_core.io.vtu_document import Piece

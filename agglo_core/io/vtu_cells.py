@@ -18,10 +18,11 @@ from agglo_core.mesh.elements import (
     Polyhedra,
     gather,
     polyhedra_from_elements,
+    take_cells,
     turns_as_listed,
 )
 
-__all__ = ["POLYHEDRON", "Cells", "cells_of"]
+__all__ = ["POLYHEDRON", "Cells", "cells_of", "these_cells"]
 
 _TRIANGLE, _POLYGON, _QUAD = 5, 7, 9
 POLYHEDRON = 42
@@ -78,6 +79,19 @@ def cells_of(mesh: Mesh) -> Cells:
             types[cells] = element.number
             vertices[offsets[cells][:, None] + np.arange(CORNERS[kind])] = corners
     return Cells(types, offsets, frozen_int(vertices), solids, frozen_int(np.ones(mesh.n_cells)))
+
+
+def these_cells(cells: Cells, chosen: Int) -> Cells:
+    """Some of the cells, in the given order."""
+    offsets, places = gather(cells.offsets, chosen)
+    solid = len(cells.solids.cell_offsets) > 1
+    return Cells(
+        cells.types[chosen],
+        offsets,
+        frozen_int(cells.vertices[places]),
+        take_cells(cells.solids, chosen) if solid else cells.solids,
+        frozen_int(cells.loops[chosen]),
+    )
 
 
 def _plane(mesh: Mesh) -> Cells:

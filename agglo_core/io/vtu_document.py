@@ -7,7 +7,7 @@ since version 6.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import fits_in_index
+from agglo_core.io.vtu_arrays import DERIVED
 from agglo_core.progress import Tell, part, to_nobody
 
-__all__ = ["HEADS", "Piece", "write_document"]
+__all__ = ["HEADS", "IDS", "Piece", "StoredArray", "global_ids", "stored_arrays", "write_document"]
 
 _NAMES = {"i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
 _BLOCK = 1 << 20  # bytes written or compressed at once
@@ -30,6 +31,8 @@ HEADS = (f'{_START}agglo="mesh"'.encode(), f"{_START}{_ZLIB}>".encode())
 """How meshes written by agglo begin, those of now and those in base64 of before."""
 _END = b"\n</AppendedData>\n</VTKFile>\n"
 _FAR = 10**19  # no file is longer
+IDS = {"PointData": "GlobalPointIds", "CellData": "GlobalCellIds"}
+"""The names that VTK gives to numbers of points and cells that hold across files."""
 
 
 class Piece(NamedTuple):
@@ -49,6 +52,10 @@ class Piece(NamedTuple):
         Arrays that belong to no point or cell.
     kind : str
         Stands in the first line, so that a program knows what it has before it.
+    point_ids, cell_ids : (n,) int or None
+        Numbers of points and cells in the mesh of which this is a piece, as VTK's global ids.
+    wide : collection of str
+        Cell data stored in 64 bits also if they fit in 32, as other pieces store theirs.
     """
 
     points: NDArray[Any]
@@ -59,9 +66,12 @@ class Piece(NamedTuple):
     mark: str = ""
     field_data: Mapping[str, NDArray[Any]] = {}
     kind: str = "mesh"
+    point_ids: NDArray[Any] | None = None
+    cell_ids: NDArray[Any] | None = None
+    wide: Collection[str] = ()
 
 
-class _Array(NamedTuple):
+class StoredArray(NamedTuple):
     """One array and how it is stored."""
 
     section: str
@@ -71,11 +81,16 @@ class _Array(NamedTuple):
     components: int = 1
     mark: str = ""
 
-    def element(self, offset: int) -> str:
-        """The XML that says where its bytes are."""
+    @property
+    def attributes(self) -> str:
+        """Type, name and all that is to be known of it, but not where it is."""
         kind = f'type="{_NAMES[self.dtype.str[1:]]}" Name={quoteattr(self.name)}'
         width = f' NumberOfComponents="{self.components}"' if self.components > 1 else ""
-        return f'<DataArray {kind}{width}{self.mark} format="appended" offset="{offset}"/>'
+        return f"{kind}{width}{self.mark}"
+
+    def element(self, offset: int) -> str:
+        """The XML that says where its bytes are."""
+        return f'<DataArray {self.attributes} format="appended" offset="{offset}"/>'
 
     def blocks(self) -> Iterator[memoryview]:
         """Its bytes, some at a time."""
@@ -105,7 +120,7 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
     tell : callable
         Told before each array.
     """
-    arrays = list(_arrays(piece))
+    arrays = list(stored_arrays(piece))
     room = len(_xml(piece, arrays, [_FAR] * len(arrays), compress))
     with open(path, "wb") as stream:
         stream.write(bytes(room))
@@ -119,8 +134,9 @@ def write_document(path: Path, piece: Piece, *, compress: bool = False, tell: Te
         stream.write(_xml(piece, arrays, offsets, compress, room))
 
 
-def _arrays(piece: Piece) -> Iterator[_Array]:
-    yield _Array("Points", "Points", piece.points, np.dtype("<f8"), 3)
+def stored_arrays(piece: Piece) -> Iterator[StoredArray]:
+    """The arrays of a piece in the order in which they are stored."""
+    yield StoredArray("Points", "Points", piece.points, np.dtype("<f8"), 3)
     for section, data, mark in (
         ("Cells", piece.cells, ""),
         ("PointData", piece.point_data, ""),
@@ -130,7 +146,12 @@ def _arrays(piece: Piece) -> Iterator[_Array]:
     ):
         for name, values in data.items():
             tuples = f' NumberOfTuples="{len(values)}"' if section == "FieldData" else ""
-            yield _Array(section, name, values, _stored_type(values), mark=f"{tuples}{mark}")
+            wide = section == "CellData" and name in piece.wide
+            dtype = values.dtype.newbyteorder("<") if wide else _stored_type(values)
+            yield StoredArray(section, name, values, dtype, mark=f"{tuples}{mark}")
+    for (section, name), ids in zip(IDS.items(), (piece.point_ids, piece.cell_ids), strict=True):
+        if ids is not None:
+            yield StoredArray(section, name, ids, np.dtype("<i8"), mark=f' IdType="1" {DERIVED}')
 
 
 def _stored_type(values: NDArray[Any]) -> np.dtype[Any]:
@@ -139,13 +160,13 @@ def _stored_type(values: NDArray[Any]) -> np.dtype[Any]:
 
 
 def _xml(
-    piece: Piece, arrays: Sequence[_Array], offsets: Sequence[int], compress: bool, room: int = 0
+    piece: Piece, arrays: Sequence[StoredArray], offsets: Sequence[int], compress: bool, room: int = 0
 ) -> bytes:
     """All before the bytes of the arrays, filled up with spaces to ``room`` bytes."""
 
     def section(name: str) -> list[str]:
         own = [a.element(offset) for a, offset in zip(arrays, offsets, strict=True) if a.section == name]
-        return [f"<{name}>", *own, f"</{name}>"]
+        return [f"<{name}{global_ids(piece, name)}>", *own, f"</{name}>"]
 
     lines = [
         f'{_START}agglo="{piece.kind}"{f" {_ZLIB}" if compress else ""}>',
@@ -160,14 +181,20 @@ def _xml(
     return before.ljust(room - len(after)) + after
 
 
-def _store(stream: IO[bytes], array: _Array) -> None:
+def global_ids(piece: Piece, section: str) -> str:
+    """The attribute of a section that says which of its arrays are global ids, if any are."""
+    there = {"PointData": piece.point_ids, "CellData": piece.cell_ids}.get(section) is not None
+    return f' GlobalIds="{IDS[section]}"' if there else ""
+
+
+def _store(stream: IO[bytes], array: StoredArray) -> None:
     """The number of bytes, and the bytes."""
     stream.write((len(array.values) * array.row).to_bytes(8, "little"))
     for block in array.blocks():
         stream.write(block)
 
 
-def _deflate(stream: IO[bytes], array: _Array) -> None:
+def _deflate(stream: IO[bytes], array: StoredArray) -> None:
     """The number and sizes of blocks, and the blocks."""
     blocks = [zlib.compress(block, _LEVEL) for block in array.blocks()]
     whole = _BLOCK // array.row * array.row

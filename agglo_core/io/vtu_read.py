@@ -48,9 +48,10 @@ def stored_pieces(content: bytes) -> Stored:
     data = grid.iterfind("Piece/CellData/DataArray")
     left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
     pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
-    if len(pieces) == 1 and document.root.get("agglo") == "mesh":  # in files of others it may be out of date
+    ours = document.root.get("agglo") == "mesh"
+    if len(pieces) == 1 and ours:  # in files of others it may be out of date
         pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
-    return Stored(pieces, left)
+    return Stored(pieces, left, ours)
 
 
 def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
@@ -85,7 +86,22 @@ def _piece(document: Document, piece: ElementTree.Element) -> Soup:
     points = _points(document, piece, n_points)
     cells = {element.get("Name", ""): element for element in piece.iterfind("Cells/DataArray")}
     soup = soup_of_piece(_Arrays(document, cells), points, n)
-    return soup._replace(tags=_tags(document, piece, n) if n else {})
+    point_ids = _ids(document, piece.find("PointData"), n_points)
+    cell_ids = _ids(document, piece.find("CellData"), n)
+    return soup._replace(tags=_tags(document, piece, n) if n else {}, point_ids=point_ids, cell_ids=cell_ids)
+
+
+def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int | None:
+    """The n integers that a section declares to be its global ids, if it does."""
+    name = "" if section is None else section.get("GlobalIds", "")
+    for element in () if section is None or not name else section.iterfind("DataArray"):
+        if element.get("Name") != name or not element.get("type", "").startswith(("Int", "UInt")):
+            continue
+        values = document.array(element, n)
+        if len(values) != n:
+            raise FileError(f"there are {len(values)} global ids {name!r}, expected {n}")
+        return tag_values(name, values)
+    return None
 
 
 def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.io.grid_pieces import numbered
 from agglo_core.io.level_values import LevelValues
-from agglo_core.io.vtk_grids import Storage, numbered, write_grids
+from agglo_core.io.vtk_grids import Storage, write_grids
 from agglo_core.io.vtu_cells import POLYHEDRON, Cells
 from agglo_core.io.vtu_document import HEADS, write_document
 from agglo_core.mesh import Mesh
@@ -20,7 +21,7 @@ from agglo_core.progress import Tell, to_nobody
 if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
 
-__all__ = ["write_vtu"]
+__all__ = ["face_stream", "write_vtu", "written_by_agglo"]
 
 
 def write_vtu(
@@ -33,16 +34,17 @@ def write_vtu(
     compress: bool = False,
 ) -> None:
     """Write ``path``, and with a hierarchy each coarse mesh beside it: see :func:`write_grids`."""
-    storage = Storage(write_document, _face_stream, _ours)
+    storage = Storage(write_document, face_stream, written_by_agglo)
     write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=compress)
 
 
-def _ours(file: Path) -> bool:
+def written_by_agglo(file: Path) -> bool:
+    """Whether a file begins as ours do; may raise OSError."""
     with open(file, "rb") as stream:
         return stream.read(max(map(len, HEADS))).startswith(HEADS)
 
 
-def _face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
+def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:
     """Per polyhedron: number of faces, then each face's size and vertices, seen from outside the cell.
 
     Other cells end nowhere in the stream, which is -1.

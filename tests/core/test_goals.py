@@ -13,7 +13,7 @@ GRID = samples.squares(4)
 
 
 def resolved(**targets):
-    return resolve_goals(GRID.graph, GRID.h, **targets)
+    return resolve_goals(GRID.n_cells, lambda: GRID.h, **targets)
 
 
 def sizes(goals):
@@ -61,8 +61,9 @@ def test_cells_per_part_is_the_nearest_count(per_part, parts):
 
 def test_mesh_size_of_a_graph_is_that_of_its_mesh():
     mesh = samples.voronoi(30, seed=4)
-    assert sizes(resolve_goals(mesh.graph, None)) == pytest.approx([2 * mesh.h, 4 * mesh.h, 8 * mesh.h])
     from_mesh, from_graph = agglo.agglomerate(mesh), agglo.agglomerate(mesh.graph)
+    targets = [each["h_star"] for each in from_graph.targets]
+    assert targets == pytest.approx([2 * mesh.h, 4 * mesh.h, 8 * mesh.h])
     for one, other in zip(from_mesh.levels, from_graph.levels, strict=True):
         np.testing.assert_array_equal(one, other)
 

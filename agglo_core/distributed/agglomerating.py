@@ -1,0 +1,123 @@
+""":func:`agglomerate` across ranks: from a distributed mesh to its coarse levels."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields, replace
+
+from agglo_core.agglomeration import Pipeline
+from agglo_core.agglomeration.choices import new_run, short_name
+from agglo_core.agglomeration.recursion import warn_of_large_cells
+from agglo_core.agglomeration.run import Run, Statistics
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
+from agglo_core.distributed.distributed_levels import made_levels
+from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.distributed.domain_run import DomainRun
+from agglo_core.distributed.starting import started
+from agglo_core.progress import Listener, followed, phase
+from agglo_core.registry import Registry, default
+from agglo_core.threads import using_threads
+
+__all__ = ["BLOCK_CELLS", "agglomerate"]
+
+BLOCK_CELLS = 32768
+"""Cells that are agglomerated by themselves, at most about, if the result is not to depend on the ranks."""
+
+
+def agglomerate(
+    mesh: DistributedMesh,
+    pipeline: Pipeline | None = None,
+    *,
+    independent_of_ranks: bool = False,
+    block_cells: int = BLOCK_CELLS,
+    registry: Registry | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
+    threads: int | None = None,
+) -> DistributedHierarchy:
+    """Agglomerate a distributed mesh; all ranks must call it with the same arguments.
+
+    Each rank agglomerates its own cells, as a mesh of its own would be; counts are shared out by one
+    exchange. Levels of few parts are made of the agglomerates of a finer level on half as many ranks, or a
+    quarter, so that parts grow across the borders of ranks there.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    pipeline : Pipeline, optional
+        Components, targets and rules, as for a mesh on one machine; arrays hold a value for each own cell
+        (``barriers``: for each face of ``mesh.local``). Lines of cells end at the borders of ranks.
+    independent_of_ranks : bool
+        Whether the labels must be the same for any number of ranks, also one. Cells are then agglomerated in
+        blocks by their coordinates, sent to one rank each, instead of where they lie.
+    block_cells : int
+        In that case, how many cells make a block, at most about.
+    registry, progress, verbose, threads : optional
+        As for :func:`agglo_core.agglomerate`; only rank 0 tells of progress.
+
+    Returns
+    -------
+    DistributedHierarchy
+        Every part connected, sizes and counts kept, as on one machine.
+
+    Raises
+    ------
+    OptionError, PluginError, RankError
+        As on one machine; what fails on one rank fails on all.
+
+    Examples
+    --------
+    >>> from agglo_core import Pipeline, distributed, samples
+    >>> mesh = distributed.DistributedMesh.scatter(samples.squares(16))
+    >>> distributed.agglomerate(mesh, Pipeline(n_parts=(16, 4))).parts
+    [16, 4]
+    """
+    given = Pipeline() if pipeline is None else pipeline
+    known, ranks = default() if registry is None else registry, mesh.ranks
+    sent = replace(ranks.traffic)
+    first = ranks.rank == 0
+    with followed(progress if first else None, verbose and first) as listen, using_threads(threads):
+        start = started(mesh, given, known)
+        begun = start.in_blocks(block_cells) if independent_of_ranks else start.where_they_lie()
+        with ranks.together():
+            run = _new_run(given, known)
+        with phase(listen, "agglomerating") as tell:
+            levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
+        labels = [begun.of_own_cells(level.ids) for level in levels]
+    statistics = _of_all_ranks(ranks, run)
+    if first:
+        warn_of_large_cells(start.goals, replace(run, statistics=statistics))
+    return DistributedHierarchy(
+        mesh,
+        labels,
+        [level.numbering.bounds for level in levels],
+        [goal.asked for goal in start.goals],
+        given.nested or len(levels) == 1,
+        asdict(statistics)
+        | {"bisector": short_name(given.bisector), "method": given.method}
+        | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes},
+    )
+
+
+def _new_run(pipeline: Pipeline, registry: Registry) -> Run:
+    return new_run(
+        registry,
+        kway=pipeline.method == "kway",
+        bisector=pipeline.bisector,
+        refiners=pipeline.refiners,
+        post_refiners=pipeline.post_refiners if pipeline.polish else (),
+        fixer=pipeline.fixer,
+        seed=pipeline.seed,
+    )
+
+
+def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
+    """Counts added up, the depth of the deepest rank, and of each phase the seconds of the slowest."""
+    every = ranks.gathered(run.statistics)
+    total = Statistics()
+    for name in (each.name for each in fields(Statistics) if each.name != "seconds"):
+        values = [getattr(each, name) for each in every]
+        setattr(total, name, max(values) if name == "depth" else sum(values))
+    for name in dict.fromkeys(name for each in every for name in each.seconds):
+        total.seconds[name] = max(each.seconds.get(name, 0.0) for each in every)
+    return total

@@ -1,0 +1,203 @@
+"""Domain: nodes that one rank agglomerates by itself, and the edges that lead from them to other domains.
+
+Domains are joined as a run goes on to coarser levels. Whatever a domain does depends on what is in it, not on
+the rank where it lies nor on the pieces it was joined from: nodes come in the order of their ids.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_index, frozen_int
+from agglo_core.graph import Graph
+
+__all__ = ["Domain", "Links", "joined"]
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Edges from nodes of a domain to nodes of others.
+
+    Attributes
+    ----------
+    node : (e,) int
+        The node here.
+    to, domain : (e,) int
+        Id of the node there, and the domain it lies in.
+    interface : (e,) float
+        Measure of the faces between the two.
+    barred : (e,) bool
+        Whether these faces join no part: a constraint forbids it.
+    barrier : (e,) bool
+        Whether no part may even lie on both sides of them.
+    """
+
+    node: Int
+    to: Int
+    domain: Int
+    interface: Float
+    barred: Mask
+    barrier: Mask
+
+    def chosen(self, which: Mask | Int) -> Links:
+        """Some of the links."""
+        return Links(*(getattr(self, name)[which] for name in _LINK))
+
+    def renamed(self, node: Int, to: Int, domain: Int) -> Links:
+        """The links between agglomerates, those of the same two as one; in the order of nodes and ids."""
+        order = np.lexsort((self.barred, to, node))
+        keys = np.stack((node[order], to[order], self.barred[order]))
+        first = np.flatnonzero(np.append(True, (np.diff(keys, axis=1) != 0).any(axis=0))[: keys.shape[1]])
+        if not len(first):
+            return self
+        return Links(
+            frozen_int(keys[0, first]),
+            frozen_int(keys[1, first]),
+            frozen_int(domain[order][first]),
+            frozen_float(np.add.reduceat(self.interface[order], first)),
+            keys[2, first].astype(bool),
+            np.logical_or.reduceat(self.barrier[order], first),
+        )
+
+
+_LINK = ("node", "to", "domain", "interface", "barred", "barrier")
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """A part of a graph, cells or agglomerates.
+
+    Attributes
+    ----------
+    graph : Graph
+        Its nodes with the edges among them, without those that constraints forbid.
+    ids : (n,) int
+        Global id of each node, rising.
+    cells : (n,) int
+        Number of cells of the mesh in each node.
+    barriers : (p, 2) int
+        Pairs of nodes that no part may both hold, whatever lies between them.
+    links : Links
+        Edges to nodes of other domains.
+    """
+
+    graph: Graph
+    ids: Int
+    cells: Int
+    barriers: Int
+    links: Links
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.graph.n
+
+    def by_itself(self) -> Graph:
+        """The graph as if nothing lay beyond: what leads to other domains is boundary."""
+        if not len(self.links.node):
+            return self.graph
+        beyond = np.bincount(self.links.node, self.links.interface, self.n)
+        made = replace(self.graph, boundary=self.graph.boundary + beyond)
+        return made if self.graph.mass is self.graph.measures else made.with_mass(self.graph.mass)
+
+    def coarsened(self, labels: Int, first: int, to: Int) -> Domain:
+        """The domain of agglomerates ``labels (n,)``, ids from ``first`` on; ``to (e,)``: those of links."""
+        parts = int(labels.max(initial=-1)) + 1
+        pairs = np.unique(np.sort(labels[self.barriers], axis=1), axis=0).reshape(-1, 2)
+        return Domain(
+            self.graph.coarsen(labels) if self.n else self.graph,
+            frozen_int(first + np.arange(parts)),
+            frozen_int(np.bincount(labels, self.cells, parts)),
+            frozen_int(pairs),
+            self.links.renamed(labels[self.links.node], to, self.links.domain),
+        )
+
+    def to_send(self) -> Domain:
+        """The domain with the points of its own cells alone."""
+        from agglo_core.kernels.graphs import numbered_as_met
+
+        vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
+        own = replace(self.graph, vertices=vertices, points=self.graph.points.take(points, axis=0))
+        if self.graph.mass is not self.graph.measures:
+            own = own.with_mass(self.graph.mass)
+        return replace(self, graph=own)
+
+
+def joined(
+    pieces: Sequence[Domain], number: int, renumbered: Callable[[Int], Int]
+) -> tuple[Domain, list[Int]]:
+    """One domain of several, and where the nodes of each piece are in it.
+
+    Parameters
+    ----------
+    pieces : sequence of Domain
+        At least one.
+    number : int
+        Number of the new domain.
+    renumbered : callable
+        New numbers of the domains that links lead to.
+    """
+    ids = np.concatenate([piece.ids for piece in pieces])
+    order = np.argsort(ids, kind="stable")
+    place = np.empty(len(ids), np.int64)
+    place[order] = np.arange(len(ids))
+    places = np.split(place, np.cumsum([piece.n for piece in pieces])[:-1])
+    parts = [[getattr(piece.links, name) for piece in pieces] for name in _LINK]
+    parts[0] = [where[piece.links.node] for where, piece in zip(places, pieces, strict=True)]
+    links = Links(*map(np.concatenate, parts))
+    links = replace(links, domain=renumbered(links.domain))
+    inner = links.domain == number
+    inside, ids = links.chosen(inner), ids[order]
+    ends = np.stack((inside.node, np.searchsorted(ids, inside.to)), axis=1)
+    barriers = [where[piece.barriers] for where, piece in zip(places, pieces, strict=True)]
+    barriers.append(np.sort(ends[inside.barrier], axis=1))
+    return Domain(
+        _joined_graphs([piece.graph for piece in pieces], places, order, inside, ends),
+        frozen_int(ids),
+        frozen_int(np.concatenate([piece.cells for piece in pieces])[order]),
+        frozen_int(np.unique(np.concatenate(barriers), axis=0).reshape(-1, 2)),
+        links.chosen(~inner),
+    ), places
+
+
+def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: Links, ends: Int) -> Graph:
+    """The graph of all nodes; links ``inside``, with ``ends (e, 2)``, become edges unless barred."""
+    from agglo_core.kernels.graphs import take_rows
+
+    n, open_ = len(order), ~inside.barred
+    rows = [np.repeat(where, np.diff(g.indptr)) for where, g in zip(places, graphs, strict=True)]
+    columns = [where[g.indices] for where, g in zip(places, graphs, strict=True)]
+    row = np.concatenate([*rows, ends[open_, 0]])
+    column = np.concatenate([*columns, ends[open_, 1]])
+    interface = np.concatenate([*(g.interface for g in graphs), inside.interface[open_]])
+    by_row = np.lexsort((column, row))
+    starts = np.cumsum([0, *(len(g.points) for g in graphs)])
+    corners = np.concatenate([g.vertices + start for g, start in zip(graphs, starts[:-1], strict=True)])
+    sizes = np.concatenate([np.diff(g.vertex_offsets) for g in graphs])
+    offsets = np.concatenate(([0], np.cumsum(sizes)))
+    vertex_offsets, vertices = take_rows(frozen_int(offsets), frozen_index(corners), frozen_int(order))
+
+    def collected(name: str) -> Float:
+        return np.concatenate([getattr(g, name) for g in graphs])[order]
+
+    closed = np.bincount(ends[~open_, 0], inside.interface[~open_], n)
+    names = set.intersection(*(set(g.data) for g in graphs))
+    made = Graph(
+        indptr=np.concatenate(([0], np.cumsum(np.bincount(row, minlength=n)))),
+        indices=column[by_row],
+        interface=interface[by_row],
+        centroids=collected("centroids"),
+        measures=collected("measures"),
+        boundary=collected("boundary") + closed,
+        weights=collected("weights"),
+        vertex_offsets=vertex_offsets,
+        vertices=vertices,
+        points=np.concatenate([g.points for g in graphs]),
+        offsets=frozen_int([0, n]),
+        data={name: np.concatenate([g.data[name] for g in graphs])[order] for name in sorted(names)},
+        origin=graphs[0].origin,
+    )
+    return made.with_mass(collected("mass"))

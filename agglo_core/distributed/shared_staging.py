@@ -1,0 +1,60 @@
+"""A temporary folder into which all ranks write: what is in it appears whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from agglo_core.distributed.communication import RankError, Ranks
+from agglo_core.errors import FileError
+from agglo_core.io.atomic import staging
+from agglo_core.io.file_checks import naming
+
+__all__ = ["shared_staging"]
+
+
+@contextmanager
+def shared_staging(path: Path, ranks: Ranks) -> Iterator[Path]:
+    """One folder of :func:`staging` for all ranks; rank 0 moves its files when the block ends without error.
+
+    In the block ranks write within :meth:`Ranks.together`, so that it fails on all of them or on none.
+
+    Yields
+    ------
+    Path
+        The folder to write in.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be put in place, or a rank does not see the folder that rank 0 has made; RankError
+        on the other ranks.
+    """
+    with ExitStack() as stages:
+        made = None
+        with ranks.together(), naming(path):
+            if ranks.rank == 0:
+                made = stages.enter_context(staging(path))
+        folder: Path = ranks.from_first(made)  # type: ignore[assignment]
+        with ranks.together(), naming(path):
+            if not folder.is_dir():
+                raise FileError("the folder is not that of rank 0: all ranks write to one file system")
+        if ranks.rank > 0:
+            stages.enter_context(_removed_if_it_fails(folder))
+        yield folder
+        with ranks.together(), naming(path):
+            stages.close()
+
+
+@contextmanager
+def _removed_if_it_fails(folder: Path) -> Iterator[None]:
+    """Remove the folder if this rank is stopped: rank 0 may be unable to, as it waits for this one."""
+    try:
+        yield
+    except RankError:  # rank 0 knows
+        raise
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise

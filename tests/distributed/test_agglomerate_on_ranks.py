@@ -1,0 +1,187 @@
+"""Agglomeration on several ranks: what is promised on one machine holds across their borders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from on_ranks import on_ranks
+
+import agglo_core as agglo
+from agglo_core import Mesh, Pipeline, samples
+from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
+
+Labels = list[NDArray[Any]]
+
+CASES: dict[str, dict[str, Any]] = {
+    "sizes": {"h_factor": (2, 4, 8)},
+    "counts down to one part": {"n_parts": (120, 24, 3, 1)},
+    "few parts only": {"n_parts": 2},
+    "regions": {"regions": "mat", "n_parts": (120, 30, 6)},
+    "barriers": {"barriers": "crack", "h_factor": (3, 9)},
+    "where": {"where": "mat", "cells_per_part": (8, 40)},
+    "ridges": {"boundary_rules": "ridges", "n_parts": (200, 60)},
+    "bounds": {"max_cells": 14, "min_cells": 5, "n_parts": 120},
+    "bounds of agglomerates": {"max_cells": 700, "n_parts": 3},
+    "stretched": {"metric": np.diag([1.0, 9.0]), "n_parts": (120, 12)},
+    "k-way": {"method": "kway", "bisector": "metis", "n_parts": (120, 24)},
+    "each level for itself": {"nested": False, "n_parts": (120, 24)},
+    "merged": {"merge": True, "h_factor": (3, 6)},
+    "inertial": {"bisector": "inertial", "h_factor": (2, 6)},
+    "sweep": {"bisector": "sweep", "h_factor": (2, 6)},
+    "gnn": {"bisector": "gnn", "h_factor": (2, 6)},
+    "spectral": {"bisector": "spectral", "cells_per_part": (10, 100)},
+}
+
+
+def cracked() -> Mesh:
+    """Voronoi cells of four materials, with a crack that ends inside."""
+    mesh = samples.voronoi(1200, seed=5).with_tags(mat=lambda x: (x[:, 0] > 0.37) + 2 * (x[:, 1] > 0.61))
+    left = mesh.cell_centroids[:, 0] < 0.5
+    sides = left[mesh.face_cells[:, 0]] != left[mesh.face_cells[:, 1]]
+    middle = np.abs(mesh.face_centroids[:, 1] - 0.5) < 0.3
+    return mesh.with_face_tags(
+        crack=sides & middle & (mesh.face_cells[:, 1] >= 0),
+        side=lambda x: (x[:, 0] < 1e-9) + 2 * (x[:, 1] < 1e-9) + 3 * (x[:, 0] > 1 - 1e-9),
+    )
+
+
+def shared(mesh: Mesh, ranks: Ranks | None = None) -> DistributedMesh:
+    ranks = ranks or Ranks()
+    return DistributedMesh.scatter(mesh if ranks.rank == 0 else None, ranks)
+
+
+def labels_of(cases: Mapping[str, dict[str, Any]], independent: bool) -> dict[str, Labels]:
+    """All labels of all cases, on rank 0."""
+    mesh, found = shared(cracked()), {}
+    for name, options in cases.items():
+        made = agglomerate(mesh, Pipeline(**options), independent_of_ranks=independent, block_cells=200)
+        found[name] = [mesh.gather(labels) for labels in made.levels]
+        assert [int(made.components(k).max(initial=1)) for k in range(len(found[name]))] == [1] * len(
+            found[name]
+        )
+    return found if mesh.ranks.rank == 0 else {}
+
+
+def check_levels(mesh: Mesh, name: str, levels: Labels) -> None:
+    """Parts are numbered without gaps, connected, as many or as small as asked, and nested."""
+    options = CASES[name]
+    asked = agglo.agglomerate(mesh, **options)
+    for labels, target in zip(levels, asked.targets, strict=True):
+        parts = int(labels.max()) + 1
+        assert len(np.unique(labels)) == parts, name
+        assert mesh.graph.components(labels).max() == parts - 1, name
+        if "n_parts" in target:
+            assert parts == target["n_parts"], name
+        else:
+            wide = mesh.graph.part_diameters(labels) > target["h_star"] * (1 + 1e-9)
+            assert (np.bincount(labels)[wide] == 1).all(), name
+    if options.get("nested", True):
+        for fine, coarse in pairwise(levels):
+            assert len(np.unique(np.stack((fine, coarse)), axis=1)[0]) == fine.max() + 1, name
+
+
+def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
+    """Constraints hold across ranks, and on levels made of agglomerates."""
+    material = mesh.cell_tags["mat"]
+    for labels in found["regions"]:
+        assert len(np.unique(np.stack((labels, material)), axis=1)[0]) == labels.max() + 1
+    for labels in found["barriers"]:
+        beside = labels[mesh.face_cells[mesh.face_tags["crack"] == 1]]
+        assert (beside[:, 0] != beside[:, 1]).all()
+    for labels in found["where"]:
+        assert (np.bincount(labels)[labels[material == 0]] == 1).all()
+    assert np.bincount(found["bounds"][0]).max() <= 14
+    assert np.bincount(found["bounds"][0]).min() >= 5
+    assert np.bincount(found["bounds of agglomerates"][0]).max() <= 700
+
+
+def test_all_that_is_promised_on_one_machine_where_the_cells_lie() -> None:
+    mesh, found = cracked(), on_ranks(3, labels_of, CASES, False)[0]
+    for name, levels in found.items():
+        check_levels(mesh, name, levels)
+    check_rules(mesh, found)
+
+
+def test_all_of_it_with_labels_that_do_not_depend_on_the_ranks() -> None:
+    mesh, found, alone = cracked(), on_ranks(2, labels_of, CASES, True)[0], labels_of(CASES, True)
+    for name, levels in found.items():
+        check_levels(mesh, name, levels)
+        for one, other in zip(alone[name], levels, strict=True):
+            np.testing.assert_array_equal(one, other, err_msg=name)
+    check_rules(mesh, found)
+
+
+def test_one_rank_makes_the_levels_of_one_machine() -> None:
+    mesh = cracked()
+    options: dict[str, Any] = {"n_parts": (120, 24), "regions": "mat"}
+    made = agglomerate(shared(mesh), Pipeline(**options))
+    for ours, theirs in zip(made.levels, agglo.agglomerate(mesh, **options).levels, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def anywhere(
+    mesh: Mesh, places: dict[str, NDArray[Any]], pipeline: Pipeline
+) -> dict[str, tuple[Labels, NDArray[Any], dict[str, float]]]:
+    """Labels, parents and quality of a mesh whose cells lie on the ranks of each of the ``places``."""
+    whole, found = shared(mesh), {}
+    for name, to in places.items():
+        there = whole.redistributed(to[whole.global_ids[whole.own]])
+        made = agglomerate(there, pipeline)
+        levels = [np.asarray(there.gather(labels)) for labels in made.levels]
+        parents = np.concatenate(there.ranks.gathered(made.parents(0)))
+        injected = made.prolongation(0)
+        assert injected.shape == (len(there.own), made.parts[0])
+        assert np.array_equal(injected.indices, made.levels[0])
+        found[name] = levels, parents, made.quality(0, ["UF", "CR", "CRc"])
+    return found
+
+
+def test_wherever_the_cells_lie() -> None:
+    mesh = samples.voronoi(900, seed=8)
+    x = mesh.cell_centroids
+    places = {
+        "all on one rank": np.ones(len(x), np.int64),
+        "one rank without cells": 2 * (x[:, 0] > 0.5),
+        "scattered": np.random.default_rng(1).integers(0, 3, len(x)),
+        "uneven": (x[:, 0] > 0.9).astype(int) + (x[:, 0] > 0.97),
+    }
+    answers = on_ranks(3, anywhere, mesh, places, Pipeline(n_parts=(90, 9)))
+    for name in places:
+        (fine, coarse), parents, quality = answers[0][name]
+        assert all(each[name][2] == quality for each in answers)
+        assert (fine.max() + 1, coarse.max() + 1) == (90, 9)
+        np.testing.assert_array_equal(parents[fine], coarse)
+        for metric, values in agglo.quality(mesh, fine, ["UF", "CR", "CRc"]).items():
+            assert quality[metric] == pytest.approx(values.mean(), rel=1e-9)
+        assert quality["connected"] == 1.0
+
+
+def refused(*cases: dict[str, Any]) -> list[str]:
+    found = []
+    for options in cases:
+        with pytest.raises(agglo.AggloError) as error:
+            agglomerate(shared(cracked()), Pipeline(**options))
+        found.append(str(error.value))
+    return found
+
+
+class Moody:
+    """A constraint that asks of whole parts what only it knows."""
+
+    def admissible(self, graph: agglo.Graph, labels: NDArray[Any]) -> NDArray[Any]:
+        return np.ones(int(labels.max()) + 1, bool)
+
+
+def test_what_cannot_be_had_is_refused_on_all_ranks() -> None:
+    for rank, (unknown, few) in enumerate(
+        on_ranks(2, refused, {"regions": "rock"}, {"regions": "mat", "n_parts": 3})
+    ):
+        assert unknown == "constraint 'regions': no cell tag is named 'rock'; there are mat"
+        assert few.startswith("rank 0: OptionError: too few parts, 3" if rank else "too few parts, 3")
+        assert "with the constraints (constraint 'regions')" in few
+    assert "only bounds and barriers" in refused({"constraints": [Moody()]})[0]

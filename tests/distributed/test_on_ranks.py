@@ -1,0 +1,41 @@
+"""The tests' own way of running functions on several ranks: answers, failures, ranks that hang."""
+
+from __future__ import annotations
+
+import pytest
+from on_ranks import on_ranks
+
+from agglo_core.distributed import Ranks
+
+
+def where(text: str) -> tuple[int, int, str]:
+    ranks = Ranks()
+    return ranks.rank, ranks.size, text
+
+
+def fails_on_one() -> None:
+    ranks = Ranks()
+    with ranks.together():
+        if ranks.rank == 1:
+            raise ValueError("so it goes")
+
+
+def hangs_on_one() -> None:
+    ranks = Ranks()
+    if ranks.rank == 0:
+        ranks.gathered(0)
+
+
+@pytest.mark.parametrize("size", [1, 3])
+def test_answers_come_in_the_order_of_the_ranks(size: int) -> None:
+    assert on_ranks(size, where, "here") == [(rank, size, "here") for rank in range(size)]
+
+
+def test_the_error_of_the_rank_that_failed_is_shown_first() -> None:
+    with pytest.raises(AssertionError, match=r"(?s)failure-1:.*ValueError: so it goes.*RankError: rank 1"):
+        on_ranks(2, fails_on_one)
+
+
+def test_ranks_that_wait_for_ever_are_shown_where_they_stand() -> None:
+    with pytest.raises(AssertionError, match="in gathered"):
+        on_ranks(2, hangs_on_one, seconds=2.0)
