@@ -1,14 +1,17 @@
-"""Run on several ranks: what distributed meshes hold is what the whole mesh holds, to the last bit."""
+"""On any number of ranks distributed meshes hold what the whole mesh holds, to the last bit."""
 
 from __future__ import annotations
 
+import doctest
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import pytest
+from on_ranks import on_ranks
 
 from agglo_core import Mesh, samples
-from agglo_core.distributed import DistributedMesh, Ranks
+from agglo_core.distributed import DistributedMesh, Ranks, cell_values
 from agglo_core.mesh.elements import gather
 
 GEOMETRY = ("cell_measures", "cell_centroids", "local_centroids", "cell_diameters", "cell_inertias")
@@ -119,8 +122,8 @@ def built_from(whole: Mesh, own: np.ndarray, ranks: Ranks, point_ids: np.ndarray
     return DistributedMesh.from_local(ranks, points, cells, point_ids, **given)
 
 
-def main(comm: Any = None) -> None:
-    ranks = Ranks(comm)
+def compare_all() -> None:
+    ranks = Ranks()
     rng = np.random.default_rng(23)  # the same numbers on all ranks
     for whole in meshes():
         n, parts = whole.n_cells, 7
@@ -146,5 +149,15 @@ def main(comm: Any = None) -> None:
         compare(again, whole.coarsen(labels).coarsen(np.arange(parts) // 4))
 
 
-if __name__ == "__main__":
-    main()
+@pytest.mark.parametrize(
+    "size", [pytest.param(1, marks=pytest.mark.slow), 2, 3, pytest.param(4, marks=pytest.mark.slow)]
+)
+def test_meshes_do_not_depend_on_the_number_of_ranks(size: int) -> None:
+    on_ranks(size, compare_all, seconds=100)
+
+
+def test_the_examples_of_values_do_what_they_say() -> None:
+    pytest.importorskip("mpi4py")
+    found = doctest.testmod(cell_values)
+    assert found.attempted
+    assert not found.failed

@@ -1,4 +1,4 @@
-"""Run on three ranks: whatever is wrong on one of them, all of them are told, and nobody waits."""
+"""Meshes on three ranks: whatever is wrong on one of them, all of them are told, and nobody waits."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from on_ranks import on_ranks
 
 from agglo_core import Mesh, MeshError, OptionError, samples
 from agglo_core.distributed import DistributedMesh, RankError, Ranks
@@ -193,16 +194,18 @@ def laws(ranks: Ranks, mesh: DistributedMesh) -> None:
     refused(ranks, None, "rank 1: cell .* out of order", changed(global_ids=mesh.global_ids[::-1]))
 
 
-def main() -> None:
+def scattered(ranks: Ranks) -> DistributedMesh:
+    whole = samples.voronoi(60, seed=4).with_tags(rock=np.arange(60))
+    return DistributedMesh.scatter(whole if ranks.rank == 0 else None, ranks)
+
+
+def refuse_all() -> None:
     ranks = Ranks()
-    assert ranks.size == 3
     given_cells(ranks)
     faces(ranks)
-    whole = samples.voronoi(60, seed=4).with_tags(rock=np.arange(60))
-    mesh = DistributedMesh.scatter(whole if ranks.rank == 0 else None, ranks)
-    values(ranks, mesh)
-    laws(ranks, mesh)
+    values(ranks, scattered(ranks))
+    laws(ranks, scattered(ranks))
 
 
-if __name__ == "__main__":
-    main()
+def test_what_is_wrong_on_one_rank_is_told_on_all() -> None:
+    on_ranks(3, refuse_all)
