@@ -58,7 +58,8 @@ class CellValues:
         Raises
         ------
         MeshError
-            If there are not as many values as own cells; on other ranks RankError.
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
 
         Examples
         --------
@@ -87,7 +88,8 @@ class CellValues:
         Raises
         ------
         MeshError
-            If there are not as many values as own cells; on other ranks RankError.
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
 
         Examples
         --------
@@ -98,13 +100,29 @@ class CellValues:
         """
         parts = self.ranks.gathered((self.global_ids[self.own], self.checked(values)))
         order = np.argsort(np.concatenate([ids for ids, _ in parts]))
-        return np.concatenate([own for _, own in parts if len(own)])[order]
+        return np.concatenate([own for _, own in parts])[order]
 
     def checked(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of the own cells as an array ``(n_own, …)``, or MeshError; on other ranks RankError."""
+        """Values of the own cells as an array ``(n_own, …)``, of one type and as wide on all ranks.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
+        """
+        here, n = self.ranks.rank, len(self.own)
         with self.ranks.together():
             array = np.asarray(values)
-            if array.ndim == 0 or len(array) != len(self.own):
-                rank, n = self.ranks.rank, len(self.own)
-                raise MeshError(f"rank {rank} has {n} own cells, but the values have shape {array.shape}")
-            return array
+            if array.ndim == 0 or len(array) != n:
+                raise MeshError(f"rank {here} has {n} own cells, but the values have shape {array.shape}")
+        kinds = self.ranks.gathered((array.shape[1:], array.dtype) if n else None)
+        given = [(rank, *kind) for rank, kind in enumerate(kinds) if kind is not None]
+        first, shape, _ = given[0]
+        for rank, other, _ in given:
+            if other != shape:
+                raise MeshError(
+                    f"values of a cell have shape {shape} on rank {first}, {other} on rank {rank}"
+                )
+        dtype = np.result_type(*(kind for _, _, kind in given))
+        return array.astype(dtype, copy=False) if n else np.empty((0, *shape), dtype)

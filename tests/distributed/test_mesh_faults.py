@@ -136,6 +136,15 @@ def values(ranks: Ranks, mesh: DistributedMesh) -> None:
     extra = np.zeros(len(own) + (ranks.rank == 1))
     refused(ranks, 1, "rank 1 has .* own cells, but the values", lambda: mesh.exchange(extra))
     refused(ranks, 1, "rank 1 has .* own cells, but the values", lambda: mesh.gather(extra))
+    wide = np.zeros((len(own), 2 + (ranks.rank == 2)))
+    refused(
+        ranks,
+        None,
+        r"values of a cell have shape \(2,\) on rank 0, \(3,\) on rank 2",
+        lambda: mesh.exchange(wide),
+    )
+    mixed = mesh.exchange(np.full(len(own), 0.5) if ranks.rank == 1 else np.full(len(own), 2))
+    assert np.array_equal(mixed, np.where(mesh.owners == 1, 0.5, 2.0))
     bounds = [0, 2, 2, 4]
     gap = np.where(own % 4 == 1, 0, own % 4)
     refused(
