@@ -17,7 +17,17 @@ from typing import TYPE_CHECKING
 from agglo_core.moved import watch_for_moved
 
 if TYPE_CHECKING:
-    from agglo_core import conformance, errors, interchange, io, problems, progress, registry, samples
+    from agglo_core import (
+        conformance,
+        distributed,
+        errors,
+        interchange,
+        io,
+        problems,
+        progress,
+        registry,
+        samples,
+    )
     from agglo_core import registry as plugins
     from agglo_core.agglomeration import Pipeline, agglomerate
     from agglo_core.draw import plot
@@ -56,6 +66,7 @@ __all__ = [
     "__version__",
     "agglomerate",
     "conformance",
+    "distributed",
     "errors",
     "functionals",
     "hookimpl",
@@ -90,6 +101,7 @@ _HOME = {
 }
 _MODULES = {
     "conformance": "conformance",
+    "distributed": "distributed",
     "errors": "errors",
     "functionals": "graph.functionals",
     "interchange": "interchange",

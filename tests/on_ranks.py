@@ -31,7 +31,7 @@ T = TypeVar("T")
 PROGRAM = "from agglo_core.cli import main; main()"
 """The command line, as ``python -c`` runs it."""
 _GRACE = 0.5  # seconds in which other ranks may still say why they fail, before all are stopped
-_AFTER = 15.0  # seconds for starting and stopping, beyond those of the work itself
+_AFTER = 60.0  # seconds for starting and stopping, beyond those of the work itself
 
 
 class Ended(NamedTuple):
@@ -137,10 +137,10 @@ def _work(file: str, name: str, folder: str, seconds: str) -> None:
 
     rank, home = MPI.COMM_WORLD.rank, Path(folder)
     with open(home / f"failure-{rank}", "w") as failure:
-        faulthandler.dump_traceback_later(float(seconds), exit=True, file=failure)
         try:
             sys.path.insert(0, str(Path(file).parent))
             module = importlib.import_module(Path(file).stem)
+            faulthandler.dump_traceback_later(float(seconds), exit=True, file=failure)
             arguments = pickle.loads((home / "arguments").read_bytes())
             (home / f"answer-{rank}").write_bytes(pickle.dumps(getattr(module, name)(*arguments)))
         except BaseException:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
-from typing import Literal, TypeVar
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
@@ -18,9 +19,9 @@ from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener
 from agglo_core.registry import Registry
 
-__all__ = ["agglomerate"]
+__all__ = ["agglomerate", "changed"]
 
-_T = TypeVar("_T")
+_COUNTS, _SIZES = ("n_parts", "cells_per_part"), ("h_star", "h_factor")
 
 
 def agglomerate(
@@ -146,38 +147,45 @@ def agglomerate(
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
     base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=allow_code)
-    counts = n_parts is not None or cells_per_part is not None
-    sizes = h_star is not None or h_factor is not None
-    own = counts or sizes  # a target given replaces those of the file
-    return Pipeline(
-        bisector=_given(bisector, base.bisector),
-        refiners=_given(refiners, base.refiners),
-        fixer=_given(fixer, base.fixer),
-        method=_given(method, base.method),
-        nested=_given(nested, base.nested),
-        merge=_given(merge, base.merge and not counts),
-        polish=_given(polish, base.polish),
-        post_refiners=_given(post_refiners, base.post_refiners),
-        seed=_given(seed, base.seed),
-        h_star=h_star if own else base.h_star,
-        h_factor=h_factor if own else base.h_factor,
-        n_parts=n_parts if own else base.n_parts,
-        cells_per_part=cells_per_part if own else base.cells_per_part,
-        constraints=_given(constraints, base.constraints),
-        regions=_given(regions, base.regions),
-        barriers=_given(barriers, base.barriers),
-        where=_given(where, base.where),
-        boundary_rules=_given(boundary_rules, base.boundary_rules),
-        weights=_given(weights, None if sizes else base.weights),
-        balance=_given(balance, None if sizes else base.balance),
-        max_cells=_given(max_cells, base.max_cells),
-        min_cells=_given(min_cells, base.min_cells),
-        max_measure=_given(max_measure, base.max_measure),
-        min_measure=_given(min_measure, base.min_measure),
-        metric=_given(metric, base.metric),
-        lines=_given(lines, base.lines),
-    ).run(mesh, registry, progress, verbose, threads)
+    given = {
+        "bisector": bisector,
+        "refiners": refiners,
+        "fixer": fixer,
+        "method": method,
+        "nested": nested,
+        "merge": merge,
+        "polish": polish,
+        "post_refiners": post_refiners,
+        "seed": seed,
+        "h_star": h_star,
+        "h_factor": h_factor,
+        "n_parts": n_parts,
+        "cells_per_part": cells_per_part,
+        "constraints": constraints,
+        "regions": regions,
+        "barriers": barriers,
+        "where": where,
+        "boundary_rules": boundary_rules,
+        "weights": weights,
+        "balance": balance,
+        "max_cells": max_cells,
+        "min_cells": min_cells,
+        "max_measure": max_measure,
+        "min_measure": min_measure,
+        "metric": metric,
+        "lines": lines,
+    }
+    return changed(base, given).run(mesh, registry, progress, verbose, threads)
 
 
-def _given(argument: _T | None, otherwise: _T) -> _T:
-    return otherwise if argument is None else argument
+def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
+    """The pipeline with what is given (None is nothing) in place of its own.
+
+    A target takes the place of any other, and of what makes no sense beside it.
+    """
+    own = {name: value for name, value in given.items() if value is not None}
+    counts, sizes = (any(name in own for name in names) for names in (_COUNTS, _SIZES))
+    gone: dict[str, Any] = dict.fromkeys((*_COUNTS, *_SIZES) if counts or sizes else ())
+    gone |= {"merge": False} if counts else {}
+    gone |= {"weights": None, "balance": None} if sizes else {}
+    return replace(base, **{**gone, **own})

@@ -25,6 +25,7 @@ from agglo_core.cli.completing import completion
 from agglo_core.cli.console import notices, say
 from agglo_core.cli.readable import readable_output
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
+from agglo_core.cli.under_mpi import launched, on_all_ranks, refuse_on_ranks
 from agglo_core.errors import AggloError, PluginError
 from agglo_core.registry import CORE_COMMANDS, Record, default, describe
 from agglo_core.registry.construct import resolve
@@ -32,6 +33,7 @@ from agglo_core.registry.containment import printable
 
 __all__ = ["app", "main"]
 
+_ON_RANKS = ("run", "solve")  # commands that know of several ranks; all others are of one process
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # what writing to stdout may end in
 
 
@@ -103,6 +105,8 @@ def app(context: click.Context) -> None:
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
+    elif context.invoked_subcommand not in _ON_RANKS:
+        refuse_on_ranks(f"agglo {context.invoked_subcommand}", f"agglo {_ON_RANKS[0]} works on several")
 
 
 for _command in (demo, run, compare, quality, mesh, solve, plugins, check, completion):
@@ -111,9 +115,13 @@ for _command in (demo, run, compare, quality, mesh, solve, plugins, check, compl
 
 def main(args: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit; errors raised on purpose become one line, bugs a traceback."""
+    here = launched()
+    sys.exit(_main(args) if here is None else on_all_ranks(lambda: _main(args), here))
+
+
+def _main(args: Sequence[str] | None) -> int:
     with readable_output(), notices(), terminations():
-        code = _run(args)
-    sys.exit(code)
+        return _run(args)
 
 
 def _run(args: Sequence[str] | None) -> int:

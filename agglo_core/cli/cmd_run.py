@@ -16,8 +16,10 @@ from agglo_core.cli.completing import meshes
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, check_outputs, draw_runs
+from agglo_core.cli.ranks_run import is_of_ranks, run_on_ranks
 from agglo_core.cli.runs import data, execute, level_data, refuse_metrics, show, watched
 from agglo_core.cli.stdout import OwnCommand
+from agglo_core.cli.under_mpi import refuse_files
 from agglo_core.progress import phase
 
 if TYPE_CHECKING:
@@ -45,6 +47,12 @@ _log = logging.getLogger("agglo")
     help="In 3-D, how far --plot moves parts apart (default 0.35).",
 )
 @click.option("--report", type=FILE, help="One web page with all levels and runs (.html).")
+@click.option(
+    "--independent-of-ranks",
+    "independent",
+    is_flag=True,
+    help="With mpiexec: the same parts whatever the number of ranks.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--quiet", is_flag=True, help="Print nothing but errors (and JSON, if asked for).")
 def run(
@@ -56,17 +64,25 @@ def run(
     plot: Path | None,
     explode: float | None,
     report: Path | None,
+    independent: bool,
     as_json: bool,
     quiet: bool,
 ) -> int:
     """Agglomerate a mesh file, or a sample: squares:n=64, voronoi:n=5000,seed=3, paper:triangles, …
 
-    Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each.
+    Targets are one of --h-star, --h-factor, --parts, --cells-per-part: a comma list, a level for each. After
+    mpiexec -n 4 the mesh lies on four processes, and is written as .pvtu.
     """
     if quiet:
         quieten()
     if explode is not None and plot is None:
         raise click.UsageError("--explode is for --plot, which is not given")
+    if is_of_ranks(output, independent):
+        refuse_files({"--plot": plot, "--report": report})
+        if not quiet:
+            explain_compilation()
+        options = {"independent": independent, "as_json": as_json, "quiet": quiet}
+        return run_on_ranks(source, bisectors, agglomeration, metrics, output, **options)
     files = check_outputs(output, plot, report, bisectors)
     plans = {spec: {"bisector": choice("bisector", spec)} for spec in bisectors} or {"": {}}
     outputs = Outputs()

@@ -26,6 +26,7 @@ from agglo_core.cli.solve_outputs import (
 from agglo_core.cli.solver_choice import DEFAULT_SOLVER, Posed, built_solver, posed_by, solver_title
 from agglo_core.cli.stdout import OwnCommand, terminal_columns
 from agglo_core.cli.tables import print_lines
+from agglo_core.cli.under_mpi import launched, refuse_files, refuse_on_ranks
 from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import Listener, phase
 from agglo_core.registry.attribution import Member, attributed
@@ -102,6 +103,17 @@ def solve(
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = built_solver(solver, _given(options))
+    _refuse_one_process(
+        tool,
+        solver,
+        {
+            "-o": output,
+            "--plot": plot,
+            "--plot-convergence": history,
+            "--report": report,
+            "--write-system": system_file,
+        },
+    )
     _check_files(output, plot, system_file, tool, solver)
     check_more(history, report)
     explain_compilation()
@@ -148,6 +160,18 @@ def solve(
         if report is not None:
             report_solution(outputs, report, mesh, made, f"problem {problem}", {solver: data}, progress)
     return outputs.finish(listed=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
+
+
+def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
+    """Several ranks solve one problem with a solver that shares it out, as it says itself."""
+    if launched() is None:
+        return
+    if getattr(tool, "ranks", "one") != "world":
+        refuse_on_ranks(
+            f"the solver {solver}",
+            "one that shares the problem out has an option of its own for it, as petsc_mg:ranks=world",
+        )
+    refuse_files(files)
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:

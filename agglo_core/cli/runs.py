@@ -32,6 +32,7 @@ __all__ = [
     "show",
     "single_level",
     "undefined",
+    "warm_up",
     "watched",
 ]
 
@@ -62,7 +63,7 @@ def execute(
 
     listen = labelled(progress, name)
     with phase(listen, "loading"):
-        _warm_up(given)
+        warm_up(given)
     found: list[Hierarchy] = []
 
     def agglomerated() -> Hierarchy:
@@ -98,7 +99,7 @@ def attempt(
         return RunResult(name, None, error=str(error))
 
 
-def _warm_up(given: Mapping[str, Any]) -> None:
+def warm_up(given: Mapping[str, Any]) -> None:
     """Import packages and compile kernels on a tiny mesh: the first run's time must not include them."""
     from agglo_core import samples
     from agglo_core.agglomeration.one_call import agglomerate

@@ -6,6 +6,7 @@ from agglo_core.distributed.agglomerating import agglomerate
 from agglo_core.distributed.communication import RankError, Ranks, Traffic
 from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.distributed.reading import read
 from agglo_core.distributed.writing import write
 
 __all__ = [
@@ -15,5 +16,6 @@ __all__ = [
     "Ranks",
     "Traffic",
     "agglomerate",
+    "read",
     "write",
 ]

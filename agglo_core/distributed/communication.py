@@ -8,6 +8,7 @@ someone who has left.
 from __future__ import annotations
 
 import pickle
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ __all__ = ["RankError", "Ranks", "Traffic"]
 
 T = TypeVar("T")
 
+_PAUSE = 0.005  # seconds between looks at whether others have come
 _TAG = 7411  # of messages from rank to rank; whoever shares the communicator has others
 
 
@@ -123,6 +125,7 @@ class Ranks:
             sizes[to] = len(data)
             self._count(data, 1)
         coming = np.empty(self.size, np.int64)
+        self._count(0, self.size - 1)
         self.comm.Alltoall(sizes, coming)
         arriving = {int(rank): bytearray(int(coming[rank])) for rank in np.flatnonzero(coming)}
         waiting = [self.comm.Irecv(room, source=rank, tag=_TAG) for rank, room in arriving.items()]
@@ -132,6 +135,12 @@ class Ranks:
         if self.rank in parcels:
             found[self.rank] = parcels[self.rank]
         return {rank: found[rank] for rank in sorted(found)}
+
+    def meet(self) -> None:
+        """Wait until all ranks are here, and leave the processor to them meanwhile: for long waits."""
+        request = self.comm.Ibarrier()
+        while not request.Test():
+            time.sleep(_PAUSE)
 
     @contextmanager
     def together(self) -> Iterator[None]:
@@ -164,6 +173,8 @@ def _weight(value: Any) -> int:
         return len(value)
     if isinstance(value, np.ndarray):
         return int(value.nbytes)
+    if isinstance(value, Mapping):
+        return sum(8 + _weight(each) for each in value.values())
     if isinstance(value, list | tuple):
         return sum(_weight(each) for each in value)
     return 8

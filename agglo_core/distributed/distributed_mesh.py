@@ -114,6 +114,7 @@ class DistributedMesh(CellValues):
         cell_ids: ArrayLike | None = None,
         cell_tags: Mapping[str, ArrayLike] | None = None,
         face_tags: FaceTags | None = None,
+        weak: bool = False,
         name: str = "",
     ) -> DistributedMesh:
         """Mesh from the cells that each rank holds; neighbours on other ranks are found by their points.
@@ -136,6 +137,8 @@ class DistributedMesh(CellValues):
         face_tags : mapping of name to (faces, values), optional
             Faces as lists of points (in 2-D pairs) and an integer for each; all others get 0. Of a face
             between two ranks one of them or both may say it.
+        weak : bool
+            As in :meth:`Mesh.from_polygons`: plane cells may have bridges to holes.
         name : str
 
         Raises
@@ -161,7 +164,7 @@ class DistributedMesh(CellValues):
         ranks = ranks or Ranks()
         with ranks.together():
             ids = whole_numbers(point_ids, "point_ids")
-        given = given_cells(points, cells, ids, cell_ids, cell_tags, name, ranks)
+        given = given_cells(points, cells, ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
         return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod
@@ -174,6 +177,7 @@ class DistributedMesh(CellValues):
         cell_ids: ArrayLike | None = None,
         cell_tags: Mapping[str, ArrayLike] | None = None,
         face_tags: FaceTags | None = None,
+        weak: bool = False,
         name: str = "",
     ) -> DistributedMesh:
         """As :meth:`from_local`, for points without global ids: those at exactly the same place are one.
@@ -185,7 +189,7 @@ class DistributedMesh(CellValues):
         4
         """
         ranks = ranks or Ranks()
-        given = given_cells(points, cells, None, cell_ids, cell_tags, name, ranks)
+        given = given_cells(points, cells, None, cell_ids, cell_tags, ranks, weak=weak, name=name)
         return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod

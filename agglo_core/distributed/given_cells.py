@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -56,11 +57,13 @@ class _Lists(NamedTuple):
         offsets, places = gather(self.offsets[0], order)
         return self._replace(offsets=(offsets,), vertices=self.vertices[places])
 
-    def mesh(self, tags: Mapping[str, Int], name: str) -> Mesh:
+    def mesh(self, tags: Mapping[str, Int], name: str, *, weak: bool) -> Mesh:
         """The cells as a mesh that knows nothing of other ranks."""
         if not self.n_cells:
             return Mesh(self.points, frozen_int([0]), frozen_int([]), np.empty((0, 2), np.int64), tags)
-        build: Callable[..., Mesh] = Mesh.from_polyhedra if self.dim == 3 else Mesh.from_polygons
+        build: Callable[..., Mesh] = (
+            Mesh.from_polyhedra if self.dim == 3 else partial(Mesh.from_polygons, weak=weak)
+        )
         cells = (*self.offsets, self.vertices)
         return build(self.points, cells, cell_tags=tags, merge_points=False, allow_gaps=True, name=name)
 
@@ -71,8 +74,10 @@ def given_cells(
     point_ids: ArrayLike | None,
     cell_ids: ArrayLike | None,
     cell_tags: Mapping[str, ArrayLike] | None,
-    name: str,
     ranks: Ranks,
+    *,
+    weak: bool,
+    name: str,
 ) -> GivenCells:
     """The cells of this rank; arguments and errors are those of :meth:`DistributedMesh.from_local`.
 
@@ -99,9 +104,10 @@ def given_cells(
     with ranks.together():
         distinct, known, numbers = _distinct(lists)
         try:
-            mesh = distinct.ordered(order).mesh(tags, name)
+            mesh = distinct.ordered(order).mesh(tags, name, weak=weak)
         except MeshError:
-            lists.mesh({}, name)  # is likely to fail for the same reason, in numbers that the caller knows
+            # likely to fail for the same reason, which is then told in numbers that the caller knows
+            lists.mesh({}, name, weak=weak)
             raise
     return GivenCells(mesh, ids[order], known, numbers)
 

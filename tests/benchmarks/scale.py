@@ -1,0 +1,222 @@
+"""Distributed agglomeration on 1, 2, 3, 4 ranks of this machine, and what it would take on many more.
+
+    python tests/benchmarks/scale.py [MESH ...] [--cells N] [--ranks 1 2 3 4]
+
+Meshes: triangles, voronoi, tetrahedra. Each is made once, read by rank 0 and shared out; levels of 16, 256
+and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seconds of the slowest rank for
+the counts, kernels compiled; ranks wait for one another in loops, so more ranks than cores cost more than
+they work. ``same`` tells whether the labels of ``independent_of_ranks`` are those of one rank. Then weak
+scaling, as many cells on each rank, and a model fitted to both: seconds, messages and bytes of a rank.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported
+
+import numpy as np
+
+import agglo_core as agglo
+from agglo_core import Mesh, Pipeline, samples
+from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
+
+MESHES: Mapping[str, Callable[[int], Mesh]] = {
+    "triangles": lambda n: samples.random_triangles(n // 2, seed=0),
+    "voronoi": lambda n: samples.voronoi(n, seed=0),
+    "tetrahedra": lambda n: samples.tetrahedra(max(1, round((n / 6) ** (1 / 3)))),
+}
+COUNTS = Pipeline(cells_per_part=(16, 256, 4096))
+SIZES = Pipeline(h_factor=(2, 4, 8))
+FAR = ((100_000_000, 16), (1_000_000_000, 1024))
+
+
+def arrays_of(*owners: Any) -> int:
+    """Bytes of the arrays that objects hold, each array once."""
+    found = {}
+    for owner in owners:
+        for value in vars(owner).values():
+            for each in value if isinstance(value, tuple) else (value,):
+                if isinstance(each, np.ndarray):
+                    base = each if each.base is None or not isinstance(each.base, np.ndarray) else each.base
+                    found[id(base)] = base.nbytes
+    return sum(found.values())
+
+
+def digest(mesh: DistributedMesh, levels: Sequence[Any]) -> str:
+    return hashlib.sha256(b"".join(np.asarray(mesh.gather(each)).tobytes() for each in levels)).hexdigest()
+
+
+def on_rank(file: str, full: bool) -> None:
+    """What one rank does; rank 0 prints what all have found, as JSON."""
+    ranks = Ranks()
+    mesh = DistributedMesh.scatter(agglo.read(file) if ranks.rank == 0 else None, ranks, method="coordinates")
+    warm = DistributedMesh.scatter(samples.squares(16) if mesh.local.dim == 2 else samples.boxes(6), ranks)
+    for pipeline in (COUNTS, SIZES):
+        agglomerate(warm, pipeline)
+    mesh.local.graph.ensure_valid()
+    start = time.process_time()
+    made = agglomerate(mesh, COUNTS)
+    seconds = time.process_time() - start
+    told: dict[str, Any] = {
+        "cells": mesh.n_cells,
+        "own": len(mesh.own),
+        "ghosts": len(mesh.owners) - len(mesh.own),
+        "seconds": seconds,
+        "messages": made.statistics["messages"],
+        "bytes": made.statistics["bytes"],
+        "memory": arrays_of(mesh, mesh.local, mesh.local.graph),
+    }
+    before = ranks.traffic.bytes
+    mesh.exchange(made.levels[0])
+    told["halo"] = ranks.traffic.bytes - before
+    if full:
+        told |= quality(mesh, made)
+    every = ranks.gathered(told)
+    if ranks.rank == 0:
+        print("RESULT" + json.dumps(every), flush=True)
+
+
+def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
+    """Counts, sizes, halos and labels, looked at across ranks."""
+    mesh.check()
+    sized = agglomerate(mesh, SIZES)
+    counts = [max(1, round(mesh.n_cells / c)) for c in (16, 256, 4096)]
+    found = made.quality(0, ["UF", "CR"])
+    sizes = [sized.quality(k, ["CR"]) for k in range(3)]
+    kept = all(
+        q["max_diameter"] <= t["h_star"] * (1 + 1e-9) for q, t in zip(sizes, sized.targets, strict=True)
+    )
+    free = agglomerate(mesh, COUNTS, independent_of_ranks=True)
+    connected = min(found["connected"], *(q["connected"] for q in sizes))
+    return {
+        "parts": made.parts,
+        "kept": kept and made.parts == counts,
+        "UF": found["UF"],
+        "CR": found["CR"],
+        "sized": sized.parts,
+        "sized CR": sizes[0]["CR"],
+        "connected": connected,
+        "free CR": free.quality(0, ["CR"])["CR"],
+        "labels": digest(mesh, free.levels),
+    }
+
+
+def launched(file: Path, size: int, full: bool) -> list[dict[str, Any]]:
+    """The results of all ranks."""
+    own = Path(sys.executable).parent / "mpiexec"
+    mpiexec = str(own) if own.exists() else shutil.which("mpiexec")
+    if mpiexec is None:
+        raise SystemExit("there is no mpiexec: pip install 'agglo[mpi]'")
+    command = [mpiexec, "-n", str(size), sys.executable, "-m", "mpi4py", __file__, "--rank-of", str(file)]
+    done = subprocess.run(command + ["--full"] * full, capture_output=True, text=True, check=False)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("RESULT")]
+    if done.returncode or not lines:
+        raise SystemExit(done.stdout + done.stderr)
+    results: list[dict[str, Any]] = json.loads(lines[0].removeprefix("RESULT"))
+    return results
+
+
+def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[list[dict[str, Any]]]:
+    """The same mesh on more and more ranks."""
+    file = folder / f"{name}.npz"
+    agglo.write(file, mesh)
+    print(f"\n{name}, {mesh.n_cells:,} cells")
+    heads = "ranks  seconds   parts     UF    CR  kept  connected   sizes: parts     CR  same  messages"
+    print(heads + "   kB sent  halo kB  B/cell")
+    every = []
+    for size in sizes:
+        ranks = launched(file, size, full=True)
+        every.append(ranks)
+        first = ranks[0]
+        row = {key: max(each[key] for each in ranks) for key in ("seconds", "messages", "bytes", "halo")}
+        memory = max(each["memory"] / each["own"] for each in ranks)
+        same = first["labels"] == every[0][0]["labels"]
+        print(
+            f"{size:5} {row['seconds']:8.2f} {first['parts'][0]:8,} {first['UF']:6.3f} {first['CR']:5.3f} "
+            f"{'yes' if first['kept'] else 'NO':>5} {100 * first['connected']:8.1f} % "
+            f"{first['sized'][0]:14,} "
+            f"{first['sized CR']:6.3f} {'yes' if same else 'NO':>5} {row['messages']:9} "
+            f"{row['bytes'] / 1e3:9.1f} {row['halo'] / 1e3:8.1f} {memory:7.0f}",
+            flush=True,
+        )
+    return every
+
+
+def weak(cells: int, sizes: Sequence[int], folder: Path) -> list[list[dict[str, Any]]]:
+    """Triangles, as many on each rank."""
+    print(f"\nweak scaling, {cells:,} triangles on each rank\nranks  seconds  messages   kB sent")
+    every = []
+    for size in sizes:
+        file = folder / f"weak{size}.npz"
+        agglo.write(file, MESHES["triangles"](cells * size))
+        ranks = launched(file, size, full=False)
+        every.append(ranks)
+        row = {key: max(each[key] for each in ranks) for key in ("seconds", "messages", "bytes")}
+        print(f"{size:5} {row['seconds']:8.2f} {row['messages']:9} {row['bytes'] / 1e3:9.1f}", flush=True)
+    return every
+
+
+def model(runs: Sequence[list[dict[str, Any]]]) -> None:
+    """Seconds, messages and bytes of one rank as functions of its cells and of the ranks, extrapolated."""
+    ranks = [each for run in runs for each in run]
+    per_cell = float(np.median([each["seconds"] / each["own"] for each in ranks]))
+    border = [each["ghosts"] / each["own"] ** 0.5 for each in ranks if each["ghosts"]]
+    memory = float(np.median([each["memory"] / each["own"] for each in ranks]))
+    size = np.array([float(len(run)) for run in runs for _ in run])
+    turns = np.stack((size - 1, np.ceil(np.log2(size))), axis=1)
+
+    def fitted(key: str) -> Any:
+        return np.linalg.lstsq(turns, np.array([float(each[key]) for each in ranks]), rcond=None)[0]
+
+    messages, sent = fitted("messages"), fitted("bytes")
+    print("\nmodel of one rank with n cells, of P, fitted to the runs on triangles")
+    print(f"  seconds   {1e6 * per_cell:.2f} us n")
+    print(f"  messages  {messages[0]:.1f} (P - 1) + {messages[1]:.1f} log2 P")
+    print(f"  bytes     {sent[0]:.0f} (P - 1) + {sent[1]:.0f} log2 P")
+    print(f"  ghosts    {np.mean(border):.1f} sqrt(n)" if border else "  ghosts    none seen")
+    print(f"  memory    {memory:.0f} B n")
+    for cells, many in FAR:
+        n, more = cells / many, np.array([many - 1.0, np.ceil(np.log2(many))])
+        print(
+            f"  {cells:.0e} cells on {many:,} ranks: {per_cell * n:.1f} s, {messages @ more:,.0f} messages, "
+            f"{sent @ more / 1e6:.2f} MB of a rank, {memory * n / 1e9:.2f} GB; "
+            f"one rank that reads the whole mesh: {memory * cells / 1e9:,.0f} GB"
+        )
+    print("  what breaks first: one file read by one rank; then messages of everybody to everybody")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("meshes", nargs="*", default=["triangles", "voronoi", "tetrahedra"])
+    parser.add_argument("--cells", type=int, default=1_000_000, help="tetrahedra: three tenths of it")
+    parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3, 4])
+    parser.add_argument("--rank-of", help=argparse.SUPPRESS)
+    parser.add_argument("--full", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.rank_of:
+        on_rank(options.rank_of, options.full)
+        return
+    with tempfile.TemporaryDirectory() as name:
+        runs: list[list[dict[str, Any]]] = []
+        for mesh in options.meshes:
+            cells = int(options.cells * (0.3 if mesh == "tetrahedra" else 1))
+            found = strong(mesh, MESHES[mesh](cells), options.ranks, Path(name))
+            runs += found if mesh == "triangles" else []
+        runs += weak(options.cells // max(options.ranks), options.ranks, Path(name))
+        model(runs)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""The command line under mpiexec: one table, one message, one exit code, whatever happens on which rank."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from command_line import Agglo
+from on_ranks import Ended, ended, launch, started
+
+from agglo_core import quality, read, read_hierarchy
+from agglo_core.cli.under_mpi import Launched, launched
+
+RUN = ("run", "voronoi:n=200,seed=2", "--bisector", "coordinate", "--no-polish")
+
+FAULTY = """
+import os, signal, sys, time
+from pathlib import Path
+import agglo_core.distributed.writing as writing
+from agglo_core.cli import main
+
+rank, how, kept = int(os.environ["PMI_RANK"]), sys.argv.pop(), writing.write_pieces
+
+def faulty(*arguments, **options):
+    kept(*arguments, **options)
+    if how == "waits":
+        Path(f"ready-{rank}").touch()
+        time.sleep(60)
+    if rank != 1:
+        return
+    if how == "raises":
+        raise ValueError("a bug")
+    if how == "dies":
+        os._exit(9)
+    os.kill(os.getpid(), {"interrupted": signal.SIGINT, "terminated": signal.SIGTERM}[how])
+    time.sleep(60)
+
+writing.write_pieces = faulty
+main()
+"""
+"""The command line, in which rank 1 fails when all pieces are written, but not yet put in place."""
+
+
+def faulty(folder: Path, how: str) -> Ended:
+    return launch(2, *RUN, "--parts", "4", "-o", "out.pvtu", how, cwd=folder, program=FAULTY, seconds=60.0)
+
+
+def left(folder: Path) -> list[str]:
+    """All there is now, hidden folders too."""
+    return sorted(each.name for each in folder.iterdir() if not each.name.startswith("ready"))
+
+
+def test_launchers_say_how_many_ranks_there_are() -> None:
+    assert launched({}) is None
+    assert launched({"PMI_RANK": "0", "PMI_SIZE": "1"}) is None
+    assert launched({"PMI_RANK": "2", "PMI_SIZE": "4"}) == Launched(2, 4)
+    assert launched({"OMPI_COMM_WORLD_RANK": "0", "OMPI_COMM_WORLD_SIZE": "3"}) == Launched(0, 3)
+    assert launched({"SLURM_PROCID": "0", "SLURM_NTASKS": "3"}) is None  # a script that runs no srun
+
+
+def test_a_run_on_three_ranks_prints_one_table_and_writes_its_levels(tmp_path: Path) -> None:
+    done = launch(3, *RUN, "--parts", "40,8", "-o", "out.pvtu", cwd=tmp_path)
+    assert done.code == 0, done.err
+    head, *_, last = done.out.splitlines()
+    assert head.startswith("voronoi n=200 seed=2: 200 cells on 3 ranks, h0 = ")
+    assert last == "wrote out.pvtu"
+    assert done.out.count("40 parts") == done.out.count("8 parts") - done.out.count("wrote") + 1 == 1
+    mesh, hierarchy = read_hierarchy(tmp_path / "out.pvtu")
+    assert hierarchy is not None
+    assert (mesh.n_cells, hierarchy.parts, hierarchy.nested) == (200, [40, 8], True)
+    assert (quality(mesh, hierarchy.levels[0], ["components"])["components"] == 1).all()
+    coarse = read(tmp_path / "out_level1.pvtu")
+    assert coarse.n_cells == 8
+    assert coarse.cell_measures.sum() == pytest.approx(mesh.cell_measures.sum(), rel=1e-12)
+
+
+def test_one_process_makes_the_same_parts_where_ranks_do_not_matter(agglo: Agglo, tmp_path: Path) -> None:
+    """The same command with and without mpiexec, and what both write."""
+    pytest.importorskip("mpi4py")
+    options = ("--parts", "30", "--independent-of-ranks", "--json")
+    one = agglo(*RUN, *options, "-o", "one.pvtu")
+    assert one.code == 0, one.err
+    two = launch(2, *RUN, *options, "-o", "two.pvtu", cwd=tmp_path)
+    assert two.code == 0, two.err
+    told = [json.loads(text) for text in (one.out, two.out)]
+    assert [each["ranks"] for each in told] == [1, 2]
+    assert told[0]["mesh"] == told[1]["mesh"]
+    (_, first), (_, second) = (read_hierarchy(tmp_path / f"{name}.pvtu") for name in ("one", "two"))
+    assert first is not None
+    assert second is not None
+    assert first.levels[0].tolist() == second.levels[0].tolist()
+
+
+REFUSED = {
+    ("compare", "squares:n=4"): "agglo compare works in one process, but 2 were started",
+    ("run", "squares:n=4", "--plot", "a.png", "--report", "b.html"): "--plot and --report cannot be had",
+    ("run", "squares:n=4", "-o", "out.vtu"): "out.vtu: what lies on several ranks is written as .pvtu",
+    ("run", "nowhere.vtu"): "'nowhere.vtu' is neither a file",
+    ("run", "squares:n=4", "--parts", "x"): "Invalid value for '--parts'",
+    ("solve", "squares:n=4"): "the solver polydg_mg works in one process, but 2 were started",
+    ("run", "squares:n=4", "-o", "nowhere/out.pvtu"): "nowhere/out.pvtu: the folder nowhere does not exist",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", REFUSED, ids=" ".join)
+def test_what_cannot_be_had_is_refused_once(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    done = launch(2, *arguments, cwd=tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.count("error: ") == 1
+    assert f"error: {REFUSED[arguments]}" in done.err.replace("\n", " ")
+    assert left(tmp_path) == []
+
+
+def test_comparing_on_ranks_is_refused(tmp_path: Path) -> None:
+    """Nobody gets the same table four times."""
+    done = launch(4, "compare", "squares:n=4", cwd=tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.startswith("error: agglo compare works in one process, but 4 were started")
+    assert len(done.err.splitlines()) == 1
+
+
+def test_an_error_on_one_rank_ends_all_with_its_traceback(tmp_path: Path) -> None:
+    """Rank 0 waits for a message that never comes: the run is aborted, and nothing stays behind."""
+    done = faulty(tmp_path, "raises")
+    assert done.code != 0
+    assert done.err.count("ValueError: a bug") == 1
+    assert left(tmp_path) == []
+
+
+PLUGIN = """
+import os, sys
+from types import SimpleNamespace
+from agglo_core.cli import main
+from agglo_core.registry import Component, default, hookimpl
+
+class Toy:
+    def bisect(self, graph, rng):
+        if os.environ["PMI_RANK"] == "1" and graph.n > 60:
+            raise ZeroDivisionError("a plugin's bug")
+        return graph.centroids[:, 0] > sorted(graph.centroids[:, 0])[graph.n // 2]
+
+sys.modules["toy_on_ranks"] = SimpleNamespace(Toy=Toy)
+made = [Component(kind="bisector", name="toy", target="toy_on_ranks:Toy", summary="Halves.")]
+default().register(SimpleNamespace(agglo_components=hookimpl(lambda: made)), "toy_on_ranks")
+main()
+"""
+
+
+@pytest.mark.slow
+def test_a_plugin_that_fails_on_one_rank_is_named_once(tmp_path: Path) -> None:
+    arguments = ("run", "voronoi:n=200", "--bisector", "toy", "--parts", "4", "-o", "out.pvtu")
+    done = launch(2, *arguments, cwd=tmp_path, program=PLUGIN)
+    assert done.code == 2
+    assert done.err.count("a plugin's bug") == 1
+    assert "error: rank 1: PluginError: bisector 'toy'" in done.err
+    assert left(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_a_rank_that_dies_ends_all(tmp_path: Path) -> None:
+    """The temporary folder of pieces stays, hidden, and goes with the next writing."""
+    done = faulty(tmp_path, "dies")
+    assert done.code == 9
+    assert all(name.startswith(".out.pvtu.agglo-") for name in left(tmp_path))
+    assert launch(2, *RUN, "--parts", "4", "-o", "out.pvtu", cwd=tmp_path).code == 0
+    assert left(tmp_path) == ["out", "out.pvtu", "out_level0", "out_level0.pvtu"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("how", "code"), [("interrupted", 130), ("terminated", 143)])
+def test_a_signal_to_one_rank_ends_all(tmp_path: Path, how: str, code: int) -> None:
+    done = faulty(tmp_path, how)
+    assert done.code == code
+    assert done.err.count(how) == 1
+    assert left(tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_mpiexec_ends_all(tmp_path: Path, number: signal.Signals) -> None:
+    """As Ctrl-C in a terminal, or the end of a batch job."""
+    running = started(2, ["-c", FAULTY, *RUN, "--parts", "4", "-o", "out.pvtu", "waits"], cwd=tmp_path)
+    until = time.monotonic() + 60.0
+    while len(list(tmp_path.glob("ready-*"))) < 2 and time.monotonic() < until:
+        time.sleep(0.05)
+    running.send_signal(number)
+    done = ended(running, 20.0)
+    assert done.code != 0
+    assert left(tmp_path) == []
