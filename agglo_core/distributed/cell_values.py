@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import Int, frozen, frozen_int
 from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.whole_cells import distinct
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 
@@ -42,8 +43,8 @@ class CellValues:
         face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
         to, cell = sides[face, 1 - side], self.local.face_cells[face, side]
         return {
-            int(rank): frozen_int(np.searchsorted(self.own, np.unique(cell[to == rank])))
-            for rank in np.unique(to)
+            int(rank): frozen_int(np.searchsorted(self.own, distinct(cell[to == rank])))
+            for rank in distinct(to)
         }
 
     def exchange(self, values: ArrayLike) -> NDArray[Any]:
@@ -57,11 +58,13 @@ class CellValues:
         Raises
         ------
         MeshError
-            If there are not as many values as own cells; on other ranks RankError.
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
 
         Examples
         --------
         >>> from agglo_core import samples
+        >>> from agglo_core.distributed import DistributedMesh
         >>> whole = DistributedMesh.scatter(samples.squares(2))
         >>> whole.exchange([5, 6, 7, 8]).tolist()
         [5, 6, 7, 8]
@@ -85,23 +88,41 @@ class CellValues:
         Raises
         ------
         MeshError
-            If there are not as many values as own cells; on other ranks RankError.
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
 
         Examples
         --------
         >>> from agglo_core import samples
+        >>> from agglo_core.distributed import DistributedMesh
         >>> DistributedMesh.scatter(samples.squares(2)).gather([5, 6, 7, 8]).tolist()
         [5, 6, 7, 8]
         """
         parts = self.ranks.gathered((self.global_ids[self.own], self.checked(values)))
         order = np.argsort(np.concatenate([ids for ids, _ in parts]))
-        return np.concatenate([own for _, own in parts if len(own)])[order]
+        return np.concatenate([own for _, own in parts])[order]
 
     def checked(self, values: ArrayLike) -> NDArray[Any]:
-        """Values of the own cells as an array ``(n_own, …)``, or MeshError; on other ranks RankError."""
+        """Values of the own cells as an array ``(n_own, …)``, of one type and as wide on all ranks.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
+        """
+        here, n = self.ranks.rank, len(self.own)
         with self.ranks.together():
             array = np.asarray(values)
-            if array.ndim == 0 or len(array) != len(self.own):
-                rank, n = self.ranks.rank, len(self.own)
-                raise MeshError(f"rank {rank} has {n} own cells, but the values have shape {array.shape}")
-            return array
+            if array.ndim == 0 or len(array) != n:
+                raise MeshError(f"rank {here} has {n} own cells, but the values have shape {array.shape}")
+        kinds = self.ranks.gathered((array.shape[1:], array.dtype) if n else None)
+        given = [(rank, *kind) for rank, kind in enumerate(kinds) if kind is not None]
+        first, shape, _ = given[0]
+        for rank, other, _ in given:
+            if other != shape:
+                raise MeshError(
+                    f"values of a cell have shape {shape} on rank {first}, {other} on rank {rank}"
+                )
+        dtype = np.result_type(*(kind for _, _, kind in given))
+        return array.astype(dtype, copy=False) if n else np.empty((0, *shape), dtype)

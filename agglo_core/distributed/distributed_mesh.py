@@ -17,12 +17,11 @@ from agglo_core.distributed.halo import LocalMesh, common_origin, ghosts, local_
 from agglo_core.distributed.local_cells import FaceTags, across_ranks
 from agglo_core.distributed.mesh_laws import check_laws
 from agglo_core.distributed.moving import check_bounds, check_destinations, moved
-from agglo_core.distributed.shared_points import numbered_by_place
 from agglo_core.distributed.sharing import scattered
 from agglo_core.distributed.whole_cells import WholeCells, joined
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_points
+from agglo_core.mesh.checks import whole_numbers
 
 __all__ = ["DistributedMesh"]
 
@@ -163,7 +162,9 @@ class DistributedMesh(CellValues):
         (5, [2, 4, 7, 9])
         """
         ranks = ranks or Ranks()
-        given = given_cells(points, cells, point_ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
+        with ranks.together():
+            ids = whole_numbers(point_ids, "point_ids")
+        given = given_cells(points, cells, ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
         return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod
@@ -188,19 +189,8 @@ class DistributedMesh(CellValues):
         4
         """
         ranks = ranks or Ranks()
-        with ranks.together():
-            where = check_points(points) if len(cells) else np.empty((0, 0))
-        return cls.from_local(
-            ranks,
-            where,
-            cells,
-            numbered_by_place(where, ranks),
-            cell_ids=cell_ids,
-            cell_tags=cell_tags,
-            face_tags=face_tags,
-            weak=weak,
-            name=name,
-        )
+        given = given_cells(points, cells, None, cell_ids, cell_tags, ranks, weak=weak, name=name)
+        return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
 
     @classmethod
     def _with_ghosts(cls, ranks: Ranks, own: WholeCells, name: str) -> DistributedMesh:
@@ -265,9 +255,9 @@ class DistributedMesh(CellValues):
         coarse = self._moved(number, frozen_int(np.searchsorted(ends, number, side="right") - 1))
         with self.ranks.together():
             first, last = ends[self.ranks.rank : self.ranks.rank + 2]
-            missing = np.setdiff1d(np.arange(first, last), coarse.global_ids[coarse.own])
-            if len(missing):
-                raise MeshError(f"labels leave gaps: no cell is labelled {missing[0]} (of 0..{ends[-1] - 1})")
+            if last - first > len(coarse.own):
+                missing = np.setdiff1d(np.arange(first, last), coarse.global_ids[coarse.own])[0]
+                raise MeshError(f"labels leave gaps: no cell is labelled {missing} (of 0..{ends[-1] - 1})")
         return coarse
 
     def redistributed(self, rank_of_own_cell: ArrayLike) -> DistributedMesh:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.shared_points import check_ids
+from agglo_core.distributed.shared_points import check_ids, numbered_by_place
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import check_indices, check_offsets, check_points, check_tags, whole_numbers
@@ -71,7 +71,7 @@ class _Lists(NamedTuple):
 def given_cells(
     points: ArrayLike,
     cells: Any,
-    point_ids: ArrayLike,
+    point_ids: ArrayLike | None,
     cell_ids: ArrayLike | None,
     cell_tags: Mapping[str, ArrayLike] | None,
     ranks: Ranks,
@@ -79,12 +79,17 @@ def given_cells(
     weak: bool,
     name: str,
 ) -> GivenCells:
-    """The cells of this rank; arguments and errors are those of :meth:`DistributedMesh.from_local`."""
+    """The cells of this rank; arguments and errors are those of :meth:`DistributedMesh.from_local`.
+
+    Without ``point_ids``, on all ranks, points at exactly the same place are one.
+    """
     with ranks.together():
         lists = _listed(points, cells, point_ids)
     dim = _agreed([each or None for each in ranks.gathered(lists.dim)], "a mesh in {} dimensions", ranks)
     if not lists.n_cells:
         lists = lists._replace(points=np.empty((0, dim)), offsets=(frozen_int([0]),) * (dim - 1))
+    if point_ids is None:
+        lists = lists._replace(point_ids=numbered_by_place(lists.points, ranks))
     counts = ranks.gathered(lists.n_cells)
     tagged = ranks.gathered(sorted(cell_tags or {}) if lists.n_cells else None)
     names = _agreed(tagged, "cell tags {}", ranks)
@@ -101,17 +106,17 @@ def given_cells(
         try:
             mesh = distinct.ordered(order).mesh(tags, name, weak=weak)
         except MeshError:
-            lists.mesh(
-                {}, name, weak=weak
-            )  # is likely to fail for the same reason, in numbers that the caller knows
+            # likely to fail for the same reason, which is then told in numbers that the caller knows
+            lists.mesh({}, name, weak=weak)
             raise
     return GivenCells(mesh, ids[order], known, numbers)
 
 
-def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike) -> _Lists:
+def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _Lists:
     if not len(cells) or (isinstance(cells, tuple) and len(cells[0]) < 2):
         return _Lists(np.empty((0, 0)), frozen_int([]), (frozen_int([0]),), frozen_int([]))
-    where, ids = check_points(points), whole_numbers(point_ids, "point_ids")
+    where = check_points(points)
+    ids = whole_numbers(np.arange(len(where)) if point_ids is None else point_ids, "point_ids")
     if len(ids) != len(where):
         raise MeshError(f"there are {len(where)} points, but {len(ids)} point_ids")
     *offsets, vertices = (solids_as_csr if where.shape[1] == 3 else loops_as_csr)(cells)

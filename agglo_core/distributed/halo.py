@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.distributed.communication import Ranks
-from agglo_core.distributed.whole_cells import WholeCells, parcels, places, taken
+from agglo_core.distributed.whole_cells import WholeCells, distinct, parcels, places, taken
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
@@ -28,7 +28,7 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
     border = np.flatnonzero(((sides != ranks.rank) & (sides >= 0)).any(axis=1))
     one = (sides[border, 1] == ranks.rank).astype(np.int64)  # the side of border faces that is own
     cells = places(own.face_cells[border, one], own.cells)
-    near = _near(own, frozen_int(np.unique(cells)))
+    near = _near(own, distinct(cells))
     to, where = sides[border, 1 - one], places(own.cells[cells], near.cells)
     rows, ends = _faces_of(near)
     offsets, entries = gather(ends, where)

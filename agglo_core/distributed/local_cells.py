@@ -13,9 +13,9 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.given_cells import GivenCells
 from agglo_core.distributed.shared_faces import Beyond, FaceKeys, cells_beyond, face_keys
 from agglo_core.distributed.shared_points import shared_points
-from agglo_core.distributed.whole_cells import WholeCells, places
+from agglo_core.distributed.whole_cells import WholeCells, distinct, places
 from agglo_core.errors import MeshError
-from agglo_core.mesh.checks import whole_numbers
+from agglo_core.mesh.checks import check_offsets, whole_numbers
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.polygons import loops_as_csr
 
@@ -31,21 +31,27 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
     A face belongs to the one of its cells with the smaller global id; faces follow the cells that they
     belong to, in the order of the faces of each.
     """
-    mesh = given.mesh
-    vertices, offsets = given.points[mesh.face_vertices], mesh.face_offsets
-    keys = face_keys(vertices, offsets)
+    mesh, offsets = given.mesh, given.mesh.face_offsets
+    vertices = given.points[mesh.face_vertices]
     names = sorted(set().union(*ranks.gathered(set(face_tags or {}))))
     with ranks.together():
-        tags = _listed_tags(face_tags or {}, names, given, keys)
-    shared = shared_points(given.points, mesh.points, ranks)[mesh.face_vertices]
-    near = np.flatnonzero(np.logical_and.reduceat(shared, offsets[:-1]) if mesh.n_faces else shared)
+        tags = _listed_tags(face_tags or {}, names, given, vertices)
     cells = np.append(given.cells, -1)[mesh.face_cells]
-    beyond = cells_beyond(vertices, offsets, keys, frozen_int(cells), tags, frozen_int(near), ranks)
-    tags = np.where(tags != 0, tags, beyond.tags)
-    mine = (beyond.cells < 0) | (cells[:, 0] < beyond.cells)
+    shared = shared_points(given.points, mesh.points, ranks)[mesh.face_vertices]
+    if mesh.n_faces:  # a face may have a cell of another rank if that knows all its points
+        shared = np.logical_and.reduceat(shared, offsets[:-1])
+    near = frozen_int(np.flatnonzero(shared))
+    loops, entries = gather(offsets, near)
+    found = cells_beyond(vertices[entries], loops, frozen_int(cells[near]), tags[near], near, ranks)
+    tags[near] = np.where(tags[near] != 0, tags[near], found.tags)
+    across = found.cells >= 0
+    beyond = Beyond(*(each[across] for each in found))
+    border = frozen_int(near[across])
+    mine = np.ones(mesh.n_faces, bool)
+    mine[border] = cells[border, 0] < beyond.cells
     faces = _numbered(cells[:, 0], mine, ranks)
-    faces, vertices = _from_owners(faces, mine, offsets, vertices, beyond, ranks)
-    sides, owners = _sides(cells, beyond, ranks.rank)
+    faces, vertices = _from_owners(faces, mine, offsets, vertices, border, beyond, ranks)
+    sides, owners = _sides(cells, border, beyond, ranks.rank)
     order = np.argsort(faces)
     new_offsets, entries = gather(offsets, frozen_int(order))
     return WholeCells(
@@ -64,27 +70,39 @@ def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) ->
 
 
 def _listed_tags(
-    face_tags: FaceTags, names: list[str], given: GivenCells, keys: FaceKeys
+    face_tags: FaceTags, names: list[str], given: GivenCells, vertices: Int
 ) -> NDArray[np.int64]:
     """Tags ``(n_faces, len(names))`` of faces given by their points; 0 on those that are not listed."""
-    tags = np.zeros((len(keys.low), len(names)), np.int64)
+    tags = np.zeros((given.mesh.n_faces, len(names)), np.int64)
+    if not face_tags:
+        return tags
+    keys = face_keys(vertices, given.mesh.face_offsets)
     for name, (faces, values) in face_tags.items():
-        offsets, vertices = loops_as_csr(faces)
+        column = tags[:, names.index(name)]
+        found = _listed(f"face tag {name!r}", faces, given, keys)
         said = whole_numbers(values, f"face tag {name!r}")
-        if len(said) != len(offsets) - 1:
-            raise MeshError(f"face tag {name!r} lists {len(offsets) - 1} faces, but {len(said)} values")
-        if len(vertices) and (vertices.min() < 0 or vertices.max() >= len(given.numbers)):
-            raise MeshError(f"face tag {name!r} uses points outside 0..{len(given.numbers) - 1}")
-        numbers = given.numbers[vertices]
-        found = _found(face_keys(np.append(given.points, -1)[numbers], offsets), keys)
-        if len(found) and found.min() < 0:
-            row = int(np.argmin(found))
-            loop = vertices[offsets[row] : offsets[row + 1]].tolist()
-            raise MeshError(f"face tag {name!r}: no cell of this rank has a face with the points {loop}")
-        tags[found, names.index(name)] = said
-        if (tags[found, names.index(name)] != said).any():
+        if len(said) != len(found):
+            raise MeshError(f"face tag {name!r} lists {len(found)} faces, but {len(said)} values")
+        column[found] = said
+        if (column[found] != said).any():
             raise MeshError(f"face tag {name!r} lists a face twice, with different values")
     return tags
+
+
+def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
+    """Numbers of faces given as lists of points."""
+    offsets, points = loops_as_csr(faces)
+    check_offsets(offsets, len(points), "face")
+    known = (points >= 0) & (points < len(given.numbers))
+    known[known] = given.numbers[points[known]] >= 0
+    if not known.all():
+        raise MeshError(f"{what}: no cell of this rank has point {points[np.argmin(known)]}")
+    found = _found(face_keys(given.points[given.numbers[points]], offsets), keys)
+    if len(found) and found.min() < 0:
+        row = int(np.argmin(found))
+        loop = points[offsets[row] : offsets[row + 1]].tolist()
+        raise MeshError(f"{what}: no cell of this rank has a face with the points {loop}")
+    return found
 
 
 def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
@@ -112,13 +130,20 @@ def _numbered(owner: Int, mine: NDArray[np.bool_], ranks: Ranks) -> Int:
 
 
 def _from_owners(
-    faces: Int, mine: NDArray[np.bool_], offsets: Int, vertices: Int, beyond: Beyond, ranks: Ranks
+    faces: Int,
+    mine: NDArray[np.bool_],
+    offsets: Int,
+    vertices: Int,
+    border: Int,
+    beyond: Beyond,
+    ranks: Ranks,
 ) -> tuple[Int, Int]:
     """Numbers and points of all faces: where a face belongs to a cell of another rank, as they are there."""
     parcels = {}
-    for rank in np.unique(beyond.ranks[beyond.ranks >= 0]).tolist():
-        told = frozen_int(np.flatnonzero((beyond.ranks == rank) & mine))
-        parcels[rank] = beyond.faces[told], faces[told], vertices[gather(offsets, told)[1]]
+    for rank in distinct(beyond.ranks).tolist():
+        told = np.flatnonzero((beyond.ranks == rank) & mine[border])
+        at = border[told]
+        parcels[rank] = beyond.faces[told], faces[at], vertices[gather(offsets, at)[1]]
     faces, vertices = faces.copy(), vertices.copy()
     for at, numbers, loops in ranks.exchanged(parcels).values():
         faces[at] = numbers
@@ -126,11 +151,10 @@ def _from_owners(
     return faces, vertices
 
 
-def _sides(cells: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
+def _sides(cells: Int, border: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
     """Both cells of each face and the ranks that have them, the owner first."""
     sides, owners = cells.copy(), np.where(cells >= 0, rank, -1)
-    far = beyond.cells >= 0
-    sides[far, 1], owners[far, 1] = beyond.cells[far], beyond.ranks[far]
-    turned = far & (beyond.cells < cells[:, 0])
+    sides[border, 1], owners[border, 1] = beyond.cells, beyond.ranks
+    turned = border[beyond.cells < cells[border, 0]]
     sides[turned], owners[turned] = sides[turned, ::-1], owners[turned, ::-1]
     return sides, owners

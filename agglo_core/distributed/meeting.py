@@ -53,8 +53,9 @@ class Meeting:
         """What the ranks to which this one sent its rows say of each ``(n, …)``; here: of each that came."""
         bounds = np.searchsorted(self.senders, np.arange(self._ranks.size + 1))
         back = {
-            int(rank): [each[bounds[rank] : bounds[rank + 1]] for each in columns]
-            for rank in np.unique(self.senders)
+            rank: [each[bounds[rank] : bounds[rank + 1]] for each in columns]
+            for rank in range(self._ranks.size)
+            if bounds[rank] < bounds[rank + 1]
         }
         came = self._ranks.exchanged(back)
         found = [np.empty((self._n, *each.shape[1:]), each.dtype) for each in columns]

@@ -9,7 +9,7 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.halo import LocalMesh, ghosts, local_mesh
 from agglo_core.distributed.meeting import refuse_all
 from agglo_core.distributed.shared_points import check_ids
-from agglo_core.distributed.whole_cells import WholeCells, joined, taken
+from agglo_core.distributed.whole_cells import WholeCells, distinct, joined, taken
 
 __all__ = ["check_laws"]
 
@@ -37,7 +37,8 @@ def check_laws(own: WholeCells, known: Int, owners: Int, held: LocalMesh, n_cell
     check_ids(own.cells, n_cells, ranks)
     parts = ghosts(own, ranks)
     told = [_border(own, part, int(part.owners[0]), ranks.rank) for part in parts]
-    silent = np.setdiff1d(own.face_owners, [-1, ranks.rank, *(int(part.owners[0]) for part in parts)])
+    heard = [-1, ranks.rank, *(int(part.owners[0]) for part in parts)]
+    silent = [rank for rank in distinct(own.face_owners).tolist() if rank not in heard]
     told += [f"rank {rank} does not know that its cells have neighbours there" for rank in silent]
     refuse_all(ranks, next((f"{here}: {fault}" for fault in told if fault), None))
     whole = joined([own, *parts])

@@ -39,30 +39,30 @@ def face_keys(vertices: Int, offsets: Int) -> FaceKeys:
 
 
 def cells_beyond(
-    vertices: Int, offsets: Int, keys: FaceKeys, cells: Int, tags: NDArray[np.int64], faces: Int, ranks: Ranks
+    vertices: Int, offsets: Int, cells: Int, tags: NDArray[np.int64], numbers: Int, ranks: Ranks
 ) -> Beyond:
-    """The cells of other ranks at ``faces (k,)``, numbers of those whose points others have too.
+    """The cells of other ranks at faces ``(n,)`` of this one, which may be all whose points others have too.
 
     Parameters
     ----------
     vertices, offsets : CSR
         Global points of each face, as the owner sees them.
-    keys : FaceKeys
     cells : (n, 2) int
         Global ids of the own cells on both sides; -1 where there is none.
     tags : (n, k) int
         0 is for no tag.
+    numbers : (n,) int
+        By which others are to know the faces.
 
     Raises
     ------
     MeshError
-        On all ranks, naming cells and ranks: if a face has three cells, if two solids are on the same side of
-        it, if the tags of both ranks differ.
+        On all ranks, naming cells and ranks: if a face has three cells, if two are on the same side of it, if
+        the tags of both ranks differ.
     """
-    low, mixed = keys.low[faces], keys.mixed[faces]
-    turn = _turns(vertices, offsets, keys.low)[faces]
+    low, mixed = face_keys(vertices, offsets)
     to = rank_of_key(splitmix(low.view(np.uint64)), ranks.size)
-    meeting = Meeting(ranks, to, low, mixed, cells[faces], turn, faces, tags[faces])
+    meeting = Meeting(ranks, to, low, mixed, cells, _turns(vertices, offsets, low), numbers, tags)
     low, mixed, sides, turn, number, said = meeting.columns
     order, bounds = groups(mixed, low)
     single = np.flatnonzero(np.diff(bounds) == 2)
@@ -84,11 +84,7 @@ def cells_beyond(
     partner[a], partner[b] = b, a
     none = partner < 0
     found = [np.where(none, -1, each[partner]) for each in (sides[:, 0], meeting.senders, number)]
-    answers = meeting.answered(*found, np.where(none[:, None], 0, said[partner]))
-    whole = [np.full(len(cells), -1) for _ in range(3)] + [np.zeros_like(tags)]
-    for column, answer in zip(whole, answers, strict=True):
-        column[faces] = answer
-    return Beyond(*whole)
+    return Beyond(*meeting.answered(*found, np.where(none[:, None], 0, said[partner])))
 
 
 def _turns(vertices: Int, offsets: Int, low: Int) -> Int:

@@ -37,11 +37,21 @@ _NO_RUNS: Final = MappingProxyType(
     }
 )
 """The page without the parts that show runs."""
-_SCRIPTS = {
-    2: ("data.js", "map.js", "charts.js", "page.js"),
-    3: ("data.js", "stills.js", "charts.js", "page.js"),
+_SHARED: Final = (
+    "sight.js",
+    "panel.js",
+    "charts.js",
+    "tables.js",
+    "download.js",
+    "lists.js",
+    "address.js",
+    "page.js",
+)
+_SCRIPTS: Final = {
+    2: ("data.js", "theme.js", "colours.js", "raster.js", "plane.js", *_SHARED),
+    3: ("data.js", "theme.js", "colours.js", "stills.js", *_SHARED),
 }
-"""By dimension of the mesh."""
+"""By dimension of the mesh: one module together, each file after those it uses while it is read."""
 _INERT = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
 """Names come from files and may hold ``</script>``: inside JSON these are the same characters, inert."""
 
@@ -107,32 +117,39 @@ def _page(
     registry: Registry,
     solves: Mapping[str, Mapping[str, Any]],
 ) -> str:
+    style = _text("page.css")
     about = f"{mesh.n_cells:,} cells, h0 = {mesh.h:.4g}"
     parts = {
         "<!--title-->": html.escape(mesh.name or "mesh"),
         "<!--about-->": html.escape("; ".join(filter(None, (about, note)))),
         "<!--version-->": html.escape(version_of("agglo")),
-        "/*style*/": _text("page.css"),
+        "/*style*/": style,
+        "/*style policy*/": _hash(style),
         "<!--solve-->": solve_section(solves),
         **(_of_runs(mesh, runs, note, registry) if runs or not solves else _NO_RUNS),
     }
     # in one pass: what is filled in may itself look like a mark
-    return re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark.group()], _text("page.html"))
+    page = re.sub("|".join(map(re.escape, parts)), lambda mark: parts[mark.group()], _text("page.html"))
+    return page.replace("<!--size-->", f"{len(page.encode()) / 1e6:.2f}", 1)
 
 
 def _of_runs(mesh: Mesh, runs: Sequence[RunResult], note: str, registry: Registry) -> dict[str, str]:
     """The parts of the page that show runs, and the script that draws them."""
     data = json.dumps(payload(mesh, runs, note), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     script = "\n".join(['"use strict";', *map(_text, _SCRIPTS[mesh.dim])])
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     return {
-        "/*policy*/": f"'sha256-{digest}'",  # the one script that runs: none of a section, none of a name
+        "/*policy*/": _hash(script),  # the one script that runs: none of a section, none of a name
         "<!--noscript-->": _text("noscript.html"),
-        "<!--own-->": own_sections(mesh.dim),
+        "<!--own-->": own_sections(),
         "<!--scripts-->": f'<script type="application/json" id="data">{data.translate(_INERT)}</script>\n'
-        f"<script>{script}</script>\n",
+        f'<script type="module">{script}</script>\n',
         "<!--theirs-->": sections_of_plugins(mesh, runs, registry),
     }
+
+
+def _hash(text: str) -> str:
+    """What a content security policy calls a script or a style of exactly this text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
 
 
 def _text(name: str) -> str:

@@ -73,18 +73,18 @@ def _axes(found: TradeOffs) -> Iterator[str]:
     bottom = _TOP + _HEIGHT
     for value, share in _ticks(found.evenness):
         x = _LEFT + share * _WIDTH
-        yield _line(x, _TOP, x, bottom, "#e4e1da") + _text(x, bottom + 16, value, "middle")
+        yield _line(x, _TOP, x, bottom, "grid") + _text(x, bottom + 16, value, "middle")
     for value, share in _ticks(found.roundness):
         y = bottom - share * _HEIGHT
-        yield _line(_LEFT, y, _LEFT + _WIDTH, y, "#e4e1da") + _text(_LEFT - 6, y + 4, value, "end")
-    yield _line(_LEFT, bottom, _LEFT + _WIDTH, bottom, "#666") + _line(_LEFT, _TOP, _LEFT, bottom, "#666")
+        yield _line(_LEFT, y, _LEFT + _WIDTH, y, "grid") + _text(_LEFT - 6, y + 4, value, "end")
+    yield _line(_LEFT, bottom, _LEFT + _WIDTH, bottom, "axis") + _line(_LEFT, _TOP, _LEFT, bottom, "axis")
     yield _text(_LEFT + _WIDTH / 2, bottom + 36, f"{sense(found.evenness)} →", "middle")
     middle = f"{_TOP + _HEIGHT / 2:.1f}"
     turned = f'transform="rotate(-90 14 {middle})" text-anchor="middle"'
     yield f'<text x="14" y="{middle}" {turned}>{escape(sense(found.roundness))} →</text>'
     corners = _places(found, stairs(found)) * [1, -1] + [_LEFT, bottom]
     points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
-    yield f'<polyline points="{points}" fill="none" stroke="#888" stroke-width="1.5"/>'
+    yield f'<polyline points="{points}" class="front" stroke-width="1.5"/>'
 
 
 def _ticks(axis: Axis) -> Iterator[tuple[str, float]]:
@@ -105,14 +105,14 @@ def _dots(found: TradeOffs) -> Iterator[str]:
     avoided = stair_boxes(_places(found, stairs(found)), 2.0)
     places = label_places(dots, sizes, np.array([_WIDTH, _HEIGHT]), _GAP, avoided)
     for own, (x, y) in ties(dots, sizes, places, _GAP).items():
-        yield _line(_LEFT + dots[own, 0], bottom - dots[own, 1], _LEFT + x, bottom - y, "#777")
+        yield _line(_LEFT + dots[own, 0], bottom - dots[own, 1], _LEFT + x, bottom - y, "axis")
     for (x, y), fill, best in zip(dots, _fills(found.seconds), found.best, strict=True):
-        ring = f'stroke="#222" stroke-width="{2.5 if best else 0.7}"'
+        ring = f'class="ink" stroke-width="{2.5 if best else 0.7}"'
         yield f'<circle cx="{_LEFT + x:.1f}" cy="{bottom - y:.1f}" r="5" fill="{fill}" {ring}/>'
     for (x, y), (width, _), dot, name in zip(places, sizes, dots, names, strict=True):
         left = x + width / 2 < dot[0]  # its end is near the dot, however wide the letters are
         x, anchor = (x + width, "end") if left else (x, "start")
-        yield _text(_LEFT + x, bottom - y - 3, name, anchor, 'style="fill:#222"')
+        yield _text(_LEFT + x, bottom - y - 3, name, anchor, 'class="name"')
 
 
 def _fills(seconds: Float) -> list[str]:
@@ -135,5 +135,5 @@ def _text(x: float, y: float, text: str, anchor: str, more: str = "") -> str:
     return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" {more}>{escape(text)}</text>'
 
 
-def _line(x1: float, y1: float, x2: float, y2: float, colour: str) -> str:
-    return f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{colour}"/>'
+def _line(x1: float, y1: float, x2: float, y2: float, kind: str) -> str:
+    return f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" class="{kind}"/>'

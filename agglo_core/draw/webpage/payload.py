@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from agglo_core.arrays import Int
 from agglo_core.draw.colours import PALETTE, colouring
-from agglo_core.draw.webpage.packing import integers, reals
+from agglo_core.draw.webpage.fine_cells import along_curve, plane_faces, tags
+from agglo_core.draw.webpage.packing import differences, integers, reals
 from agglo_core.draw.webpage.stills import apart, stills
 from agglo_core.errors import OptionError
 from agglo_core.measure.comparison import Level, RunResult, wanted
@@ -23,10 +25,12 @@ _ROUNDING = 1e-6
 def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, Any]:
     """Plain data of mesh and runs for the page; raises as :func:`write_page` does.
 
-    A plane mesh is there as points and faces, a solid as stills from several sides.
+    A plane mesh is there as points and faces, a solid as stills from several sides. What belongs to cells
+    (labels, tags) is there once, in the order ``order``; entry k of that is the number of the cell.
     """
     if all(run.hierarchy is None for run in runs):
         raise OptionError("nothing to report: there is no run, or none came to an end")
+    order = along_curve(mesh)
     return {
         "version": version_of("agglo"),
         "name": mesh.name or "mesh",
@@ -34,23 +38,13 @@ def payload(mesh: Mesh, runs: Sequence[RunResult], note: str = "") -> dict[str, 
         "cells": mesh.n_cells,
         "h0": mesh.h,
         "size": "area" if mesh.dim == 2 else "volume",
-        **(_plane(mesh) if mesh.dim == 2 else {"stills": stills(mesh)}),
+        "order": differences(order),
+        **({"plane": plane_faces(mesh, order)} if mesh.dim == 2 else {"stills": stills(mesh, order)}),
+        "tags": tags(mesh, order),
         "palette": PALETTE,
         "metrics": _axes(runs),
         "objectives": list(dict.fromkeys(name for level in _levels(runs) for name in level.objectives)),
-        "runs": [_run(run, mesh) for run in runs],
-    }
-
-
-def _plane(mesh: Mesh) -> dict[str, Any]:
-    """Coordinates relative to the origin of the mesh, as float32: a millionth of its size; the outside of
-    the domain is cell ``n_cells``.
-    """
-    used, vertices = np.unique(mesh.face_vertices, return_inverse=True)
-    return {
-        "points": reals(mesh.local_points[used]),
-        "faces": integers(vertices),
-        "sides": integers(np.where(mesh.face_cells < 0, mesh.n_cells, mesh.face_cells)),
+        "runs": [_run(run, mesh, order) for run in runs],
     }
 
 
@@ -74,19 +68,19 @@ def _axes(runs: Sequence[RunResult]) -> list[dict[str, Any]]:
     return axes
 
 
-def _run(run: RunResult, mesh: Mesh) -> dict[str, Any]:
-    levels = [_level(level) for level in run.levels]
+def _run(run: RunResult, mesh: Mesh, order: Int) -> dict[str, Any]:
+    levels = [_level(level, order) for level in run.levels]
     if mesh.dim == 3:
         for made, level in zip(levels, run.levels, strict=True):
-            made["apart"] = apart(mesh, level.labels)
+            made["apart"] = apart(mesh, level.labels, order)
     return {"name": run.name, "seconds": run.seconds, "error": run.error, "levels": levels}
 
 
-def _level(level: Level) -> dict[str, Any]:
+def _level(level: Level, order: Int) -> dict[str, Any]:
     return {
         **{key: _finite(value) for key, value in level.line.items() if key != "target"},
         "target": wanted(level.target),
-        "labels": integers(level.labels),
+        "labels": integers(level.labels[order]),
         "colours": integers(colouring(level.mesh, len(PALETTE))),
         "values": {name: reals(values) for name, values in level.values.items()},
     }

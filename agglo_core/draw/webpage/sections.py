@@ -17,15 +17,12 @@ __all__ = ["OWN", "own_sections", "sections_of_plugins"]
 
 OWN: Final = ("map", "charts", "runs", "parts", "words")
 """Names of the page's own sections, in their order: ``section_<name>.html`` in this folder."""
-_STILLS: Final = "stills"
-"""What takes the place of the map for a solid."""
 
 
-def own_sections(dim: int) -> str:
-    """The page's own sections for a mesh in so many dimensions, which its scripts fill."""
+def own_sections() -> str:
+    """The page's own sections, which its scripts fill."""
     here = files(__package__)
-    names = [_STILLS if name == OWN[0] and dim == 3 else name for name in OWN]
-    return "".join((here / f"section_{name}.html").read_text(encoding="utf-8") for name in names)
+    return "".join((here / f"section_{name}.html").read_text(encoding="utf-8") for name in OWN)
 
 
 def sections_of_plugins(mesh: Mesh, runs: Sequence[RunResult], registry: Registry) -> str:

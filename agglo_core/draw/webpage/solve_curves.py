@@ -18,6 +18,8 @@ _HEIGHT, _TOP, _BOTTOM = 300, 10, 40
 _LEFT, _RIGHT = 12.0, 98.0  # percent
 _MOST = 300  # points of a curve that are drawn
 _MARKED = 40
+_GRID, _AXIS = 'class="grid"', 'class="axis"'
+"""Looks of lines; page.css has their colours."""
 _CAPTION: Final = (
     "Against the iteration: ‖b − A x‖₂ relative to the first (solid), the estimated relative error in the "
     "energy norm where it is known (dashed), the tolerance (dotted)."
@@ -84,7 +86,7 @@ class _Frame:
         """Grid, ticks, the tolerance."""
         for power in range(self.low, self.high + 1):
             y = self.y(10.0**power)
-            yield _line(_LEFT, y, _RIGHT, y, "#e4e1da")
+            yield _line(_LEFT, y, _RIGHT, y, _GRID)
             if (self.high - power) % (1 + (self.high - self.low) // 10) == 0:
                 text = "1" if not power else f"1e{power}"
                 yield f'<text x="{_LEFT - 1:.2f}%" y="{y + 4:.1f}" text-anchor="end">{text}</text>'
@@ -93,13 +95,13 @@ class _Frame:
         for tick in range(0, self.last + 1, step):
             x = self.x(tick)
             yield f'<text x="{x:.2f}%" y="{bottom + 16}" text-anchor="middle">{tick}</text>'
-            yield _line(x, bottom, x, bottom + 4, "#666")
+            yield _line(x, bottom, x, bottom + 4, _AXIS)
         middle = (_LEFT + _RIGHT) / 2
         yield f'<text x="{middle}%" y="{bottom + 33}" text-anchor="middle">iteration</text>'
-        yield _line(_LEFT, bottom, _RIGHT, bottom, "#666") + _line(_LEFT, _TOP, _LEFT, bottom, "#666")
+        yield _line(_LEFT, bottom, _RIGHT, bottom, _AXIS) + _line(_LEFT, _TOP, _LEFT, bottom, _AXIS)
         for tolerance in self.tolerances:
             y = self.y(tolerance)
-            yield _line(_LEFT, y, _RIGHT, y, "#222", 'stroke-dasharray="1 3"')
+            yield _line(_LEFT, y, _RIGHT, y, 'class="ink" stroke-dasharray="1 3"')
             yield f'<text x="{_LEFT + 1:.2f}%" y="{y - 4:.1f}">tolerance {tolerance:g}</text>'
 
     def curve(self, sizes: Float, colour: str, dashed: bool = False) -> Iterator[str]:
@@ -108,12 +110,13 @@ class _Frame:
         if len(known) > _MOST:
             known = known[np.unique(np.linspace(0, len(known) - 1, _MOST).astype(int))]
         places = [(self.x(float(step)), self.y(float(sizes[step]))) for step in known]
-        more = f'stroke-width="{1.5 if dashed else 2}"' + (' stroke-dasharray="5 4"' if dashed else "")
+        more = f'class="curve" stroke="{colour}" stroke-width="{1.5 if dashed else 2}"'
+        more += ' stroke-dasharray="5 4"' if dashed else ""
         for start, end in pairwise(places):
-            yield _line(*start, *end, colour, more)
+            yield _line(*start, *end, more)
         fill = "#fff" if dashed else colour
         for x, y in places if self.last <= _MARKED else ():
-            yield f'<circle cx="{x:.2f}%" cy="{y:.1f}" r="3" fill="{fill}" stroke="{colour}"/>'
+            yield f'<circle cx="{x:.2f}%" cy="{y:.1f}" r="3" class="curve" fill="{fill}" stroke="{colour}"/>'
 
 
 def _steps() -> Iterator[int]:
@@ -124,5 +127,5 @@ def _steps() -> Iterator[int]:
         power *= 10
 
 
-def _line(x1: float, y1: float, x2: float, y2: float, colour: str, more: str = "") -> str:
-    return f'<line x1="{x1:.2f}%" y1="{y1:.1f}" x2="{x2:.2f}%" y2="{y2:.1f}" stroke="{colour}" {more}/>'
+def _line(x1: float, y1: float, x2: float, y2: float, look: str) -> str:
+    return f'<line x1="{x1:.2f}%" y1="{y1:.1f}" x2="{x2:.2f}%" y2="{y2:.1f}" {look}/>'

@@ -1,32 +1,31 @@
-// A solid from several sides: each still knows the face that is seen at every pixel, and the cell of each face.
-const INK = [0x22, 0x22, 0x22], PAPER = [0xf4, 0xf1, 0xea], EMPHASIS = "#b00020";
-const MARK = [0xb0, 0x00, 0x20], ROOM = 5; // pixels across a face that leave something between lines
+// A solid as a scene: stills that know the face seen at every pixel, and the cell of each face.
+const CUTS = 5; // pixels across a face that leave something between lines
 const APART = -1; // the place of the still that each level has of its own
-const TONES = REPORT.palette.map((tone) => [1, 3, 5].map((k) => Number.parseInt(tone.slice(k, k + 2), 16)));
+const INK = [0x22, 0x22, 0x22];
 
 // Pixel by pixel: face + 1, or 0 where there is nothing.
 function decodedStill(still) {
   if (still.pixels) return still;
-  const faces = unpacked(still.faces), lengths = unpacked(still.lengths);
-  const pixels = new Uint32Array(still.width * still.height);
-  for (let run = 0, at = 0; run < faces.length; at += lengths[run++]) pixels.fill(faces[run], at, at + lengths[run]);
+  const { faces, lengths } = still,
+    pixels = new Uint32Array(still.width * still.height);
+  for (let run = 0, at = 0; run < faces.length; at += lengths[run++])
+    pixels.fill(faces[run], at, at + lengths[run]);
   const covered = pixels.reduce((count, face) => count + (face > 0), 0);
-  return Object.assign(still, { pixels, cells: unpacked(still.cells), bright: unpacked(still.bright), covered });
+  return Object.assign(still, { pixels, covered });
 }
 
-function stillNow(level) {
-  const side = Number($("side").value);
-  return decodedStill(side !== APART ? REPORT.stills[side] : level ? level.apart : REPORT.stills[0]);
-}
+const sideNow = () => Number($("side").value);
+const stillOf = (level) =>
+  decodedStill(sideNow() !== APART ? REPORT.stills[sideNow()] : level ? level.apart : REPORT.stills[0]);
 
 // The part at each pixel, −1 where there is nothing; the mesh itself is one part.
 function partsSeen(still, level) {
-  const parts = new Int32Array(still.pixels.length);
-  for (let at = 0; at < parts.length; at++) {
-    const face = still.pixels[at];
-    parts[at] = !face ? -1 : level ? level.labels[still.cells[face - 1]] : 0;
-  }
-  return parts;
+  if (still.parts && still.partsOf === level) return still.parts;
+  const { pixels, cells } = still,
+    parts = new Int32Array(pixels.length);
+  for (let at = 0; at < parts.length; at++)
+    parts[at] = !pixels[at] ? -1 : level ? level.labels[cells[pixels[at] - 1]] : 0;
+  return Object.assign(still, { parts, partsOf: level }).parts;
 }
 
 // Call ``found`` at every pixel whose value differs from that of the next one to the right or below.
@@ -36,80 +35,84 @@ function changes(values, width, found) {
   }
 }
 
-function paint(still, level, withCells) {
-  const { pixels, width, height } = still, image = new ImageData(width, height), bytes = image.data;
-  const parts = partsSeen(still, level);
-  for (let at = 0; at < pixels.length; at++) {
-    if (!pixels[at]) continue;
-    const tone = level ? TONES[level.colours[parts[at]]] : PAPER, light = still.bright[pixels[at] - 1] / 255;
-    for (let k = 0; k < 3; k++) bytes[4 * at + k] = tone[k] * light;
-    bytes[4 * at + 3] = 255;
-  }
-  if (withCells && still.covered > ROOM * ROOM * still.cells.length) {
-    changes(pixels, width, (at) => { for (let k = 0; k < 3; k++) bytes[4 * at + k] *= 0.8; });
-  }
-  changes(parts, width, (at) => inked(bytes, at, INK));
-  return { image, parts };
-}
-
 function inked(bytes, at, ink) {
   for (let k = 0; k < 3; k++) bytes[4 * at + k] = ink[k];
   bytes[4 * at + 3] = 255;
 }
 
-// A red line, three pixels wide, around what is seen of a part.
-function marked({ image, parts }, part) {
-  const found = new ImageData(new Uint8ClampedArray(image.data), image.width), width = image.width;
-  const own = parts.map((each) => Number(each === part));
-  changes(own, width, (at) => {
-    for (const step of [0, 1, -1, width, -width]) if (at + step >= 0 && at + step < own.length) inked(found.data, at + step, MARK);
-  });
-  return found;
-}
-
-const painted = { still: null, level: undefined, withCells: null, made: null, canvas: document.createElement("canvas") };
-
-// Pointing redraws often, so what is painted is kept until something else than the part changes.
-function draw(canvas, level, part, withCells) {
-  const still = stillNow(level), { width, height } = fitted(canvas, still), dots = window.devicePixelRatio || 1;
-  if (painted.still !== still || painted.level !== level || painted.withCells !== withCells) {
-    Object.assign(painted, { still, level, withCells, made: paint(still, level, withCells) });
-    Object.assign(painted.canvas, { width: still.width, height: still.height });
+function litImage(still, level, tints, withCells) {
+  const { pixels, width, height } = still,
+    image = new ImageData(width, height),
+    bytes = image.data;
+  const tones = new Uint8Array(tints.buffer);
+  for (let at = 0; at < pixels.length; at++) {
+    if (!pixels[at]) continue;
+    const tone = 4 * still.cells[pixels[at] - 1],
+      light = still.bright[pixels[at] - 1] / 255;
+    for (let k = 0; k < 3; k++) bytes[4 * at + k] = tones[tone + k] * light;
+    bytes[4 * at + 3] = 255;
   }
-  const shownNow = level && part !== null ? marked(painted.made, part) : painted.made.image;
-  painted.canvas.getContext("2d").putImageData(shownNow, 0, 0);
-  Object.assign(canvas, { width: Math.round(canvas.clientWidth * dots), height: Math.round(height * dots) });
-  const context = canvas.getContext("2d");
+  if (withCells && still.covered > CUTS * CUTS * still.cells.length) {
+    changes(pixels, width, (at) => {
+      for (let k = 0; k < 3; k++) bytes[4 * at + k] *= 0.8;
+    });
+  }
+  changes(partsSeen(still, level), width, (at) => inked(bytes, at, INK));
+  return image;
+}
+
+// A line, three pixels wide, around what is seen of a part.
+function outline(still, level, part) {
+  const { width } = still,
+    image = new ImageData(width, still.height),
+    tone = channels(toneOf("--mark"));
+  const own = partsSeen(still, level).map((each) => Number(each === part));
+  changes(own, width, (at) => {
+    for (const step of [0, 1, -1, width, -width])
+      if (at + step >= 0 && at + step < own.length) inked(image.data, at + step, tone);
+  });
+  return image;
+}
+
+// The still in front of the eye, where pixels of the still are the units of the scene.
+const easel = document.createElement("canvas");
+
+function placed(context, view, image) {
+  Object.assign(easel, { width: image.width, height: image.height });
+  easel.getContext("2d").putImageData(image, 0, 0);
+  const s = view.scale * view.dots,
+    { width, height } = context.canvas;
   context.imageSmoothingQuality = "high";
-  context.drawImage(painted.canvas, (dots * (canvas.clientWidth - width)) / 2, 0, dots * width, dots * height);
+  context.drawImage(
+    easel,
+    width / 2 - s * view.x,
+    height / 2 - s * view.y,
+    s * image.width,
+    s * image.height,
+  );
 }
 
-// Size of the still on the canvas in CSS pixels, at most its own.
-function fitted(canvas, still) {
-  const most = 0.8 * Math.max(window.innerHeight, 500);
-  const scale = Math.min(canvas.clientWidth / still.width, most / still.height, 1);
-  const size = { width: scale * still.width, height: scale * still.height, scale };
-  canvas.style.height = `${size.height}px`;
-  return size;
-}
-
-function cellUnder(canvas, event) {
-  const still = painted.still, { width, scale } = fitted(canvas, still), frame = canvas.getBoundingClientRect();
-  const border = canvas.clientLeft;
-  const x = Math.floor((event.clientX - frame.left - border - (canvas.clientWidth - width) / 2) / scale);
-  const y = Math.floor((event.clientY - frame.top - border) / scale);
-  const face = x >= 0 && x < still.width && y >= 0 && y < still.height ? still.pixels[y * still.width + x] : 0;
-  return face ? still.cells[face - 1] : OUTSIDE;
-}
-
-// Choose a still by its place, if there is one of that place.
-function showSide(place) {
-  const before = $("side").value;
-  $("side").value = place;
-  if ($("side").selectedIndex < 0) $("side").value = before;
-  if (painted.still && $("side").value !== before) showPart();
-}
-
-REPORT.stills.forEach(({ name }, place) => $("side").append(element("option", { value: place }, name)));
-$("side").append(element("option", { value: APART }, "moved apart"));
-$("side").addEventListener("change", () => showPart());
+const scene = {
+  upwards: false,
+  box(level) {
+    const { width, height } = stillOf(level);
+    return { x: 0, y: 0, width, height };
+  },
+  mostZoom: () => 8,
+  sees: (level, part) => partsSeen(stillOf(level), level).includes(part),
+  cellAt({ x, y }, level) {
+    const still = stillOf(level),
+      column = Math.floor(x),
+      row = Math.floor(y);
+    const inside = column >= 0 && column < still.width && row >= 0 && row < still.height;
+    const face = inside ? still.pixels[row * still.width + column] : 0;
+    return face ? still.cells[face - 1] : OUTSIDE;
+  },
+  paint(context, view, level, tints, withCells) {
+    placed(context, view, litImage(stillOf(level), level, tints, withCells));
+    return "";
+  },
+  mark(context, view, level, part) {
+    placed(context, view, outline(stillOf(level), level, part));
+  },
+};

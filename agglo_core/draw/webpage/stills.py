@@ -31,22 +31,35 @@ _CUTS: Final = {
 """The half that is left out, and where the eye is."""
 
 
-def stills(mesh: Mesh) -> list[dict[str, Any]]:
-    """The mesh from five sides, and cut open in its middle along three planes: for all levels."""
+def stills(mesh: Mesh, order: Int) -> list[dict[str, Any]]:
+    """The mesh from five sides, and cut open in its middle along three planes: for all levels.
+
+    Cells are told by their places in ``order``.
+    """
+    places = _places(order)
     one = np.zeros(mesh.n_cells, np.int64)
     whole = outer_faces(mesh, one)
-    made = [_still(name, whole, side, _PIXELS) for name, side in _SIDES.items()]
+    made = [_still(name, whole, side, _PIXELS, places) for name, side in _SIDES.items()]
     for name, (normal, side) in _CUTS.items():
-        made.append(_still(name, outer_faces(mesh, one, kept=~beyond(mesh, normal)), side, _PIXELS))
+        made.append(_still(name, outer_faces(mesh, one, kept=~beyond(mesh, normal)), side, _PIXELS, places))
     return made
 
 
-def apart(mesh: Mesh, labels: Int) -> dict[str, Any]:
+def apart(mesh: Mesh, labels: Int, order: Int) -> dict[str, Any]:
     """The parts of a level moved apart."""
-    return _still("moved apart", outer_faces(mesh, labels, _EXPLODE), SIDE, _PIXELS_APART)
+    faces = outer_faces(mesh, labels, _EXPLODE)
+    return _still("moved apart", faces, SIDE, _PIXELS_APART, _places(order))
 
 
-def _still(name: str, surface: Surface, side: tuple[float, float], pixels: int) -> dict[str, Any]:
+def _places(order: Int) -> Int:
+    places = np.empty_like(order)
+    places[order] = np.arange(len(order))
+    return places
+
+
+def _still(
+    name: str, surface: Surface, side: tuple[float, float], pixels: int, places: Int
+) -> dict[str, Any]:
     """Runs of equal pixels, row by row: number of the face seen, 0 for none, and how many pixels it goes on.
 
     Of the face numbered k + 1, entry k of ``cells`` and ``bright`` tells cell and brightness (255 is full).
@@ -62,6 +75,6 @@ def _still(name: str, surface: Surface, side: tuple[float, float], pixels: int) 
         "width": sight.faces.shape[1],
         "faces": integers(numbers[starts]),
         "lengths": integers(np.diff(np.append(starts, len(numbers)))),
-        "cells": integers(surface.cells[faces[1:]]),
+        "cells": integers(places[surface.cells[faces[1:]]]),
         "bright": integers(np.rint(255.0 * bright)),
     }
