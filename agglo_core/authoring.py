@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from agglo_core import __version__, conformance, multigrid, samples
+    from agglo_core import __version__, conformance, distributed, multigrid, samples
     from agglo_core.agglomeration import Pipeline, agglomerate
     from agglo_core.agglomeration.goals import SizeGoal
     from agglo_core.agglomeration.recursion import grow
@@ -151,7 +151,7 @@ threads: over_ranges
 _LINES = (line.partition(":") for line in _TABLE.strip().splitlines())
 _HOME = MappingProxyType({name: module for module, _, names in _LINES for name in names.split()})
 _PIECES = dict.fromkeys(("piece_driver", "piece_frames", "piece_splits", "piece_sweeps"), "kernels.")
-_MODULES = MappingProxyType({"conformance": "", "multigrid": "", "samples": ""} | _PIECES)
+_MODULES = MappingProxyType({"conformance": "", "distributed": "", "multigrid": "", "samples": ""} | _PIECES)
 
 __all__ = [
     "COMPONENT",
@@ -232,6 +232,7 @@ __all__ = [
     "curve_order",
     "default",
     "describe",
+    "distributed",
     "energy_of_solution",
     "frozen",
     "frozen_float",

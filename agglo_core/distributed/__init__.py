@@ -7,6 +7,7 @@ from agglo_core.distributed.communication import RankError, Ranks, Traffic
 from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.reading import read
+from agglo_core.distributed.second_layer import with_second_layer
 from agglo_core.distributed.writing import write
 
 __all__ = [
@@ -17,5 +18,6 @@ __all__ = [
     "Traffic",
     "agglomerate",
     "read",
+    "with_second_layer",
     "write",
 ]

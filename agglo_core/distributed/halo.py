@@ -12,7 +12,7 @@ from agglo_core.distributed.whole_cells import WholeCells, distinct, parcels, pl
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["LocalMesh", "common_origin", "ghosts", "local_mesh", "own_cells"]
+__all__ = ["LocalMesh", "all_cells", "common_origin", "ghosts", "local_mesh", "own_cells"]
 
 
 class LocalMesh(NamedTuple):
@@ -56,10 +56,18 @@ def own_cells(
     mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int, rank: int
 ) -> WholeCells:
     """The own cells of a local mesh, without its ghosts."""
+    everything = all_cells(mesh, global_ids, owners, point_ids, face_ids)
+    cells = np.flatnonzero(owners == rank)
+    faces = np.flatnonzero((everything.face_owners == rank).any(axis=1))
+    return taken(everything, frozen_int(cells), frozen_int(faces))
+
+
+def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
+    """The cells of a local mesh, ghosts and all; nothing lies beyond their hidden faces."""
     sides = mesh.face_cells
     rank_of = np.append(owners, -1)
     number = np.append(global_ids, -1)
-    everything = WholeCells(
+    return WholeCells(
         global_ids,
         owners,
         mesh.cell_tags,
@@ -72,9 +80,6 @@ def own_cells(
         point_ids,
         mesh.points,
     )
-    cells = np.flatnonzero(owners == rank)
-    faces = np.flatnonzero((everything.face_owners == rank).any(axis=1))
-    return taken(everything, frozen_int(cells), frozen_int(faces))
 
 
 def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:

@@ -101,14 +101,18 @@ def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
 
 
 def test_all_that_is_promised_on_one_machine_where_the_cells_lie() -> None:
-    mesh, found = cracked(), on_ranks(3, labels_of, CASES, False)[0]
+    mesh, found = cracked(), on_ranks(3, labels_of, CASES, False, seconds=300)[0]
     for name, levels in found.items():
         check_levels(mesh, name, levels)
     check_rules(mesh, found)
 
 
 def test_all_of_it_with_labels_that_do_not_depend_on_the_ranks() -> None:
-    mesh, found, alone = cracked(), on_ranks(2, labels_of, CASES, True)[0], labels_of(CASES, True)
+    mesh, found, alone = (
+        cracked(),
+        on_ranks(2, labels_of, CASES, True, seconds=300)[0],
+        labels_of(CASES, True),
+    )
     for name, levels in found.items():
         check_levels(mesh, name, levels)
         for one, other in zip(alone[name], levels, strict=True):
