@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
     from agglo_core.multigrid.krylov import pcg, pcg_columns
+    from agglo_core.multigrid.prolongation import tentative
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -140,6 +141,7 @@ io: check_writable read read_hierarchy write
 io.atomic: staging
 io.system_files: read_system write_system
 multigrid.krylov: pcg pcg_columns
+multigrid.prolongation: tentative
 draw.plot: PALETTE colouring save_figure
 cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
 cli.arguments: parse_spec
@@ -279,6 +281,7 @@ __all__ = [
     "sweep",
     "sweep_arrays",
     "symmetric_system",
+    "tentative",
     "to_nobody",
     "turned",
     "two_norm",
