@@ -53,7 +53,8 @@ def from_dolfinx(domain: Any) -> Mesh:
             "hexahedra in space"
         )
     count = domain.topology.index_map(domain.topology.dim).size_local
-    corners = domain.geometry.dofmap[:count, : _CORNERS[kind]]
+    tables = domain.geometry.dofmaps  # a method before DOLFINx 0.11
+    corners = (tables(0) if callable(tables) else tables[0])[:count, : _CORNERS[kind]]
     used, cells = np.unique(corners, return_inverse=True)
     points, cells = domain.geometry.x[used, :dim], cells.reshape(corners.shape)
     if kind in _POLYGONS:

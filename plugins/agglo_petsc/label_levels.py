@@ -36,35 +36,55 @@ def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
     return found
 
 
-def labels_of_unknowns(unknowns: ArrayLike, cell_of: ArrayLike, labels: ArrayLike, n: int) -> Int:
-    """A part for each unknown of a continuous method, from the parts of the cells that share it.
+def labels_of_unknowns(
+    unknowns: ArrayLike, cell_of: ArrayLike, levels: Sequence[ArrayLike], n: int
+) -> list[Int]:
+    """Parts of the unknowns of a continuous method on each level, from those of the cells that share them.
 
-    It is the part most of these cells are in, the lowest of several; parts are numbered anew without gaps, as
-    one that is thin may have no unknown of its own.
+    On the finest level it is the part most of these cells are in, the lowest of several; on coarser ones what
+    that part lies in. Parts are numbered anew without gaps: a thin one may have no unknown of its own.
 
     Parameters
     ----------
     unknowns, cell_of : (m,) int
         Unknown ``unknowns[i]`` is in cell ``cell_of[i]``: the table of degrees of freedom, flat.
-    labels : (n_cells,) int
-        Part of each cell.
+    levels : sequence of (n_cells,) int
+        Part of each cell, finest first, each level nested in the next.
     n : int
-        Number of unknowns. One that is in no cell gets −1.
+        Number of unknowns.
+
+    Returns
+    -------
+    list of (n,) int
+
+    Raises
+    ------
+    OptionError
+        If an unknown is in no cell, or levels are not nested.
 
     Examples
     --------
     Three edges in a row, four vertices; the last two edges are one part:
 
-    >>> labels_of_unknowns([0, 1, 1, 2, 2, 3], [0, 0, 1, 1, 2, 2], [0, 1, 1], 4).tolist()
+    >>> labels_of_unknowns([0, 1, 1, 2, 2, 3], [0, 0, 1, 1, 2, 2], [[0, 1, 1]], 4)[0].tolist()
     [0, 0, 1, 1]
     """
-    rows, part = np.asarray(unknowns), np.asarray(labels)[np.asarray(cell_of)]
-    pairs, counts = np.unique(np.stack((rows, part), axis=1), axis=0, return_counts=True)
+    rows, cells = np.asarray(unknowns), np.asarray(cell_of)
+    missing = np.flatnonzero(np.bincount(rows, minlength=n)[:n] == 0)
+    if len(missing) or rows.max(initial=-1) >= n:
+        raise OptionError(f"{n} unknowns: {len(missing)} are in no cell, the largest in one is {rows.max()}")
+    found: list[Int] = []
+    for level, up in enumerate(nested_aggregates([np.asarray(each) for each in levels])):
+        part = up[found[-1]] if level else _of_most(rows, up[cells])
+        found.append(frozen_int(part))
+    return [frozen_int(np.unique(each, return_inverse=True)[1]) for each in found]
+
+
+def _of_most(rows: Int, parts: Int) -> Int:
+    """The part that each row 0..n−1 has most often."""
+    pairs, counts = np.unique(np.stack((rows, parts), axis=1), axis=0, return_counts=True)
     order = np.lexsort((pairs[:, 1], -counts, pairs[:, 0]))
-    first = order[np.unique(pairs[order, 0], return_index=True)[1]]
-    found = np.full(n, -1)
-    found[pairs[first, 0]] = np.unique(pairs[first, 1], return_inverse=True)[1]
-    return frozen_int(found)
+    return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])
 
 
 def monomials(points: Float, degree: int) -> Float:

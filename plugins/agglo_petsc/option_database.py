@@ -74,7 +74,8 @@ class OptionDatabase:
     """
 
     def __init__(self, prefix: str, defaults: Mapping[str, str], given: Mapping[str, str]) -> None:
-        self._options, self._defaults, self._given = petsc().Options(prefix), defaults, given
+        self._options, self._prefix = petsc().Options(prefix), prefix
+        self._defaults, self._given = defaults, given
         self._before: dict[str, str | None] = {}
 
     def __enter__(self) -> Self:
@@ -94,7 +95,8 @@ class OptionDatabase:
 
     def unused(self) -> list[str]:
         """Given options that nothing has asked for so far."""
-        return [name for name in self._given if not self._options.used(name)]
+        whole = petsc().Options()  # ``used`` knows no prefix
+        return [name for name in self._given if not whole.used(f"{self._prefix}{name}")]
 
     def require_used(self) -> None:
         """Raise OptionError if some given option was asked for by nothing."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from agglo_core.authoring import OptionError, Patches
 from agglo_petsc.aggregate_spaces import PetscLevels
+from agglo_petsc.level_inputs import Levels, levels_for
 from agglo_petsc.option_database import OptionDatabase, parsed_options
 from agglo_petsc.petsc_matrices import petsc
 from agglo_petsc.sweep_preconditioner import LevelSweeps, PatchSweeps, require_width
@@ -35,6 +36,7 @@ CYCLES: Final = ("V", "W")
 _CHEBYSHEV: Final = {"mg_levels_ksp_type": "chebyshev", "mg_levels_esteig_ksp_type": "cg"}
 _BY_SMOOTHER: Final[dict[str, dict[str, str]]] = {
     "sweeps": {"mg_levels_ksp_type": "richardson", "mg_levels_ksp_max_it": "1"},
+    "hybrid": {**_CHEBYSHEV, "mg_levels_ksp_max_it": "1"},  # sweeps on several ranks
     "patches": {
         **_CHEBYSHEV,
         "mg_levels_ksp_max_it": "2",
@@ -48,7 +50,7 @@ _BY_SMOOTHER: Final[dict[str, dict[str, str]]] = {
 
 def setup(
     ksp: Any,
-    levels: PetscLevels,
+    levels: Levels,
     *,
     smoother: Smoother = "auto",
     coarse_solver: CoarseSolver = "auto",
@@ -65,10 +67,10 @@ def setup(
     ----------
     ksp : petsc4py.PETSc.KSP
         With its matrix (``setOperators``).
-    levels : PetscLevels
-        Of :func:`~agglo_petsc.aggregate_spaces.aggregate_levels`,
-        :func:`~agglo_petsc.aggregate_spaces.given_levels` or
-        :func:`~agglo_petsc.label_levels.label_levels`.
+    levels : PetscLevels, Hierarchy or sequence of (parts,) int
+        Of :func:`~agglo_petsc.aggregate_spaces.aggregate_levels` or
+        :func:`~agglo_petsc.aggregate_spaces.given_levels`; or a hierarchy of what this rank has, or labels,
+        one for each of its parts (of the block size of the matrix).
     smoother : "auto", "sweeps", "patches", "blocks" or "sor"
         Our sweeps through patches (through single parts where there are none); PETSc's ``PCASM`` on the same
         patches, ``PCPBJACOBI`` on parts, ``PCSOR``, these three under Chebyshev's iteration. By default
@@ -94,6 +96,7 @@ def setup(
         if value not in known:
             raise OptionError(f"{name} must be one of {', '.join(known)}; given {value!r}")
     A = ksp.getOperators()[0]
+    levels = levels_for(A, levels)
     if levels.prolongations and levels.prolongations[0].getSize()[0] != A.getSize()[0]:
         raise OptionError(
             f"the levels are for {levels.prolongations[0].getSize()[0]} unknowns; the matrix has "
@@ -105,7 +108,8 @@ def setup(
         _coarse(A.getComm(), coarse_solver, bool(levels.prolongations)),
     )
     if levels.prolongations:
-        defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER[chosen]}
+        among_ranks = chosen == "sweeps" and A.getComm().getSize() > 1
+        defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER["hybrid" if among_ranks else chosen]}
         _levels_of(ksp.getPC(), levels, chosen, cycle)
     with OptionDatabase(ksp.getOptionsPrefix() or "", defaults, given) as database:
         ksp.setFromOptions()
@@ -115,7 +119,7 @@ def setup(
 
 def pc(
     mat: Any,
-    levels: PetscLevels,
+    levels: Levels,
     *,
     smoother: Smoother = "auto",
     coarse_solver: CoarseSolver = "auto",
@@ -180,8 +184,13 @@ def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> Non
         width, patches = levels.widths[at], levels.patches[at]
         if smoother == "sweeps":
             sweeps = LevelSweeps(patches, require_width(width, smoother))
-            both = pc.getMGSmootherDown(count - at), pc.getMGSmootherUp(count - at)
-            for ksp, order in zip(both, ("forwards", "backwards"), strict=True):
+            smoothers = {"both": pc.getMGSmoother(count - at)}
+            if pc.getComm().getSize() == 1:
+                smoothers = {
+                    "forwards": pc.getMGSmootherDown(count - at),
+                    "backwards": pc.getMGSmootherUp(count - at),
+                }
+            for order, ksp in smoothers.items():
                 ksp.getPC().setType("python")
                 ksp.getPC().setPythonContext(PatchSweeps(sweeps, order))
         elif smoother == "patches":

@@ -2,7 +2,8 @@
 
 On several ranks each sweeps through its own unknowns, and the ranks' corrections are added: the hybrid of
 A. H. Baker, R. D. Falgout, T. V. Kolev, U. M. Yang, "Multigrid smoothers for ultraparallel computing", SIAM
-J. Sci. Comput. 33 (2011).
+J. Sci. Comput. 33 (2011). At the borders of ranks it goes up to twice too far, so Chebyshev's iteration,
+which knows how far, takes sweeps there and back.
 """
 
 from __future__ import annotations
@@ -46,17 +47,18 @@ class LevelSweeps:
 
 
 class PatchSweeps:
-    """Context of a ``PC`` of type ``python``: one sweep, forwards, backwards, or one each.
+    """Context of a ``PC`` of type ``python``: a sweep forwards, one backwards, or both.
 
     Parameters
     ----------
     level : LevelSweeps
-    order : {"forwards", "backwards"}
+    order : {"forwards", "backwards", "both"}
         Backwards is the transpose of forwards: what smooths after the correction if the other one did before.
+        Both are symmetric.
     """
 
     def __init__(self, level: LevelSweeps, order: str) -> None:
-        self.level, self._back = level, order == "backwards"
+        self.level, self._order = level, order
 
     def setUp(self, pc: Any) -> None:  # PETSc's name
         """Factorise the patches, unless that has been done for this matrix."""
@@ -64,18 +66,22 @@ class PatchSweeps:
 
     def apply(self, pc: Any, x: Any, y: Any) -> None:
         """Set y to the sweep from zero for the right-hand side x."""
-        self._sweep(pc, x, y, self._back)
+        self._sweep(pc, x, y, self._order)
 
     def applyTranspose(self, pc: Any, x: Any, y: Any) -> None:  # PETSc's name
         """The same in the other order."""
-        self._sweep(pc, x, y, not self._back)
+        self._sweep(pc, x, y, _TRANSPOSED[self._order])
 
-    def _sweep(self, pc: Any, x: Any, y: Any, back: bool) -> None:
+    def _sweep(self, pc: Any, x: Any, y: Any, order: str) -> None:
         sweeps = self.level.of(pc.getOperators()[1])
         if sweeps is None:
             return
         b: Float = np.array(x.getArray(readonly=True))
-        y.setArray(sweeps.after(b, np.zeros(len(b))) if back else sweeps.before(b)[0])
+        start = np.zeros(len(b)) if order == "backwards" else sweeps.before(b)[0]
+        y.setArray(start if order == "forwards" else sweeps.after(b, start))
+
+
+_TRANSPOSED = {"forwards": "backwards", "backwards": "forwards", "both": "both"}
 
 
 def own_patches(patches: Patches | None, first: int, last: int) -> Patches:
