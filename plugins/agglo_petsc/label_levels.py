@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int, multigrid
 
-__all__ = ["labels_of_unknowns", "monomials", "nested_aggregates"]
+__all__ = ["exponents", "labels_of_unknowns", "monomial", "nested_aggregates"]
 
 
 def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
@@ -87,14 +87,27 @@ def _of_most(rows: Int, parts: Int) -> Int:
     return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])
 
 
-def monomials(points: Float, degree: int) -> Float:
-    """Monomials ``(q, k)`` of total degree up to ``degree`` at points ``(q, d)``, 1 first.
+def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
+    """Exponents of the monomials of total degree up to ``degree``, those of 1 first.
 
     Examples
     --------
-    >>> monomials(np.array([[2.0, 3.0]]), 2).tolist()
-    [[1.0, 3.0, 9.0, 2.0, 6.0, 4.0]]
+    >>> exponents(2, 1)
+    [(0, 0), (0, 1), (1, 0)]
     """
-    dim = points.shape[1]
-    powers = [each for each in np.ndindex(*(degree + 1,) * dim) if sum(each) <= degree]
-    return frozen_float(np.stack([np.prod(points ** np.array(each), axis=1) for each in powers], axis=1))
+    return [each for each in np.ndindex(*(degree + 1,) * dim) if sum(each) <= degree]
+
+
+def monomial(points: Float, powers: tuple[int, ...]) -> Float:
+    """A monomial ``(q,)`` at points ``(q, d)``.
+
+    Examples
+    --------
+    >>> monomial(np.array([[2.0, 3.0]]), (2, 1)).tolist()
+    [12.0]
+    """
+    found = np.ones(len(points))
+    for axis, power in enumerate(powers):
+        if power:
+            found *= points[:, axis] ** power
+    return frozen_float(found)

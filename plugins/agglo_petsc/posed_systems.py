@@ -27,7 +27,7 @@ from agglo_core.authoring import (
     frozen_int,
     symmetric_system,
 )
-from agglo_petsc.label_levels import monomials
+from agglo_petsc.label_levels import exponents, monomial
 from agglo_petsc.phase_times import PhaseTimes
 
 __all__ = ["PosedSystem", "posed", "solution_of"]
@@ -99,8 +99,7 @@ def _discretised(
     labels = _chosen(hierarchy, levels) if hierarchy.levels else _made(hierarchy, levels)
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     centre, half = (low + high) / 2, float((high - low).max()) / 2
-    count = monomials(np.zeros((1, mesh.dim)), degree).shape[1]
-    columns = [how.project(mesh, _monomial(k, degree, centre, half)) for k in range(count)]
+    columns = [how.project(mesh, _field(each, centre, half)) for each in exponents(mesh.dim, degree)]
     return PosedSystem(
         matrix,
         frozen_float(factor * system.b),
@@ -113,9 +112,9 @@ def _discretised(
     )
 
 
-def _monomial(k: int, degree: int, centre: Any, half: float) -> Callable[[Float], Float]:
+def _field(powers: tuple[int, ...], centre: Any, half: float) -> Callable[[Float], Float]:
     """One of the polynomials that are near-null vectors on agglomerates, on [−1, 1]^d."""
-    return lambda points: monomials(frozen_float((points - centre) / half), degree)[:, k]
+    return lambda points: monomial(frozen_float((points - centre) / half), powers)
 
 
 def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSystem:

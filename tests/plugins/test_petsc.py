@@ -13,7 +13,7 @@ import agglo_petsc
 from agglo_core import multigrid
 from agglo_core.errors import OptionError
 from agglo_core.problems import Patches
-from agglo_petsc.label_levels import monomials, nested_aggregates
+from agglo_petsc.label_levels import exponents, monomial, nested_aggregates
 from agglo_petsc.option_database import parsed_options
 from agglo_petsc.row_shares import row_share, usable_levels
 from agglo_petsc.sweep_preconditioner import own_patches
@@ -92,7 +92,7 @@ def test_unknowns_of_cells_get_nested_labels():
 
 def test_monomials_span_all_polynomials_of_a_degree():
     points = np.random.default_rng(0).uniform(-1, 1, (40, 3))
-    columns = monomials(points, 2)
+    columns = np.stack([monomial(points, each) for each in exponents(3, 2)], axis=1)
     x, y, z = points.T
     quadratic = 3 * x * y - z**2 + x - 2
     assert columns.shape == (40, 10)
