@@ -22,12 +22,13 @@ from agglo_petsc.petsc_matrices import petsc, vector
 
 COMM = MPI.COMM_WORLD
 PETSc = petsc()
+STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
 
 
 def polydg() -> dict[str, object]:
     """PolyDG on Voronoi cells: alone, and together; iterations and the largest difference of x."""
     mesh = agglo.samples.voronoi(400, seed=31)
-    hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 32), seed=1)
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 32), **STRAIGHT)
     found: dict[str, object] = {}
     for smoother in ("sweeps", "patches", "blocks", "sor"):
         one, all_ = (
@@ -44,7 +45,7 @@ def polydg() -> dict[str, object]:
 def systems() -> list[float]:
     """A linear system of two unknowns in each cell: relative residual, and whether it converged."""
     mesh = agglo.samples.squares(12)
-    hierarchy = agglo.agglomerate(mesh, cells_per_part=(4,))
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(4,), **STRAIGHT)
     links = mesh.graph.to_scipy()
     scalar = sparse.diags_array(links.sum(axis=1) + 0.01) - links
     A, b = sparse.csr_array(sparse.kron(scalar, np.eye(2))), np.random.default_rng(2).standard_normal(288)
@@ -104,7 +105,7 @@ def dolfinx_poisson() -> list[float]:
     A = forms.assemble_matrix(fem.form((inner(grad(u), grad(v)) + 1e-2 * u * v) * dx))
     A.assemble()
     mesh = agglo_petsc.from_dolfinx(domain)
-    levels = agglo.agglomerate(mesh, cells_per_part=(8, 64), seed=0).levels
+    levels = agglo.agglomerate(mesh, cells_per_part=(8, 64), **STRAIGHT).levels
     table = space.dofmap.list[: mesh.n_cells]
     own, cell_of = A.getLocalSize()[0], np.repeat(np.arange(mesh.n_cells), table.shape[1])
     inside = table.ravel() < own

@@ -18,6 +18,8 @@ from agglo_petsc.option_database import parsed_options
 from agglo_petsc.row_shares import row_share, usable_levels
 from agglo_petsc.sweep_preconditioner import own_patches
 
+STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
+
 
 def test_listing_loads_no_petsc():
     code = "import agglo_petsc, sys; agglo_petsc.agglo_components(); print('petsc4py' in sys.modules)"
@@ -29,7 +31,7 @@ def test_listing_loads_no_petsc():
 
 def test_shares_cover_all_cells_once_and_keep_agglomerates_whole():
     mesh = agglo.samples.voronoi(200, seed=7)
-    labels = agglo.agglomerate(mesh, cells_per_part=(5, 25), seed=2).levels
+    labels = agglo.agglomerate(mesh, cells_per_part=(5, 25), **STRAIGHT).levels
     shares = [row_share(labels, 200, rank, 3) for rank in range(3)]
     assert np.array_equal(np.concatenate([each.cells for each in shares]), shares[0].order)
     assert np.array_equal(np.sort(shares[0].order), np.arange(200))
@@ -46,7 +48,7 @@ def test_shares_cover_all_cells_once_and_keep_agglomerates_whole():
 
 def test_each_patch_is_one_rank_s():
     mesh = agglo.samples.voronoi(150, seed=8)
-    labels = agglo.agglomerate(mesh, cells_per_part=(6,), seed=2).levels
+    labels = agglo.agglomerate(mesh, cells_per_part=(6,), **STRAIGHT).levels
     whole = multigrid.vertex_patches(mesh)
     shares = [row_share(labels, 150, rank, 2) for rank in range(2)]
     own = [each.patches(0, whole) for each in shares]

@@ -17,6 +17,7 @@ from agglo_core.registry import default
 from agglo_petsc.petsc_matrices import petsc, rows_of, vector
 
 PETSc = petsc()
+STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
 
 
 def solver(**options):
@@ -25,7 +26,7 @@ def solver(**options):
 
 def voronoi(n, seed, *sizes):
     mesh = agglo.samples.voronoi(n, seed=seed)
-    return agglo.agglomerate(mesh, bisector="coordinate", refiners=(), polish=False, cells_per_part=sizes)
+    return agglo.agglomerate(mesh, cells_per_part=sizes, **STRAIGHT)
 
 
 def path(n):
@@ -82,7 +83,7 @@ def test_linear_system_takes_near_null_vectors():
     A = sparse.csr_array(turn.T @ sparse.kron(path(n), np.diag([1.0, 1e-3])).toarray() @ turn)
     B = turn.T @ np.kron(np.ones((n, 1)), np.eye(2))
     mesh = agglo.samples.squares(20)
-    hierarchy = agglo.agglomerate(mesh, cells_per_part=4)
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=4, **STRAIGHT)
     b = np.random.default_rng(3).standard_normal(2 * n)
     found = solver().solve(Linear(A, b, np.arange(n + 1) * 2, B), hierarchy)
     assert found.converged
@@ -103,7 +104,7 @@ def test_true_residual_is_looked_at(hierarchy):
 
 def test_indefinite_matrix_is_not_called_solved():
     A = path(36) - 1.5 * sparse.eye_array(36)
-    hierarchy = agglo.agglomerate(agglo.samples.squares(6), cells_per_part=4)
+    hierarchy = agglo.agglomerate(agglo.samples.squares(6), cells_per_part=4, **STRAIGHT)
     problem = Linear(A, np.ones(36), np.arange(37))
     with pytest.raises(OptionError, match="not positive definite"):
         solver(coarsening="agglomerates").solve(problem, hierarchy)
@@ -158,8 +159,8 @@ def test_linear_problem_of_a_users_matrix_solved_by_our_solvers():
     mat.setNearNullSpace(PETSc.NullSpace().create(constant=True, comm=PETSc.COMM_SELF))
     problem = agglo_petsc.linear(mat, b)
     assert problem.near_null.tolist() == [[1.0]] * 64
-    hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=8)
-    for name in ("polydg_mg", "petsc_mg"):
+    hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=8, **STRAIGHT)
+    for name in ("direct", "petsc_mg"):
         found = default().build("solver", name, tolerance=1e-10).solve(problem, hierarchy)
         assert np.linalg.norm(path(64) @ found.x - 1.0) < 1e-8
     with pytest.raises(OptionError, match=r"rhs must be \(64,\)"):
@@ -238,7 +239,7 @@ def test_dolfinx_mesh_there_and_back(cell):
     tdim = domain.topology.dim
     there = dolfinx.mesh.compute_midpoints(domain, tdim, np.arange(mesh.n_cells, dtype=np.int32))
     assert np.allclose(there[:, :tdim], mesh.cell_centroids)
-    labels = agglo.agglomerate(mesh, n_parts=4).levels[0]
+    labels = agglo.agglomerate(mesh, n_parts=4, **STRAIGHT).levels[0]
     tags = agglo_petsc.to_dolfinx(domain, labels)
     assert np.array_equal(tags.values, labels)
     with pytest.raises(OptionError, match="one for each own cell"):
