@@ -1,11 +1,8 @@
 """The one module plugin authors import from: everything a component, a command or a declaration needs.
 
-Names are imported when first used, so that a declaration stays light::
-
-    from agglo_core.authoring import Component, hookimpl
-
-These names are kept from version to version; other modules of ``agglo_core`` may move. Our own
-plugins import from nowhere else (a test holds them to it). docs/how-to/write-a-plugin.md shows the rest.
+Names are imported when first used, so that ``from agglo_core.authoring import hookimpl`` is light.
+They are kept from version to version; other modules of ``agglo_core`` may move. Our own plugins import from
+nowhere else (a test holds them to it). docs/how-to/write-a-plugin.md shows the rest.
 """
 
 from __future__ import annotations
@@ -75,6 +72,7 @@ if TYPE_CHECKING:
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
     from agglo_core.multigrid.krylov import pcg, pcg_columns
+    from agglo_core.multigrid.prolongation import tentative
     from agglo_core.problems import (
         Diffusion,
         Discretisation,
@@ -140,6 +138,7 @@ io: check_writable read read_hierarchy write
 io.atomic: staging
 io.system_files: read_system write_system
 multigrid.krylov: pcg pcg_columns
+multigrid.prolongation: tentative
 draw.plot: PALETTE colouring save_figure
 cli.arguments: COMPONENT FILE agglomeration_options bisectors_option choice load_mesh metrics_option
 cli.arguments: parse_spec
@@ -280,6 +279,7 @@ __all__ = [
     "sweep",
     "sweep_arrays",
     "symmetric_system",
+    "tentative",
     "to_nobody",
     "turned",
     "two_norm",

@@ -1,0 +1,226 @@
+"""Coarse spaces on aggregates whose rows are divided among ranks: near-null vectors, cut and smoothed.
+
+P. Vaněk, J. Mandel, M. Brezina, "Algebraic multigrid by smoothed aggregation for second and fourth order
+elliptic problems", Computing 56 (1996), with blocks in place of scalars. The near-null vectors of
+discontinuous polynomials are all polynomials: cut at the borders of agglomerates they are the same space on
+the agglomerates, and the step of block Jacobi takes out the jumps that the penalty punishes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from agglo_core.authoring import (
+    Float,
+    Int,
+    OptionError,
+    Patches,
+    frozen_float,
+    frozen_int,
+    tentative,
+)
+from agglo_petsc.jacobi_smoothing import jacobi_smoothed, own_columns
+from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc
+
+__all__ = ["PetscLevels", "aggregate_levels", "given_levels"]
+
+
+@dataclass(frozen=True, eq=False)
+class PetscLevels:
+    """What leads from each level to the next, finest first; matrices are made by ``PCMG``.
+
+    Attributes
+    ----------
+    prolongations : sequence of petsc4py.PETSc.Mat
+        Rows of this rank, global columns. Levels are one more than these.
+    widths : sequence of int or None
+        Unknowns of each part of the finer level; None where parts differ.
+    patches : sequence of Patches or None
+        Groups of parts of the finer level that are smoothed together, by their global numbers; each group is
+        given by one rank.
+    """
+
+    prolongations: Sequence[Any]
+    widths: Sequence[int | None]
+    patches: Sequence[Patches | None]
+
+
+def given_levels(
+    prolongations: Sequence[Any],
+    *,
+    widths: Sequence[int | None] | None = None,
+    patches: Sequence[Patches | None] | None = None,
+) -> PetscLevels:
+    """Levels whose prolongations there are already: scipy matrices of one process, or PETSc's of any number.
+
+    Parameters
+    ----------
+    prolongations : sequence of (n, m) sparse or petsc4py.PETSc.Mat
+        Finest first, such as ``P`` in ``Solution.operators``. Those of several ranks are made by
+        :func:`~agglo_petsc.petsc_matrices.mat_from_rows`.
+    widths, patches : sequence, optional
+        As in :class:`PetscLevels`, one for each prolongation.
+
+    Raises
+    ------
+    OptionError
+        If the matrices do not follow one another, or another number of widths or patches is given.
+    """
+    PETSc, count = petsc(), len(prolongations)
+    found = [P if isinstance(P, PETSc.Mat) else _single(P) for P in prolongations]
+    sizes = [P.getSize() for P in found]
+    wrong = next((k for k in range(1, count) if sizes[k - 1][1] != sizes[k][0]), None)
+    if wrong is not None:
+        raise OptionError(
+            f"prolongations[{wrong}] has {sizes[wrong][0]} rows; "
+            f"the one before has {sizes[wrong - 1][1]} columns"
+        )
+    for name, each in (("widths", widths), ("patches", patches)):
+        if each is not None and len(each) != count:
+            raise OptionError(f"{name} must be given for each of {count} prolongations; given {len(each)}")
+    return PetscLevels(found, widths or [None] * count, patches or [None] * count)
+
+
+def aggregate_levels(
+    A: Any,
+    aggregates: Sequence[ArrayLike],
+    near_null: ArrayLike | None = None,
+    *,
+    block_offsets: ArrayLike | None = None,
+    patches: Sequence[Patches | None] | None = None,
+    smooth: bool = True,
+    damping: float = 4 / 3,
+) -> PetscLevels:
+    """Levels on aggregates of the parts of a matrix; collective on the ranks of the matrix.
+
+    Parameters
+    ----------
+    A : petsc4py.PETSc.Mat
+        Symmetric and positive definite; each rank has the rows of its own parts, parts one after the other.
+    aggregates : sequence of (own parts,) int
+        Of each part of this rank the global number of its aggregate, −1 for none; then of each aggregate that
+        of the next level, and so on. An aggregate lies on one rank; numbers run on from rank to rank, as a
+        scan of their counts gives them: 0, 1, … on the first rank that has any.
+    near_null : (own unknowns, k) float, optional
+        Vectors that A takes to nearly nothing. By default those of the matrix (``setNearNullSpace``) or,
+        without any, constants: one vector for each unknown of a part.
+    block_offsets : (own parts + 1,) int, optional
+        The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``, counted on this rank; by
+        default parts have the block size of the matrix.
+    patches : sequence of Patches, optional
+        See :class:`PetscLevels`; one for each of ``aggregates``.
+    smooth : bool
+        Whether a step of block Jacobi smooths the prolongations.
+    damping : float
+        Of that step, over the largest eigenvalue of D⁻¹A.
+
+    Raises
+    ------
+    OptionError
+        On all ranks: for arrays that do not fit, numbers that leave gaps or lie on several ranks, a matrix
+        that is not positive definite.
+
+    Examples
+    --------
+    On one rank, a path of eight in pairs and in fours:
+
+    >>> import numpy as np  # doctest: +SKIP
+    >>> levels = aggregate_levels(mat, [np.arange(8) // 2, np.arange(4) // 2])  # doctest: +SKIP
+    >>> [P.getSize() for P in levels.prolongations]  # doctest: +SKIP
+    [(8, 4), (4, 2)]
+    """
+    comm = A.getComm()
+    offsets, B, found, widths, made = *_start(A, block_offsets, near_null), [], [], []
+    for level, given in enumerate(aggregates):
+        own, count = _numbered(comm, level, given, len(offsets) - 1)
+        start = tentative(np.repeat(own, np.diff(offsets)), count, B)
+        width, below = (_width(comm, each) for each in (offsets, start.offsets))
+        P = own_columns(comm, start.T, (width or 1, below or 1))
+        if smooth:
+            P = jacobi_smoothed(A, offsets, P, damping)
+        found.append(P)
+        widths.append(width)
+        offsets, B = start.offsets, start.near_null
+        if smooth and level + 1 < len(aggregates):
+            A = A.ptap(P)
+            made.append(A)
+    for each in made:
+        each.destroy()
+    return given_levels(found, widths=widths, patches=patches)
+
+
+def _single(P: Any) -> Any:
+    if not sparse.issparse(P):
+        raise OptionError(f"a prolongation is a sparse matrix or a PETSc.Mat, given {P!r:.60}")
+    return mat_from_rows(P, petsc().COMM_SELF, P.shape[1])
+
+
+def _start(A: Any, block_offsets: ArrayLike | None, near_null: ArrayLike | None) -> tuple[Int, Float]:
+    """Offsets and near-null vectors of the rows of this rank, checked on all."""
+    n, size = A.getLocalSize()[0], A.getBlockSize()
+    offsets = np.arange(0, n + 1, size) if block_offsets is None else np.asarray(block_offsets)
+    if near_null is None:
+        near_null = _known(A, n, offsets)
+    B = np.asarray(near_null, np.float64)
+    B = B[:, None] if B.ndim == 1 else B
+    fit = offsets.ndim == 1 and len(offsets) and offsets[0] == 0 and offsets[-1] == n
+    wrong = (
+        ""
+        if fit and (np.diff(offsets) > 0).all()
+        else (
+            f"block_offsets must increase from 0 to {n}, the rows of this rank; given {block_offsets!r:.60}"
+        )
+    )
+    if not wrong and (B.ndim != 2 or len(B) != n or B.shape[1] < 1 or not np.isfinite(B).all()):
+        wrong = (
+            f"near_null must be ({n}, k) finite numbers, one row for each row of this rank; given {B.shape}"
+        )
+    agree(A.getComm(), wrong)
+    return frozen_int(offsets), frozen_float(B)
+
+
+def _known(A: Any, n: int, offsets: Any) -> Any:
+    """Near-null vectors that come with the matrix, or constants."""
+    space = A.getNearNullSpace()
+    vectors = space.getVecs() if space else []
+    columns = [np.array(each.getArray(readonly=True)) for each in vectors]
+    if space and space.hasConstant():
+        columns.insert(0, np.ones(n))
+    if columns:
+        return np.stack(columns, axis=1)
+    sizes = np.diff(offsets)
+    width = int(A.getBlockSize()) if (sizes == A.getBlockSize()).all() else 1
+    return (np.arange(n)[:, None] % width == np.arange(width)).astype(float)
+
+
+def _numbered(comm: Any, level: int, given: ArrayLike, parts: int) -> tuple[Int, int]:
+    """Aggregate of each part counted on this rank, −1 for none, and how many there are."""
+    ids = np.asarray(given)
+    fits = ids.shape == (parts,) and (ids.dtype.kind in "iu" or not parts)
+    inside = np.unique(ids[ids >= 0]) if fits and parts else np.empty(0, np.int64)
+    first = int(sum(comm.tompi4py().allgather(len(inside))[: comm.getRank()]))
+    wrong = ""
+    if not fits:
+        wrong = f"aggregates[{level}] must be {parts} whole numbers, one for each part; given {given!r:.60}"
+    elif len(inside) and (inside[0] != first or inside[-1] != first + len(inside) - 1):
+        wrong = (
+            f"aggregates[{level}] are {inside[0]} to {inside[-1]} here; expected {first} to "
+            f"{first + len(inside) - 1}: an aggregate lies on one rank, and numbers run on from rank to rank"
+        )
+    agree(comm, wrong)
+    return frozen_int(np.where(ids >= 0, ids - first, -1)), len(inside)
+
+
+def _width(comm: Any, offsets: Int) -> int | None:
+    """Unknowns of each part on all ranks; None if they differ."""
+    sizes = np.diff(offsets)
+    own = (int(sizes.min()), int(sizes.max())) if len(sizes) else None
+    seen = [each for each in comm.tompi4py().allgather(own) if each is not None]
+    least, most = min((each[0] for each in seen), default=1), max((each[1] for each in seen), default=1)
+    return least if least == most and least > 0 else None

@@ -1,0 +1,75 @@
+"""Prolongations with rows and columns on their ranks, and the step of block Jacobi that smooths them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Int, OptionError, frozen_float, multigrid
+from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc, rows_of, vector
+
+__all__ = ["jacobi_smoothed", "own_columns"]
+
+_STEPS = 12
+"""Of conjugate gradients, to find the largest eigenvalue."""
+
+
+def own_columns(comm: Any, own: Any, widths: tuple[int, int]) -> Any:
+    """The matrix whose columns of this rank are those of a matrix ``(n_own, m_own)``."""
+    counts = comm.tompi4py().allgather(own.shape[1])
+    first, total = sum(counts[: comm.getRank()]), sum(counts)
+    rows = sparse.csr_array((own.data, own.indices + first, own.indptr), shape=(own.shape[0], total))
+    return mat_from_rows(rows, comm, own.shape[1], widths)
+
+
+def jacobi_smoothed(A: Any, offsets: Int, T: Any, damping: float) -> Any:
+    """(I − (ω / λ_max) D⁻¹ A) T, D being the diagonal blocks of A."""
+    PETSc = petsc()
+    inverse = _inverse_blocks(A, offsets)
+    AT = A.matMult(T)
+    P = inverse.matMult(AT)
+    P.scale(-damping / _largest_eigenvalue(A, inverse))
+    P.axpy(1.0, T, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    P.setBlockSizes(*T.getBlockSizes())
+    for each in (AT, inverse, T):
+        each.destroy()
+    return P
+
+
+def _inverse_blocks(A: Any, offsets: Int) -> Any:
+    """D⁻¹ as a PETSc matrix."""
+    comm, own = A.getComm(), rows_of(A.getDiagonalBlock())
+    wrong, inverse = "", own
+    try:
+        if own.shape[0]:
+            inverse = sparse.csr_array(multigrid.block_inverses(own, offsets))
+    except np.linalg.LinAlgError as error:
+        wrong = str(error)
+    agree(comm, wrong)
+    return own_columns(comm, inverse, (1, 1))
+
+
+def _largest_eigenvalue(A: Any, inverse: Any) -> float:
+    """Of D⁻¹A, a little low: conjugate gradients from a start that depends on the numbers of rows alone."""
+    PETSc = petsc()
+    ksp = PETSc.KSP().create(A.getComm())
+    ksp.setOperators(A, inverse)
+    ksp.setType("cg")
+    ksp.getPC().setType("mat")
+    ksp.setNormType(PETSc.KSP.NormType.NONE)
+    ksp.setTolerances(max_it=_STEPS)
+    ksp.setComputeEigenvalues(True)
+    rows = np.arange(*A.getOwnershipRange())
+    b = vector(A, frozen_float(np.sin(1.0 + 12.9898 * rows) * (1.0 + rows % 3)))
+    x = b.duplicate()
+    ksp.solve(b, x)
+    found, reason = ksp.computeEigenvalues(), ksp.getConvergedReason()
+    for each in (ksp, b, x):
+        each.destroy()
+    largest = float(np.real(found).max(initial=0.0))
+    indefinite = PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_MAT
+    if reason in (indefinite, PETSc.KSP.ConvergedReason.DIVERGED_INDEFINITE_PC) or not 0.0 < largest < np.inf:
+        raise OptionError("the matrix is not positive definite: it has no smoothed prolongation")
+    return largest

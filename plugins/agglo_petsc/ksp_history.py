@@ -1,0 +1,193 @@
+"""Solves by a ``KSP`` whose result is checked: the true residual, and the error in the energy norm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+
+from agglo_core.authoring import MET, TESTS, Float, History, OptionError, frozen_float, size_ratio
+from agglo_petsc.petsc_matrices import entries, petsc
+
+__all__ = ["solve", "unsolved"]
+
+_DIGIT: Final = 0.1
+"""To which part of itself the error is found, to know how large it is."""
+_CHECK: Final = 60
+"""Iterations this may take."""
+_ROUNDS: Final = 6
+"""Times that conjugate gradients start afresh from the true residual."""
+_WHY: Final = {
+    "DIVERGED_MAX_IT": ("most iterations", ""),
+    "DIVERGED_INDEFINITE_PC": ("indefinite preconditioner", "the preconditioner is not positive definite: "),
+    "DIVERGED_INDEFINITE_MAT": ("indefinite matrix", "the matrix is not positive definite: "),
+    "DIVERGED_NANORINF": ("matrix not finite", "values are not finite: "),
+    "DIVERGED_PCSETUP_FAILED": ("matrix not finite", "the levels cannot be set up: "),
+}
+
+
+def solve(
+    ksp: Any,
+    b: Any,
+    *,
+    tolerance: float = 1e-6,
+    max_iterations: int = 300,
+    measure: Callable[[Float], float] | None = None,
+) -> History:
+    """Solve A x = b from zero, and find out how right x is; collective.
+
+    Converged is said when the true residual b − A x and an estimate of the error in the energy norm are
+    ``tolerance`` or less. The error is found by a second solve for the residual, to one digit; if it is too
+    large x takes it, and the iteration goes on. Iterations of that check are not counted if x is right.
+
+    Parameters
+    ----------
+    ksp : petsc4py.PETSc.KSP
+        Set up for a symmetric positive definite matrix. Its tolerances are changed and put back.
+    b : petsc4py.PETSc.Vec
+    tolerance : float
+        Below 1.
+    max_iterations : int
+    measure : callable, optional
+        Of the entries of residuals on this rank; the same on all ranks. By default ‖r‖ / ‖b‖.
+
+    Returns
+    -------
+    History
+        ``x (n_own,)`` is the solution on this rank.
+
+    Raises
+    ------
+    OptionError
+        For a tolerance that is no number between 0 and 1, or no iterations.
+    """
+    if not 0.0 < tolerance < 1.0 or max_iterations < 1:
+        raise OptionError(
+            f"tolerance must be between 0 and 1 and max_iterations 1 or more; given {tolerance!r} and "
+            f"{max_iterations!r}"
+        )
+    before, kind, guess = ksp.getTolerances(), ksp.getNormType(), ksp.getInitialGuessNonzero()
+    ksp.setNormType(petsc().KSP.NormType.UNPRECONDITIONED)
+    try:
+        run = _Run(ksp, b, tolerance, max_iterations, measure)
+        return run.history()
+    finally:
+        ksp.setTolerances(*before)
+        ksp.setNormType(kind)
+        ksp.setInitialGuessNonzero(guess)
+        ksp.setConvergenceHistory(0)
+
+
+@dataclass(eq=False)
+class _Run:
+    """An iterate, its true residual, and the norms of those that led to it."""
+
+    ksp: Any
+    b: Any
+    tolerance: float
+    most: int
+    measure: Callable[[Float], float] | None
+    residuals: list[float] = field(default_factory=list)
+    error: float = np.inf
+    ended: str = ""
+
+    def __post_init__(self) -> None:
+        self.A = self.ksp.getOperators()[0]
+        self.x, self.r = self.b.duplicate(), self.b.copy()
+        self.x.set(0.0)
+        self.first = float(self.b.norm())
+        self.residuals.append(self.first)
+        self.size, rounds, wanted = (0.0 if self.first == 0.0 else np.inf), 0, self.tolerance
+        if self.first == 0.0:
+            self.error = 0.0
+        while not self.right and self.done < self.most and rounds < _ROUNDS and not self.ended:
+            before = self.size
+            self._iterate(wanted)
+            if self.size > self.tolerance:
+                wanted *= 0.5 * self.tolerance / max(self.size, 1e-300)
+                wanted = max(wanted, 1e-300)
+                self.ended = self.ended or ("stagnation" if not self.size < 0.9 * before else "")
+            else:
+                self._check()
+            rounds += 1
+
+    @property
+    def done(self) -> int:
+        """Number of iterations."""
+        return len(self.residuals) - 1
+
+    @property
+    def right(self) -> bool:
+        """Whether both tests are passed."""
+        return self.size <= self.tolerance and self.error <= self.tolerance
+
+    def _iterate(self, wanted: float) -> None:
+        """Conjugate gradients from the iterate, until their own residual is small enough."""
+        self._solve(self.b, self.x, wanted * self.first, self.most - self.done, from_zero=self.done == 0)
+        norms = self.ksp.getConvergenceHistory()[1:]
+        reason = self.ksp.getConvergedReason()
+        self.r = self.b - self.A * self.x
+        self.residuals.extend(float(each) for each in norms)
+        self.residuals[-1] = float(self.r.norm())
+        self.size = self._measured()
+        self.ended = _name(reason) if reason < 0 else ""
+
+    def _check(self) -> None:
+        """Find the error of the iterate; take it out if it is too large."""
+        c = self.b.duplicate()
+        self._solve(self.r, c, _DIGIT * float(self.r.norm()), _CHECK, from_zero=True)
+        square, energy = float(c.dot(self.r)), float(self.b.dot(self.x))
+        failed = self.ksp.getConvergedReason() < 0 or square < 0.0 or energy < 0.0
+        self.error = np.inf if failed else size_ratio(float(np.sqrt(square)), float(np.sqrt(energy)))
+        if self.error > self.tolerance:
+            norms = self.ksp.getConvergenceHistory()[1:]
+            self.ended = _name(self.ksp.getConvergedReason()) if failed else ""
+            self.x.axpy(1.0, c)
+            self.r = self.b - self.A * self.x
+            self.residuals.extend(float(each) for each in norms)
+            self.residuals[-1], self.size = float(self.r.norm()), self._measured()
+        c.destroy()
+
+    def _solve(self, b: Any, x: Any, size: float, most: int, *, from_zero: bool) -> None:
+        self.ksp.setConvergenceHistory(most + 1, reset=True)
+        self.ksp.setTolerances(rtol=0.0, atol=size, divtol=1e10, max_it=most)
+        self.ksp.setInitialGuessNonzero(not from_zero)
+        self.ksp.solve(b, x)
+
+    def _measured(self) -> float:
+        if self.measure is None:
+            return size_ratio(float(self.r.norm()), self.first)
+        return self.measure(entries(self.r))
+
+    def history(self) -> History:
+        """How it ended."""
+        passed = (self.size <= self.tolerance, self.error <= self.tolerance)
+        ended: Any = "met" if self.right else (self.ended or "most iterations")
+        beside = f", energy error about {self.error:.1e}" if np.isfinite(self.error) else ""
+        why = next((text for name, text in _WHY.values() if name == self.ended), "")
+        sizes = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"
+        return History(
+            entries(self.x),
+            frozen_float(self.residuals),
+            self.right,
+            MET if self.right else f"{why}{sizes}, wanted {self.tolerance:.1e}",
+            self.error if np.isfinite(self.error) else None,
+            tuple(name for name, ok in zip(TESTS, passed, strict=True) if ok),
+            ended,
+            relative_residual=self.size,
+        )
+
+
+def _name(reason: int) -> str:
+    """What our solvers call one of PETSc's reasons."""
+    reasons = petsc().KSP.ConvergedReason
+    return next(
+        (ended for name, (ended, _) in _WHY.items() if getattr(reasons, name) == reason), "stagnation"
+    )
+
+
+def unsolved(b: Float, reason: str) -> History:
+    """The history of an iteration that could not start."""
+    return History(frozen_float(np.zeros(len(b))), frozen_float([np.linalg.norm(b)]), False, reason)

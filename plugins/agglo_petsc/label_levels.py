@@ -1,0 +1,113 @@
+"""From labels of cells to aggregates of the parts of each level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int, multigrid
+
+__all__ = ["exponents", "labels_of_unknowns", "monomial", "nested_aggregates"]
+
+
+def nested_aggregates(labels: Sequence[Int]) -> list[Int]:
+    """Aggregate of each cell, then of each part of a level, from labels ``(n_cells,)``, finest first.
+
+    Raises
+    ------
+    OptionError
+        If the parts of a level are not unions of those of the level before.
+
+    Examples
+    --------
+    >>> [each.tolist() for each in nested_aggregates([np.arange(6) // 2, np.arange(6) // 4])]
+    [[0, 0, 1, 1, 2, 2], [0, 0, 1]]
+    """
+    found: list[Int] = []
+    for level, coarse in enumerate(labels):
+        up = multigrid.parents(labels[level - 1], coarse) if level else frozen_int(coarse)
+        if up is None:
+            raise OptionError(
+                f"the agglomerates of level {level} are not unions of those of the level before"
+            )
+        found.append(up)
+    return found
+
+
+def labels_of_unknowns(
+    unknowns: ArrayLike, cell_of: ArrayLike, levels: Sequence[ArrayLike], n: int
+) -> list[Int]:
+    """Parts of the unknowns of a continuous method on each level, from those of the cells that share them.
+
+    On the finest level it is the part most of these cells are in, the lowest of several; on coarser ones what
+    that part lies in. Parts are numbered anew without gaps: a thin one may have no unknown of its own.
+
+    Parameters
+    ----------
+    unknowns, cell_of : (m,) int
+        Unknown ``unknowns[i]`` is in cell ``cell_of[i]``: the table of degrees of freedom, flat.
+    levels : sequence of (n_cells,) int
+        Part of each cell, finest first, each level nested in the next.
+    n : int
+        Number of unknowns.
+
+    Returns
+    -------
+    list of (n,) int
+
+    Raises
+    ------
+    OptionError
+        If an unknown is in no cell, or levels are not nested.
+
+    Examples
+    --------
+    Three edges in a row, four vertices; the last two edges are one part:
+
+    >>> labels_of_unknowns([0, 1, 1, 2, 2, 3], [0, 0, 1, 1, 2, 2], [[0, 1, 1]], 4)[0].tolist()
+    [0, 0, 1, 1]
+    """
+    rows, cells = np.asarray(unknowns), np.asarray(cell_of)
+    missing = np.flatnonzero(np.bincount(rows, minlength=n)[:n] == 0)
+    if len(missing) or rows.max(initial=-1) >= n:
+        raise OptionError(f"{n} unknowns: {len(missing)} are in no cell, the largest in one is {rows.max()}")
+    found: list[Int] = []
+    for level, up in enumerate(nested_aggregates([np.asarray(each) for each in levels])):
+        part = up[found[-1]] if level else _of_most(rows, up[cells])
+        found.append(frozen_int(part))
+    return [frozen_int(np.unique(each, return_inverse=True)[1]) for each in found]
+
+
+def _of_most(rows: Int, parts: Int) -> Int:
+    """The part that each row 0..n−1 has most often."""
+    pairs, counts = np.unique(np.stack((rows, parts), axis=1), axis=0, return_counts=True)
+    order = np.lexsort((pairs[:, 1], -counts, pairs[:, 0]))
+    return frozen_int(pairs[order[np.unique(pairs[order, 0], return_index=True)[1]], 1])
+
+
+def exponents(dim: int, degree: int) -> list[tuple[int, ...]]:
+    """Exponents of the monomials of total degree up to ``degree``, those of 1 first.
+
+    Examples
+    --------
+    >>> exponents(2, 1)
+    [(0, 0), (0, 1), (1, 0)]
+    """
+    return [each for each in np.ndindex(*(degree + 1,) * dim) if sum(each) <= degree]
+
+
+def monomial(points: Float, powers: tuple[int, ...]) -> Float:
+    """A monomial ``(q,)`` at points ``(q, d)``.
+
+    Examples
+    --------
+    >>> monomial(np.array([[2.0, 3.0]]), (2, 1)).tolist()
+    [12.0]
+    """
+    found = np.ones(len(points))
+    for axis, power in enumerate(powers):
+        if power:
+            found *= points[:, axis] ** power
+    return frozen_float(found)

@@ -1,0 +1,126 @@
+"""A system on the ranks of a communicator, and its levels: on agglomerates, or from the matrix."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from agglo_core.authoring import Float, Int, OptionError, Patches, frozen_float, frozen_int, multigrid
+from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels, given_levels
+from agglo_petsc.pcmg import Smoother
+from agglo_petsc.petsc_matrices import mat_from_rows, vector
+from agglo_petsc.posed_systems import PosedSystem
+from agglo_petsc.row_shares import RowShare, row_share, usable_levels
+
+__all__ = ["COARSENINGS", "Coarsening", "SystemOnRanks", "on_ranks"]
+
+Coarsening = Literal["auto", "agglomerates", "matrix"]
+COARSENINGS: Final = ("auto", "agglomerates", "matrix")
+
+
+@dataclass(frozen=True, eq=False)
+class SystemOnRanks:
+    """Matrix and right-hand side of PETSc, and levels; ``rows (n,)`` are the old numbers of all its rows."""
+
+    A: Any
+    b: Any
+    levels: PetscLevels
+    rows: Int
+    choice: str
+
+    def gathered(self, own: Float) -> Float:
+        """A vector ``(n,)`` in the old order on all ranks, from the entries of each."""
+        whole = np.empty(len(self.rows))
+        whole[self.rows] = np.concatenate(self.A.getComm().tompi4py().allgather(own))
+        return frozen_float(whole)
+
+
+def on_ranks(system: PosedSystem, comm: Any, coarsening: Coarsening, smoother: Smoother) -> SystemOnRanks:
+    """Divide a system that all ranks have among them, and make its levels; collective.
+
+    Raises
+    ------
+    OptionError
+        If levels are not nested, or as
+        :func:`~agglo_petsc.aggregate_spaces.aggregate_levels`; for levels of the matrix on several ranks.
+    """
+    rank, ranks = comm.getRank(), comm.getSize()
+    from_matrix = coarsening == "matrix" or (coarsening == "auto" and system.mesh is None and ranks == 1)
+    if from_matrix and ranks > 1:
+        raise OptionError("coarsening 'matrix' is for one rank; on several take 'agglomerates'")
+    labels = [] if from_matrix else usable_levels(system.labels, ranks)
+    share = row_share(labels, len(system.offsets) - 1, rank, ranks)
+    own, rows = (_unknowns(system.offsets, cells) for cells in (share.cells, share.order))
+    place = np.empty(len(rows), np.int64)
+    place[rows] = np.arange(len(rows))
+    width = _width(system.offsets)
+    A = mat_from_rows(_renumbered(system.A[own], place), comm, len(own), (width or 1, width or 1))
+    b = vector(A, frozen_float(system.b[own]))
+    if from_matrix:
+        return SystemOnRanks(A, b, _from_matrix(system), rows, "levels from the matrix")
+    near = None if system.near_null is None else system.near_null[own]
+    offsets = np.concatenate(([0], np.cumsum(np.diff(system.offsets)[share.cells])))
+    levels = aggregate_levels(
+        A,
+        share.aggregates,
+        near,
+        block_offsets=offsets,
+        patches=_patches(system, labels, share, smoother),
+    )
+    return SystemOnRanks(A, b, levels, rows, f"{len(labels)} levels of agglomerates")
+
+
+def _unknowns(offsets: Int, cells: Int) -> Int:
+    """The unknowns of some cells, one cell after the other."""
+    sizes = np.diff(offsets)[cells]
+    first = np.concatenate(([0], np.cumsum(sizes)))
+    return frozen_int(np.repeat(offsets[cells] - first[:-1], sizes) + np.arange(first[-1]))
+
+
+def _renumbered(rows: Any, place: Int) -> Any:
+    """Rows whose columns are in their new places."""
+    found = rows.copy()
+    found.indices = place[rows.indices].astype(rows.indices.dtype)
+    found.has_sorted_indices = False
+    return found
+
+
+def _width(offsets: Int) -> int | None:
+    sizes = np.diff(offsets)
+    return int(sizes[0]) if (sizes == sizes[0]).all() else None
+
+
+def _patches(
+    system: PosedSystem, labels: list[Int], share: RowShare, smoother: Smoother
+) -> list[Patches | None] | None:
+    """Vertex patches of each level that is smoothed.
+
+    In space sweeps go part by part, unless patches are asked for: their matrices are large there.
+    """
+    mesh = system.mesh
+    if mesh is None or smoother in ("blocks", "sor") or (mesh.dim == 3 and smoother != "patches"):
+        return None
+    below = [None, *labels[:-1]]
+    return [
+        share.patches(k, multigrid.vertex_patches(mesh, each)) for k, each in enumerate(below[: len(labels)])
+    ]
+
+
+def _from_matrix(system: PosedSystem) -> PetscLevels:
+    """Aggregates of strongly coupled parts, which are agglomerates as far as these suit the matrix."""
+    stack = multigrid.aggregation_stack(
+        system.A,
+        labels=system.labels or None,
+        near_null=system.near_null,
+        block_offsets=system.offsets,
+        smoother=_no_smoother,
+    )
+    above = stack.levels[:-1]
+    return given_levels([each.P for each in above], widths=[_width(each.block_offsets) for each in above])
+
+
+def _no_smoother(A: Any, block_offsets: Int, dtype: Any) -> Any:
+    """PETSc smooths."""
+    return None

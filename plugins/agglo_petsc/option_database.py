@@ -1,0 +1,109 @@
+"""PETSc's options for one solver: in the database while it is set up, and out of it again.
+
+The database is shared by the whole program. What a user has put there counts more than our defaults, and what
+is given for one solver more than both; what was there before is there again afterwards.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Any, Self
+
+from agglo_core.authoring import OptionError
+from agglo_petsc.petsc_matrices import petsc
+
+__all__ = ["OptionDatabase", "parsed_options"]
+
+
+def parsed_options(given: str | Mapping[str, Any]) -> dict[str, str]:
+    """Options as PETSc writes them, ``"-mg_levels_pc_type sor -ksp_view"``, or by name, a dash before or not.
+
+    Raises
+    ------
+    OptionError
+        For a text that does not start with an option, or values that are no texts, numbers or truth values.
+
+    Examples
+    --------
+    >>> parsed_options("-mg_levels_ksp_max_it 2 -ksp_view -pc_mg_distinct_smoothup")
+    {'mg_levels_ksp_max_it': '2', 'ksp_view': '', 'pc_mg_distinct_smoothup': ''}
+    >>> parsed_options({"-ksp_rtol": 1e-3, "pc_mg_log": True})
+    {'ksp_rtol': '0.001', 'pc_mg_log': 'true'}
+    """
+    if isinstance(given, Mapping):
+        return dict(_pair(name, value) for name, value in given.items())
+    if not isinstance(given, str):
+        raise OptionError(f"petsc_options must be a text or a mapping, given {given!r:.60}")
+    found: dict[str, str] = {}
+    name = ""
+    for word in shlex.split(given):
+        if word[:1] == "-" and word[1:2].isalpha():
+            name = word[1:]
+            found[name] = ""
+        elif name and not found[name]:
+            found[name] = word
+        else:
+            raise OptionError(f"petsc_options: {word!r} is no option of PETSc; expected -name or -name value")
+    return found
+
+
+def _pair(name: Any, value: Any) -> tuple[str, str]:
+    plain = name.removeprefix("-") if isinstance(name, str) else ""
+    if not plain[:1].isalpha() or " " in plain:
+        raise OptionError(f"petsc_options: {name!r} is no name of an option of PETSc")
+    if value is None:
+        return plain, ""
+    if not isinstance(value, str | int | float):
+        raise OptionError(
+            f"petsc_options: {name} must be a text, a number or a truth value, given {value!r:.60}"
+        )
+    return plain, str(value).lower() if isinstance(value, bool) else str(value)
+
+
+class OptionDatabase:
+    """A context in which the database holds defaults and given options of one prefix.
+
+    Parameters
+    ----------
+    prefix : str
+        Of the solver, its last underscore included.
+    defaults, given : mapping of str to str
+        Names without the prefix.
+    """
+
+    def __init__(self, prefix: str, defaults: Mapping[str, str], given: Mapping[str, str]) -> None:
+        self._options, self._prefix = petsc().Options(prefix), prefix
+        self._defaults, self._given = defaults, given
+        self._before: dict[str, str | None] = {}
+
+    def __enter__(self) -> Self:
+        ours = {name: value for name, value in self._defaults.items() if not self._options.hasName(name)}
+        for name, value in {**ours, **self._given}.items():
+            self._before[name] = self._options.getString(name) if self._options.hasName(name) else None
+            self._options.setValue(name, value)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for name, value in self._before.items():
+            self._options.delValue(name)
+            if value is not None:
+                self._options.setValue(name, value)
+
+    def unused(self) -> list[str]:
+        """Given options that nothing has asked for so far."""
+        whole = petsc().Options()  # ``used`` knows no prefix
+        return [name for name in self._given if not whole.used(f"{self._prefix}{name}")]
+
+    def require_used(self) -> None:
+        """Raise OptionError if some given option was asked for by nothing."""
+        unused = self.unused()
+        if unused:
+            names = ", ".join(f"-{name}" for name in unused)
+            raise OptionError(
+                f"petsc_options: nothing in this solver uses {names} (levels are -mg_levels_…, the coarsest "
+                "is -mg_coarse_…, the iteration -ksp_…)"
+            )

@@ -1,0 +1,69 @@
+"""What a ``KSP`` with PCMG has made: matrices of the levels, their sizes, memory."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from agglo_petsc.petsc_matrices import petsc, to_scipy
+from agglo_petsc.sweep_preconditioner import PatchSweeps
+
+__all__ = ["level_matrices", "level_sizes", "memory_of"]
+
+
+def level_matrices(ksp: Any) -> list[tuple[Any, Any]]:
+    """``(A, P)`` of each level as scipy matrices, finest first; P of the coarsest is None. On one rank."""
+    found = []
+    for A, P in _levels(ksp):
+        found.append((to_scipy(A), None if P is None else to_scipy(P)))
+    return found
+
+
+def level_sizes(ksp: Any) -> list[tuple[int, int]]:
+    """Unknowns and stored entries of each level, finest first; collective."""
+    return [(A.getSize()[0], int(A.getInfo(A.InfoType.GLOBAL_SUM)["nz_used"])) for A, _ in _levels(ksp)]
+
+
+def memory_of(ksp: Any) -> int:
+    """Bytes of matrices, prolongations, and factors of smoothers and the coarsest level; collective.
+
+    The matrix of the finest level is counted. Factors of other packages, MUMPS say, are counted as far as
+    PETSc knows of them.
+    """
+    own = sum(_bytes(A) + _bytes(P) for A, P in _levels(ksp))
+    own += sum(_bytes_of_smoother(smoother.getPC()) for smoother in _smoothers(ksp))
+    return int(ksp.getComm().tompi4py().allreduce(own))
+
+
+def _levels(ksp: Any) -> list[tuple[Any, Any]]:
+    pc = ksp.getPC()
+    if pc.getType() != "mg":
+        return [(ksp.getOperators()[0], None)]
+    top = pc.getMGLevels() - 1
+    return [
+        (pc.getMGSmoother(level).getOperators()[0], pc.getMGInterpolation(level) if level else None)
+        for level in range(top, -1, -1)
+    ]
+
+
+def _smoothers(ksp: Any) -> list[Any]:
+    pc = ksp.getPC()
+    return [pc.getMGSmoother(k) for k in range(pc.getMGLevels())] if pc.getType() == "mg" else [ksp]
+
+
+def _bytes(mat: Any) -> float:
+    """Of the rows of this rank, values and indices by rows; PETSc itself counts only if built to debug."""
+    if mat is None:
+        return 0.0
+    index = petsc().IntType().itemsize
+    entries, rows = mat.getInfo(mat.InfoType.LOCAL)["nz_used"], mat.getLocalSize()[0]
+    return float(entries * (8 + index) + (rows + 1) * index)
+
+
+def _bytes_of_smoother(pc: Any) -> float:
+    kind = pc.getType()
+    if kind == "asm":
+        return sum(_bytes(each.getPC().getFactorMatrix()) for each in pc.getASMSubKSP())
+    if kind in ("lu", "cholesky"):
+        return _bytes(pc.getFactorMatrix())
+    context = pc.getPythonContext() if kind == "python" else None
+    return float(context.level.memory) if isinstance(context, PatchSweeps) else 0.0

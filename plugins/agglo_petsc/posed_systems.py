@@ -1,0 +1,211 @@
+"""Problems as PETSc gets them: matrix, right-hand side, near-null vectors, and labels of levels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import (
+    Diffusion,
+    Discretisation,
+    Float,
+    Hierarchy,
+    History,
+    Int,
+    Linear,
+    Mesh,
+    OptionError,
+    Problem,
+    Solution,
+    agglomerate,
+    frozen_float,
+    frozen_int,
+    symmetric_system,
+)
+from agglo_petsc.label_levels import exponents, monomial
+from agglo_petsc.phase_times import PhaseTimes
+
+__all__ = ["PosedSystem", "posed", "solution_of"]
+
+_CELLS_PER_PART: Final = 8
+"""Of levels made here: of the first, and parts of each to one of the next."""
+_FEWEST: Final = 60
+"""Parts of the coarsest of these."""
+_MODERATE: Final = 1e100
+_DIGITS: Final = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class PosedSystem:
+    """A x = b, and what levels can be made of.
+
+    Attributes
+    ----------
+    A : (n, n) csr
+    b : (n,) float
+        ``factor`` times the right-hand side: a power of two, 1 where squares do not under- or overflow.
+    offsets : (n_cells + 1,) int
+    measure : callable
+        Of residuals of b.
+    labels : list of (n_cells,) int
+    near_null : (n, k) float, optional
+    mesh : Mesh, optional
+    """
+
+    A: Any
+    b: Float
+    factor: float
+    offsets: Int
+    measure: Callable[[Float], float] | None
+    labels: list[Int]
+    near_null: Float | None
+    mesh: Mesh | None
+
+
+def posed(
+    problem: Problem, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
+) -> PosedSystem:
+    """A problem on the mesh of a hierarchy.
+
+    Raises
+    ------
+    OptionError
+        If they do not fit, or values are not finite; as ``how`` and
+        :func:`~agglo_core.problems.real_system.symmetric_system` raise it.
+    MeshError
+        As ``how`` raises it.
+    """
+    if isinstance(problem, Diffusion):
+        return _discretised(problem, hierarchy, how, degree, levels)
+    if isinstance(problem, Linear):
+        return _given(problem, hierarchy, levels)
+    raise OptionError(f"a problem is a Diffusion or a Linear, given {type(problem).__name__}")
+
+
+def _discretised(
+    problem: Diffusion, hierarchy: Hierarchy, how: Discretisation, degree: int, levels: int | None
+) -> PosedSystem:
+    mesh = _own_mesh(hierarchy)
+    system = how.assemble(problem, mesh)
+    matrix = sparse.csr_array(system.A)
+    if not (np.isfinite(system.b).all() and np.isfinite(matrix.data).all()):
+        raise OptionError("matrix or right-hand side hold values that are not finite")
+    factor, measure = _factor(system.b), how.residual_measure(problem, mesh, system.b)
+    labels = _chosen(hierarchy, levels) if hierarchy.levels else _made(hierarchy, levels)
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    centre, half = (low + high) / 2, float((high - low).max()) / 2
+    columns = [how.project(mesh, _field(each, centre, half)) for each in exponents(mesh.dim, degree)]
+    return PosedSystem(
+        matrix,
+        frozen_float(factor * system.b),
+        factor,
+        system.block_offsets,
+        lambda r: measure(r / factor),
+        labels,
+        frozen_float(np.stack(columns, axis=1)),
+        mesh,
+    )
+
+
+def _field(powers: tuple[int, ...], centre: Any, half: float) -> Callable[[Float], Float]:
+    """One of the polynomials that are near-null vectors on agglomerates, on [−1, 1]^d."""
+    return lambda points: monomial(frozen_float((points - centre) / half), powers)
+
+
+def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSystem:
+    matrix, b = symmetric_system(problem)
+    offsets, cells = frozen_int(problem.block_offsets), hierarchy.graph.n
+    sizes = np.diff(offsets)
+    if len(sizes) != cells:
+        raise OptionError(f"the system has unknowns in {len(sizes)} cells, the hierarchy {cells} cells")
+    if sizes.min() < 1:
+        raise OptionError(f"every cell must have an unknown; cell {int(sizes.argmin())} has {sizes.min()}")
+    near, factor = problem.near_null, _factor(b)
+    B = None if near is None else frozen_float(np.asarray(near, np.float64).reshape(len(b), -1))
+    labels = _chosen(hierarchy, levels) if hierarchy.levels else []
+    return PosedSystem(matrix, frozen_float(factor * b), factor, offsets, None, labels, B, None)
+
+
+def _own_mesh(hierarchy: Hierarchy) -> Mesh:
+    """The mesh of a hierarchy, whose graph and levels must be of that mesh."""
+    mesh, measures = hierarchy.fine, hierarchy.graph.measures
+    if mesh is None:
+        raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+    same = len(measures) == mesh.n_cells
+    if not same or not np.allclose(measures, mesh.cell_measures, rtol=1e-6, atol=0.0):
+        raise OptionError(
+            f"the hierarchy belongs to another mesh than {mesh!r}: its cells have other measures"
+        )
+    return mesh
+
+
+def _chosen(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
+    """Labels of the levels, as many as are asked for with the mesh."""
+    if levels is not None and levels > len(hierarchy.levels) + 1:
+        raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
+    return list(hierarchy.levels)[: None if levels is None else levels - 1]
+
+
+def _made(hierarchy: Hierarchy, levels: int | None) -> list[Int]:
+    """Levels for a hierarchy without any: of 8 cells to a part, and 8 parts to one of the next."""
+    n, sizes = hierarchy.graph.n, list[int]()
+    while n // _CELLS_PER_PART ** (len(sizes) + 1) >= _FEWEST:
+        sizes.append(_CELLS_PER_PART ** (len(sizes) + 1))
+    sizes = sizes[: None if levels is None else levels - 1]
+    if not sizes or hierarchy.fine is None:
+        return []
+    straight = agglomerate(
+        hierarchy.fine, bisector="coordinate", refiners=(), polish=False, cells_per_part=tuple(sizes)
+    )
+    return list(straight.levels)
+
+
+def _factor(b: Float) -> float:
+    """A power of two that brings numbers near 1; 1 itself if their squares do no harm."""
+    size = float(np.abs(b).max(initial=0.0))
+    if size == 0.0 or 1.0 / _MODERATE <= size <= _MODERATE:
+        return 1.0
+    return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(size)[1])))
+
+
+def solution_of(
+    system: PosedSystem, history: History, operators: Any, watch: PhaseTimes, tolerance: float
+) -> Solution:
+    """The solution of the problem that a history leads to; ``watch`` has timed its phases.
+
+    Raises
+    ------
+    OptionError
+        If it is beyond what floating-point numbers hold.
+    """
+    x = history.x / system.factor
+    if (
+        system.factor != 1.0
+        and np.abs(x * system.factor - history.x).max() > _DIGITS * np.abs(history.x).max()
+    ):
+        raise OptionError(
+            f"the solution is of size {np.abs(x).max():.0e}, beyond what floating-point numbers hold: "
+            "give the data in other units"
+        )
+    return Solution(
+        x=frozen_float(x),
+        A=system.A,
+        b=frozen_float(system.b / system.factor),
+        operators=operators,
+        residuals=frozen_float(history.residuals / system.factor),
+        converged=history.converged,
+        reason=history.reason,
+        iterations=history.iterations,
+        seconds=watch.wall,
+        cpu_seconds=watch.cpu,
+        energy_error=history.energy_error,
+        tests=history.tests,
+        tolerance=tolerance,
+        backward_error=history.backward_error,
+        rounding_limited=history.ended == "rounding",
+    )

@@ -1,0 +1,98 @@
+"""The share of a rank of a mesh and hierarchy that all ranks have whole: its rows, aggregates and patches.
+
+Cells are numbered anew, rank by rank, by the agglomerates of the coarsest level: so every agglomerate of
+every level lies on one rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agglo_core.authoring import Int, Patches, frozen_int
+from agglo_petsc.label_levels import nested_aggregates
+
+__all__ = ["RowShare", "row_share", "usable_levels"]
+
+_PARTS_PER_RANK = 4
+"""A level of fewer parts is left out: whole parts go to ranks, whose shares would be too unequal."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowShare:
+    """What one rank has.
+
+    Attributes
+    ----------
+    cells : (own,) int
+        Its cells, by their old numbers, in the new order.
+    order : (n_cells,) int
+        All cells in the new order, by their old numbers.
+    aggregates : list of (own parts,) int
+        As :func:`~agglo_petsc.aggregate_spaces.aggregate_levels` takes them.
+    """
+
+    cells: Int
+    order: Int
+    aggregates: list[Int]
+    _numbers: list[Int]
+    _owners: list[Int]
+    _rank: int
+
+    def patches(self, level: int, whole: Patches) -> Patches:
+        """Those of the patches of a level that are this rank's: it owns their first part."""
+        parts = self._numbers[level][whole.parts]
+        group = np.repeat(np.arange(len(whole)), np.diff(whole.offsets))
+        least = np.full(len(whole), len(self._numbers[level]))
+        np.minimum.at(least, group, parts)
+        owner = np.empty(len(self._numbers[level]), np.int64)
+        owner[self._numbers[level]] = self._owners[level]
+        mine = owner[least] == self._rank
+        sizes = np.diff(whole.offsets)[mine]
+        offsets = np.concatenate(([0], np.cumsum(sizes)))
+        return Patches(frozen_int(offsets), frozen_int(parts[mine[group]]))
+
+
+def usable_levels(labels: Sequence[Int], ranks: int) -> list[Int]:
+    """The levels with parts enough for all ranks, the first at any rate."""
+    if ranks == 1:
+        return list(labels)
+    return [each for k, each in enumerate(labels) if k == 0 or int(each.max()) + 1 >= _PARTS_PER_RANK * ranks]
+
+
+def row_share(labels: Sequence[Int], n_cells: int, rank: int, ranks: int) -> RowShare:
+    """The share of ``rank`` of ``ranks``.
+
+    Parameters
+    ----------
+    labels : sequence of (n_cells,) int
+        Agglomerate of each cell, finest first, each nested in the next.
+    n_cells : int
+    rank, ranks : int
+
+    Raises
+    ------
+    OptionError
+        If levels are not nested.
+
+    Examples
+    --------
+    >>> share = row_share([np.array([1, 1, 0, 0, 2, 2])], 6, rank=0, ranks=2)
+    >>> share.cells.tolist(), [each.tolist() for each in share.aggregates]
+    ([0, 1, 2, 3], [[1, 1, 0, 0]])
+    """
+    ups = nested_aggregates(labels)
+    top = labels[-1] if len(labels) else np.arange(n_cells)
+    sizes = np.bincount(top)
+    owner = np.minimum((np.cumsum(sizes) - 0.5 * sizes) * ranks // n_cells, ranks - 1).astype(np.int64)
+    owners = [frozen_int(owner)]  # of the parts of each level, from the coarsest
+    for up in reversed(ups):
+        owners.append(frozen_int(owners[-1][up]))
+    owners.reverse()
+    orders = [np.argsort(each, kind="stable") for each in owners]
+    numbers = [frozen_int(np.argsort(each)) for each in orders]
+    own = [order[owner[order] == rank] for order, owner in zip(orders, owners, strict=True)]
+    aggregates = [frozen_int(numbers[k + 1][up[own[k]]]) for k, up in enumerate(ups)]
+    return RowShare(frozen_int(own[0]), frozen_int(orders[0]), aggregates, numbers, owners, rank)

@@ -1,0 +1,144 @@
+"""petsc_mg beside PETSc's own solvers on PolyDG matrices: GAMG with near-null vectors, MUMPS.
+
+``mpiexec -n 2 python tests/benchmarks/petsc.py --cells 4000 --degree 1``
+
+All in one process for each number of ranks; seconds are the least of ``--repeat`` runs, over those of GAMG.
+The set-up of ours has prolongations and patches; that of the matrix itself counts for nobody. BoomerAMG is
+not among them unless this PETSc was built with hypre. Rows are divided as petsc_mg divides them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import agglo_core as agglo
+from agglo_core.registry import default
+from agglo_petsc.ksp_history import solve
+from agglo_petsc.level_choice import SystemOnRanks, on_ranks
+from agglo_petsc.pcmg import setup
+from agglo_petsc.petsc_matrices import petsc
+from agglo_petsc.posed_systems import posed
+
+PETSc: Any = petsc()
+OURS = ("sweeps", "patches", "blocks", "sor")
+
+
+def main() -> None:
+    """Print a row for each solver."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--cells", type=int, default=4000)
+    asked.add_argument("--degree", type=int, default=1)
+    asked.add_argument("--seed", type=int, default=1)
+    asked.add_argument("--repeat", type=int, default=3)
+    asked.add_argument("--tolerance", type=float, default=1e-8)
+    asked.add_argument("--jumps", type=float, default=0.0, help="κ is 10 to a random power up to this, ±")
+    asked.add_argument("--box", action="store_true", help="boxes in space instead of Voronoi cells")
+    given = asked.parse_args()
+    comm, rng = PETSc.COMM_WORLD, np.random.default_rng(given.seed)
+    side = round(given.cells ** (1 / 3))
+    mesh = agglo.samples.boxes(side) if given.box else agglo.samples.voronoi(given.cells, seed=given.seed)
+    kappa = 10 ** rng.uniform(-given.jumps, given.jumps, mesh.n_cells)
+    problem = agglo.Diffusion(kappa=kappa if given.jumps else 1.0)
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 64, 512), seed=given.seed)
+    how = default().build("solver", "polydg_mg", degree=given.degree).discretisation
+    system = posed(problem, hierarchy, how, given.degree, None)
+    rivals: dict[str, Callable[[], Any]] = {
+        f"petsc_mg {name}": lambda name=name: _ours(system, comm, name) for name in OURS
+    }
+    rivals |= {"gamg": lambda: _gamg(system, comm), "mumps": lambda: _mumps(system, comm)}
+    if PETSc.Sys.hasExternalPackage("hypre"):
+        rivals["boomeramg"] = lambda: _plain(system, comm, {"pc_type": "hypre"})
+    rows = {name: _measured(make, given.repeat, given.tolerance) for name, make in rivals.items()}
+    if comm.getRank() == 0:
+        _print(rows, mesh.n_cells, system.A.shape[0], comm.getSize())
+
+
+def _measured(make: Callable[[], Any], repeat: int, tolerance: float) -> tuple[int, float, float, bool]:
+    """Iterations, seconds of set-up and of solve, whether it converged."""
+    setups, solves = [], []
+    for _ in range(repeat):
+        there, ksp, seconds = make()
+        start = _now()
+        history = solve(ksp, there.b, tolerance=tolerance, max_iterations=500)
+        setups.append(seconds)
+        solves.append(_now() - start)
+        ksp.destroy()
+    return history.iterations, min(setups), min(solves), history.converged
+
+
+def _ours(system: Any, comm: Any, smoother: Any) -> tuple[SystemOnRanks, Any, float]:
+    start = _now()
+    on_ranks(replace(system, labels=[]), comm, "agglomerates", smoother)
+    start += _now() - start  # to divide the matrix
+    there = on_ranks(system, comm, "agglomerates", smoother)
+    ksp = _ksp(there)
+    setup(ksp, there.levels, smoother=smoother)
+    return there, ksp, _now() - start
+
+
+def _gamg(system: Any, comm: Any) -> tuple[SystemOnRanks, Any, float]:
+    """With the constant and the slopes as near-null vectors, as it takes them."""
+    options = {"pc_type": "gamg", "mg_levels_ksp_type": "chebyshev", "mg_levels_esteig_ksp_type": "cg"}
+    return _plain(system, comm, options, near_null=True)
+
+
+def _mumps(system: Any, comm: Any) -> tuple[SystemOnRanks, Any, float]:
+    return _plain(system, comm, {"pc_type": "cholesky", "pc_factor_mat_solver_type": "mumps"})
+
+
+def _plain(
+    system: Any, comm: Any, options: dict[str, str], near_null: bool = False
+) -> tuple[SystemOnRanks, Any, float]:
+    """A solver of PETSc's own on the same rows."""
+    there = on_ranks(system, comm, "agglomerates", "sor")  # its levels are not used, nor counted
+    if near_null:
+        start, stop = there.A.getOwnershipRange()
+        own = np.linalg.qr(system.near_null)[0][there.rows[start:stop]]
+        vectors = [there.b.duplicate() for _ in own.T]
+        for vector, column in zip(vectors, own.T, strict=True):
+            vector.setArray(column)
+        there.A.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=comm))
+    there.A.setOption(PETSc.Mat.Option.SPD, True)
+    start_time, database = _now(), PETSc.Options()
+    ksp = _ksp(there)
+    for name, value in options.items():
+        database[name] = value
+    ksp.setFromOptions()
+    ksp.setUp()
+    for name in options:
+        database.delValue(name)
+    return there, ksp, _now() - start_time
+
+
+def _ksp(there: SystemOnRanks) -> Any:
+    ksp = PETSc.KSP().create(there.A.getComm())
+    ksp.setOperators(there.A)
+    ksp.setType("cg")
+    return ksp
+
+
+def _now() -> float:
+    PETSc.COMM_WORLD.tompi4py().Barrier()
+    return time.perf_counter()
+
+
+def _print(rows: dict[str, tuple[int, float, float, bool]], cells: int, n: int, ranks: int) -> None:
+    setup_seconds, solve_seconds = rows["gamg"][1:3]
+    print(f"{cells} cells, {n} unknowns, {ranks} ranks")
+    print(f"gamg: set-up {setup_seconds:.3f} s, solve {solve_seconds:.3f} s")
+    print(f"{'solver':18s} {'iterations':>10s} {'set-up':>8s} {'solve':>8s} {'both':>8s}   over gamg")
+    for name, (iterations, first, second, converged) in rows.items():
+        both = (first + second) / (setup_seconds + solve_seconds)
+        state = "" if converged else "   not converged"
+        seconds = f"{first / setup_seconds:8.2f} {second / solve_seconds:8.2f} {both:8.2f}"
+        print(f"{name:18s} {iterations:10d} {seconds}{state}")
+
+
+if __name__ == "__main__":
+    main()

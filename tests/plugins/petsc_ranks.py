@@ -1,0 +1,128 @@
+"""What tests ask of several ranks, run by ``mpiexec``; rank 0 prints the answers as JSON.
+
+``mpiexec -n 3 python tests/plugins/petsc_ranks.py``
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+from mpi4py import MPI
+from scipy import sparse
+
+import agglo_core as agglo
+import agglo_petsc
+from agglo_core.errors import OptionError
+from agglo_core.problems import Diffusion, Linear
+from agglo_core.registry import default
+from agglo_petsc.petsc_matrices import petsc, vector
+
+COMM = MPI.COMM_WORLD
+PETSc = petsc()
+STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
+
+
+def polydg() -> dict[str, object]:
+    """PolyDG on Voronoi cells: alone, and together; iterations and the largest difference of x."""
+    mesh = agglo.samples.voronoi(400, seed=31)
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 32), **STRAIGHT)
+    found: dict[str, object] = {}
+    for smoother in ("sweeps", "patches", "blocks", "sor"):
+        one, all_ = (
+            default()
+            .build("solver", "petsc_mg", smoother=smoother, ranks=ranks)
+            .solve(Diffusion(), hierarchy)
+            for ranks in ("one", "world")
+        )
+        gap = float(np.abs(one.x - all_.x).max() / np.abs(one.x).max())
+        found[smoother] = [one.iterations, all_.iterations, gap, all_.converged and one.converged]
+    return found
+
+
+def systems() -> list[float]:
+    """A linear system of two unknowns in each cell: relative residual, and whether it converged."""
+    mesh = agglo.samples.squares(12)
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(4,), **STRAIGHT)
+    links = mesh.graph.to_scipy()
+    scalar = sparse.diags_array(links.sum(axis=1) + 0.01) - links
+    A, b = sparse.csr_array(sparse.kron(scalar, np.eye(2))), np.random.default_rng(2).standard_normal(288)
+    found = (
+        default()
+        .build("solver", "petsc_mg", ranks="world")
+        .solve(Linear(A, b, np.arange(145) * 2), hierarchy)
+    )
+    return [float(np.linalg.norm(b - A @ found.x) / np.linalg.norm(b)), float(found.converged)]
+
+
+def own_rows() -> list[float]:
+    """A path of 90, of which the first rank has nothing: error of the solution, iterations."""
+    sizes = [0, *np.full(COMM.size - 1, 90 // (COMM.size - 1))]
+    first = int(sum(sizes[: COMM.rank]))
+    whole = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(90, 90)).tocsr()
+    mine = slice(first, first + int(sizes[COMM.rank]))
+    A = agglo_petsc.mat_from_rows(whole[mine], PETSc.COMM_WORLD, int(sizes[COMM.rank]))
+    pairs = np.arange(first, first + sizes[COMM.rank]) // 3  # 90 / 1 and 90 / 2 are multiples of 9
+    fours = np.arange(first // 3, (first + sizes[COMM.rank]) // 3) // 3
+    levels = agglo_petsc.aggregate_levels(A, [pairs, fours])
+    ksp = PETSc.KSP().create(PETSc.COMM_WORLD)
+    ksp.setOperators(A)
+    ksp.setType("cg")
+    agglo_petsc.setup(ksp, levels)
+    wanted = np.sin(np.arange(90.0))
+    history = agglo_petsc.solve(ksp, vector(A, (whole @ wanted)[mine]), tolerance=1e-10)
+    gap = COMM.allreduce(float(np.abs(history.x - wanted[mine]).max(initial=0.0)), MPI.MAX)
+    return [gap, history.iterations, levels.prolongations[-1].getSize()[1]]
+
+
+def wrong() -> list[str]:
+    """What is said of an aggregate on two ranks, and of too few labels on the last: the same everywhere."""
+    n = 6
+    rows = sparse.eye_array(n * COMM.size, format="csr")[n * COMM.rank : n * (COMM.rank + 1)]
+    A, told = agglo_petsc.mat_from_rows(rows, PETSc.COMM_WORLD, n), []
+    last = COMM.rank == COMM.size - 1
+    for aggregates in (np.zeros(n, int), np.arange(n - last) // 2 + 3 * COMM.rank):
+        try:
+            agglo_petsc.aggregate_levels(A, [aggregates])
+            told.append("nothing")
+        except OptionError as error:
+            told.append(str(error))
+    return told if COMM.allgather(told) == [told] * COMM.size else ["ranks differ"]
+
+
+def dolfinx_poisson() -> list[float]:
+    """Linear elements on a mesh divided by DOLFINx, each rank agglomerating its own cells: iterations."""
+    from dolfinx import fem
+    from dolfinx import mesh as meshes
+    from dolfinx.fem import petsc as forms
+    from ufl import TestFunction, TrialFunction, dx, grad, inner
+
+    domain = meshes.create_unit_square(COMM, 24, 24)
+    space = fem.functionspace(domain, ("Lagrange", 1))
+    u, v = TrialFunction(space), TestFunction(space)
+    A = forms.assemble_matrix(fem.form((inner(grad(u), grad(v)) + 1e-2 * u * v) * dx))
+    A.assemble()
+    mesh = agglo_petsc.from_dolfinx(domain)
+    levels = agglo.agglomerate(mesh, cells_per_part=(8, 64), **STRAIGHT).levels
+    table = space.dofmap.list[: mesh.n_cells]
+    own, cell_of = A.getLocalSize()[0], np.repeat(np.arange(mesh.n_cells), table.shape[1])
+    inside = table.ravel() < own
+    labels = agglo_petsc.labels_of_unknowns(table.ravel()[inside], cell_of[inside], levels, own)
+    ksp = PETSc.KSP().create(COMM)
+    ksp.setOperators(A)
+    ksp.setType("cg")
+    agglo_petsc.setup(ksp, labels)
+    b = vector(A, np.random.default_rng(COMM.rank).standard_normal(own))
+    history = agglo_petsc.solve(ksp, b, tolerance=1e-8)
+    return [history.iterations, float(history.converged)]
+
+
+if __name__ == "__main__":
+    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong)}
+    if find_spec("dolfinx"):
+        asked["dolfinx_poisson"] = dolfinx_poisson
+    answers = {name: ask() for name, ask in asked.items()}
+    if COMM.rank == 0:
+        json.dump(answers, sys.stdout)

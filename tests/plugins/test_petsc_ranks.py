@@ -1,0 +1,81 @@
+"""PETSc on two and three ranks, launched by mpiexec with a time limit; skipped visibly without it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("petsc4py", reason="PETSc tests skipped: no petsc4py here")
+BESIDE = Path(sys.executable).parent / "mpiexec"
+LAUNCHER = str(BESIDE) if BESIDE.exists() else shutil.which("mpiexec")
+SCRIPT = Path(__file__).with_name("petsc_ranks.py")
+SECONDS = 240
+
+
+@pytest.fixture(scope="module", params=[2, 3], ids="{} ranks".format)
+def answers(request):
+    if LAUNCHER is None:
+        pytest.skip("PETSc tests on several ranks skipped: no mpiexec here")
+    command = [LAUNCHER, "-n", str(request.param), sys.executable, str(SCRIPT)]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    ) as running:
+        try:
+            out, err = running.communicate(timeout=SECONDS)
+        except subprocess.TimeoutExpired:
+            running.kill()
+            raise AssertionError(f"ranks hang: no end after {SECONDS} s") from None
+    assert running.returncode == 0, err[-2000:]
+    return json.loads(out)
+
+
+@pytest.mark.parametrize("smoother", ["patches", "blocks", "sor"])
+def test_ranks_take_as_many_iterations_as_one(answers, smoother):
+    one, all_, gap, converged = answers["polydg"][smoother]
+    assert converged
+    assert abs(all_ - one) <= max(1, 0.1 * one)
+    assert gap < 1e-6
+
+
+def test_sweeps_of_each_rank_alone_take_a_few_more(answers):
+    one, all_, gap, converged = answers["polydg"]["sweeps"]
+    assert converged
+    assert one <= all_ <= one + 4
+    assert gap < 1e-6
+
+
+def test_linear_systems_are_divided_too(answers):
+    residual, converged = answers["systems"]
+    assert converged
+    assert residual < 1e-6
+
+
+def test_a_rank_may_have_nothing(answers):
+    gap, iterations, coarsest = answers["own_rows"]
+    assert gap < 1e-8
+    assert iterations < 15
+    assert coarsest == 10
+
+
+def test_errors_are_raised_on_all_ranks(answers):
+    spread, short = answers["wrong"]
+    assert spread.startswith("rank 1: aggregates[0] are 0 to 0 here; expected 1 to 1")
+    assert "aggregates[0] must be 6 whole numbers" in short
+
+
+def test_dolfinx_ranks_agglomerate_their_own_cells(answers):
+    if "dolfinx_poisson" not in answers:
+        pytest.skip("DOLFINx tests skipped: no dolfinx here")
+    iterations, converged = answers["dolfinx_poisson"]
+    assert converged
+    assert iterations < 20
