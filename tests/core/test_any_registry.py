@@ -174,6 +174,17 @@ def parts_of_multigrid(registry: Registry, folder: Path) -> None:
         Composition("wavelets", registry=registry)
 
 
+def on_ranks(registry: Registry, folder: Path) -> None:
+    pytest.importorskip("mpi4py")
+    from agglo_core import Pipeline, distributed
+
+    file = folder / "mesh.vtu"
+    agglo.write(file, samples.squares(4), registry=registry)
+    mesh = distributed.read(file, registry=registry)
+    made = distributed.agglomerate(mesh, Pipeline("straight", n_parts=2), registry=registry)
+    assert made.quality(0, registry=registry)["connected"] == 1.0
+
+
 GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     agglomerations: {"agglomerate", "run"},
     measures: {"quality", "measure_levels", "summary", "built_metrics", "select"},
@@ -187,6 +198,7 @@ GROUPS: dict[Callable[[Registry, Path], None], set[str]] = {
     handed_on: {"chosen_objective", "construct", "DescentRefiner"},
     smoothers: {"smoother_of", "PaperMultigrid"},
     parts_of_multigrid: {"part", "Composition", "ComposedMultigrid"},
+    on_ranks: {"started", "kept_rules", "means"},
 }
 """What is asked here, and the public functions with a parameter ``registry`` that this asks."""
 ELSEWHERE = {"new_run", "chosen", "columns", "members"}

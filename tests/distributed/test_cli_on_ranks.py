@@ -77,6 +77,7 @@ def test_a_run_on_three_ranks_prints_one_table_and_writes_its_levels(tmp_path: P
     assert coarse.cell_measures.sum() == pytest.approx(mesh.cell_measures.sum(), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_one_process_makes_the_same_parts_where_ranks_do_not_matter(agglo: Agglo, tmp_path: Path) -> None:
     """The same command with and without mpiexec, and what both write."""
     pytest.importorskip("mpi4py")
