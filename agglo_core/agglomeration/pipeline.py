@@ -191,7 +191,8 @@ class Pipeline(Rules):
         warn_of_large_cells(goals, run)
         told: dict[str, Any] = {"bisector": short_name(self.bisector), "method": self.method}
         if counts:
-            told["imbalance"] = [imbalance(self.mass(graph), labels) for labels in levels]
+            mass = None if self.weights is None and self.balance in (None, "cells") else self.mass(graph)
+            told["imbalance"] = [imbalance(mass, labels) for labels in levels]
         return Hierarchy(
             mesh if isinstance(mesh, Mesh) else None,
             graph,

@@ -158,8 +158,8 @@ class Rules:
         return _component("bounds:Bounds")(self.max_cells, self.min_cells, self.max_measure, self.min_measure)
 
 
-def imbalance(mass: Float, labels: Int) -> float:
-    """Mass of the heaviest part over the mean; 1 if there is none."""
+def imbalance(mass: Float | None, labels: Int) -> float:
+    """Mass, or number of cells, of the heaviest part over the mean; 1 if there is none."""
     of_parts = np.bincount(labels, mass)
     mean = float(of_parts.mean())
     return float(of_parts.max()) / mean if mean > 0 else 1.0

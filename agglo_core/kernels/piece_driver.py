@@ -59,10 +59,10 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
     ones, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
         i = np.uint32(cells[start + k])
-        side = np.int64(heights[k] > bar)
+        side, measure = heights[k] > bar, measures[i]
         tag[i] = right if side else left
-        above += side * measures[i]
-        below += (1 - side) * measures[i]
+        above += measure if side else 0.0
+        below += 0.0 if side else measure
         ones += side
         near[m] = i
         m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + _ROUNDING * extent)

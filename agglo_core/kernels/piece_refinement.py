@@ -18,14 +18,13 @@ _TIE = 1e-9
 def _gain(graph, tag, i, own, other):
     """Interface saved if cell i goes to the other side, and the least that counts as something."""
     indptr, indices, interface = graph
-    gain, total, beside = 0.0, 0.0, np.int64(0)
+    there, here, beside = 0.0, 0.0, False
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
-        t = tag[np.uint32(indices[h])]
-        there, here = np.int64(t == other), np.int64(t == own)
-        gain += interface[h] * (there - here)
-        total += interface[h] * (there + here)
-        beside += there
-    return gain if beside > 0 else -np.inf, _TIE * total
+        t, length = tag[np.uint32(indices[h])], interface[h]
+        there += length if t == other else 0.0
+        here += length if t == own else 0.0
+        beside |= t == other
+    return there - here if beside else -np.inf, _TIE * (there + here)
 
 
 @helper
@@ -36,11 +35,12 @@ def _partner(graph, tag, i, own, other, gain, least):
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
         j = np.uint64(np.uint32(indices[h]))
         if tag[j] == own:
-            both = gain + 2.0 * interface[h]
-            # no branch: it would be mispredicted
+            there, here = gain + 2.0 * interface[h], 0.0
             for g in range(np.uint64(indptr[j]), np.uint64(indptr[j + ONE])):
-                t = tag[np.uint32(indices[g])]
-                both += interface[g] * (np.int64(t == other) - np.int64(t == own))
+                t, length = tag[np.uint32(indices[g])], interface[g]
+                there += length if t == other else 0.0  # no branch: it would be mispredicted
+                here += length if t == own else 0.0
+            both = there - here
             if both > best:
                 partner, best = np.int64(j), both
     return partner

@@ -17,6 +17,7 @@ from agglo_core.kernels.ring_search import connected
 from agglo_core.kernels.widths import is_wider
 
 __all__ = [
+    "HEAVY",
     "SAMPLED",
     "cells_beside",
     "is_chosen",
@@ -34,6 +35,7 @@ __all__ = [
 ]
 
 
+HEAVY = 4.0  # means: cells of more weight are in every sample
 SAMPLED = np.int64(8)
 _RUN = 64  # successive cells to look at
 _BANDS = 87.7  # in the mean weight, which is inside one
@@ -66,7 +68,10 @@ def piece_room(m, marks):
 
 @kernel
 def units_of(centroids, weights):
-    """Factors that make lengths and weights of order 1; and bands in a unit of weight, see ``is_chosen``."""
+    """Factors that make lengths and weights of order 1; and which cells ``(n,)`` are a sample of all.
+
+    These are the chosen ones and the heavy ones. No sample ``(0,)`` if the weights are not spread enough.
+    """
     extent, total = 0.0, 0.0
     for k in range(centroids.shape[1]):
         low, high = np.inf, -np.inf
@@ -76,14 +81,16 @@ def units_of(centroids, weights):
     for i in range(len(weights)):
         total += weights[i]
     length, weight = 1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0
-    uneven = 0
+    uneven, sample = 0, np.empty(len(weights), np.uint8)
     for start in range(0, len(weights), _RUN):
         count = 0
         for i in range(start, int(min(start + _RUN, len(weights)))):
-            count += is_chosen(weights[i], _BANDS * weight)
+            chosen = is_chosen(weights[i], _BANDS * weight)
+            count += chosen
+            sample[i] = chosen | (weights[i] * weight > HEAVY)
         uneven += not 0 < count < 3 * _RUN // SAMPLED
     spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
-    return length, weight, _BANDS * weight if spread else 0.0
+    return length, weight, sample if spread else sample[:0]
 
 
 @helper
@@ -103,11 +110,13 @@ def reach_of_cells(indptr, indices, centroids):
     reach, last = np.empty(len(indptr) - 1, np.float32), centroids.shape[1] - 1
     for i in range(len(reach)):
         largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
-        third = last - 1.0  # 0 in the plane
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
             j = np.uint32(indices[h])
-            u, v, w = centroids[j, 0] - x, centroids[j, 1] - y, third * (centroids[j, last] - z)
-            largest = max(largest, u * u + v * v + w * w)
+            u, v = centroids[j, 0] - x, centroids[j, 1] - y
+            square = u * u + v * v
+            if last > 1:
+                square += (centroids[j, last] - z) ** 2
+            largest = max(largest, square)
         reach[i] = 1.0001 * np.sqrt(largest)
     return reach
 

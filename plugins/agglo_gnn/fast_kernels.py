@@ -135,8 +135,9 @@ def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, s
         for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
             j = np.uint32(indices[h])
             other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else own
-            rise += interface[h] * (np.int64(other > own) - np.int64(other < own))
-            cut += interface[h] * np.int64(other < 0)
+            length = interface[h]
+            rise += (length if other > own else 0.0) - (length if other < own else 0.0)
+            cut += length if other < 0 else 0.0
         tally[b, 0] += shares[i] * local[0, i]
         tally[b, 1] += shares[i] * local[1, i]
         tally[b, 3] += shares[i]

@@ -22,16 +22,18 @@ def _tag_sides(cells, lo, hi, centroids, placing, extent, plane, tag, measures, 
     """
     left, right = piece_splits.side_tags(lo, hi)
     best, nx, ny, nz, t = plane
-    x, y, z, unit, last = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] - 1
+    x, y, z, unit, solid = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] > 2
     t, extent = t / unit, _ROUNDING * extent
     ones, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
-        height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y) + nz * (centroids[i, last] - z) - t
-        side = np.int64(height > 0.0)
-        tag[i] = left + side * (right - left)
-        above += measures[i] * side
-        total += measures[i]
+        height = nx * (centroids[i, 0] - x) + ny * (centroids[i, 1] - y) - t
+        if solid:
+            height += nz * (centroids[i, 2] - z)
+        side, measure = height > 0.0, measures[i]
+        tag[i] = right if side else left
+        above += measure if side else 0.0
+        total += measure
         ones += side
         near[m] = i
         m += np.uint64(abs(height) - extent <= reach[i])

@@ -14,7 +14,6 @@ _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
 _AXES = 8
 _COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
 _MANY = 4096  # cells of which a sample serves
-_HEAVY = 4.0  # means: cells of more weight are in every sample
 LANES = 32
 """Points that loops over them take at a time: those of weight 0 fill the last round, or it would be slow."""
 
@@ -40,42 +39,45 @@ def means_room(m):
 
 
 @helper
-def _sample(cells, lo, hi, weights, units, chosen):
-    """Write the cells that stand for a large piece to ``chosen``, all heavy ones too; returns how many."""
-    m, heavy = np.uint64(0), _HEAVY / units[1]
+def _sampled(cells, lo, hi, sample, chosen):
+    """Write the cells that stand for a large piece to ``chosen``; returns how many."""
+    m = np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
-        chosen[m] = i
-        m += np.uint64(piece_splits.is_chosen(weights[i], units[2]) | (weights[i] > heavy))
+        chosen[m] = i  # no branch: it would be mispredicted
+        m += np.uint64(sample[i])
     return np.int64(m)
 
 
 @helper
-def _gather(cells, lo, n, centroids, weights, units, boost, points):
-    """Write centroids, as seen from the first one, and weights to ``points``; their sums and extents.
-
-    Weights that are not heavy are multiplied by ``boost``.
-    """
+def _gather(cells, lo, n, centroids, weights, units, points):
+    """Write centroids, as seen from the first one, and weights to ``points``; returns their extent."""
     x, y, z, w = points[0], points[1], points[2], points[3]
-    d, first, start, length, weight = centroids.shape[1], cells[lo], np.uint64(lo), units[0], units[1]
-    x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, d - 1]
-    total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
+    solid, first, start, length, weight = centroids.shape[1] > 2, cells[lo], np.uint64(lo), units[0], units[1]
+    x0, y0, z0 = centroids[first, 0], centroids[first, 1], centroids[first, centroids.shape[1] - 1]
     x1, y1, z1, x2, y2, z2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(n):
         i = np.uint32(cells[start + np.uint64(k)])
-        a, b, m = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length, weights[i] * weight
-        m *= boost if m <= _HEAVY else 1.0
-        x[k], y[k], w[k] = a, b, m
-        total += m
-        cx += m * a
-        cy += m * b
+        a, b = (centroids[i, 0] - x0) * length, (centroids[i, 1] - y0) * length
+        x[k], y[k], w[k] = a, b, weights[i] * weight
         x1, x2, y1, y2 = min(x1, a), max(x2, a), min(y1, b), max(y2, b)
-        if d == 3:
+        if solid:
             c = (centroids[i, 2] - z0) * length
-            z[k] = c
-            cz += m * c
-            z1, z2 = min(z1, c), max(z2, c)
-    return total, cx, cy, cz, max(max(x2 - x1, y2 - y1), z2 - z1)
+            z[k], z1, z2 = c, min(z1, c), max(z2, c)
+    return max(max(x2 - x1, y2 - y1), z2 - z1)
+
+
+@helper(reorder_sums=True)
+def _first_moments(x, y, z, w, n):
+    """Weight and first moments of points, in double precision."""
+    total, cx, cy, cz = 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        m = float(w[i])
+        total += m
+        cx += m * x[i]
+        cy += m * y[i]
+        cz += m * z[i]
+    return total, cx, cy, cz
 
 
 @helper
@@ -91,14 +93,19 @@ def load_points(cells, lo, hi, centroids, weights, units, room):
     ``units``: see ``piece_splits.units_of``. Of many cells only some are taken, if they can stand for all.
     Returns the largest extent of their centroids along an axis, in its own unit.
     """
-    points, chosen, placing, boost = room[0], room[6], room[7], 1.0
-    if hi - lo > _MANY and units[2] > 0.0:
-        m = _sample(cells, lo, hi, weights, units, chosen)
+    points, chosen, placing, one = room[0], room[6], room[7], np.float32(1.0)
+    boost = one
+    if hi - lo > _MANY and len(units[2]) > 0:
+        m = _sampled(cells, lo, hi, units[2], chosen)
         if 4 * piece_splits.SAMPLED * m > hi - lo:
-            cells, lo, hi, boost = chosen, 0, m, float(piece_splits.SAMPLED)
+            cells, lo, hi, boost = chosen, 0, m, np.float32(piece_splits.SAMPLED)
     n, d, first = hi - lo, centroids.shape[1], cells[lo]
-    total, cx, cy, cz, extent = _gather(cells, lo, n, centroids, weights, units, boost, points)
     x, y, z, w = points[0], points[1], points[2], points[3]
+    extent = _gather(cells, lo, n, centroids, weights, units, points)
+    if boost > one:
+        for k in range(n):
+            w[k] *= boost if w[k] <= piece_splits.HEAVY else one
+    total, cx, cy, cz = _first_moments(x, y, z, w, n)
     if not total > 1e-30:  # no weight in single precision: all alike
         total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
         for k in range(n):

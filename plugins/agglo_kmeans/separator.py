@@ -12,7 +12,7 @@ __all__ = ["separator"]
 _TIE = 4e-6  # of the size: a point this close to the separator is on side 0; single precision
 _ITERATIONS = np.int64(100)
 _TRIED = np.int64(2)  # of Lloyd's steps from each axis; the best one goes on
-_MANY = 2048  # points beyond which they are binned
+_MANY = 16_384  # points beyond which they are binned
 
 
 @helper(reorder_sums=True)

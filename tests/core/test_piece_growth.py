@@ -18,9 +18,9 @@ from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.piece_splits import (
+    HEAVY,
     SAMPLED,
     cells_beside,
-    is_chosen,
     piece_room,
     reach_of_cells,
     sides_connected,
@@ -216,10 +216,10 @@ def test_reach_is_the_distance_of_the_furthest_neighbour() -> None:
 
 def test_cells_that_stand_for_all_are_spread() -> None:
     graph = samples.random_triangles(3000, seed=7).graph
-    length, weight, bands = units_of(graph.centroids, graph.weights)
+    length, weight, sample = units_of(graph.centroids, graph.weights)
     assert length * np.ptp(graph.centroids, axis=0).max() == pytest.approx(1.0)
     assert weight * graph.weights.mean() == pytest.approx(1.0)
-    chosen = np.array([is_chosen(each, bands) for each in graph.weights])
+    chosen = sample.astype(bool)
     assert abs(chosen.mean() * SAMPLED - 1.0) < 0.2
     halves = [np.average(graph.centroids[cells], axis=0) for cells in (chosen, ~chosen)]
     np.testing.assert_allclose(halves[0], halves[1], atol=0.05)
@@ -227,7 +227,17 @@ def test_cells_that_stand_for_all_are_spread() -> None:
 
 def test_cells_of_equal_weight_cannot_stand_for_all() -> None:
     for weights in (np.full(4096, 0.3), np.repeat(np.linspace(1.0, 2.0, 16), 256)):
-        assert units_of(np.random.default_rng(0).random((4096, 2)), weights)[2] == 0.0
+        assert len(units_of(np.random.default_rng(0).random((4096, 2)), weights)[2]) == 0
+
+
+def test_heavy_cells_are_in_every_sample() -> None:
+    weights = np.random.default_rng(1).uniform(0.9, 1.1, 4096)
+    heavy = np.arange(0, 4096, 100)
+    weights[heavy] += 5.0
+    _, unit, sample = units_of(np.random.default_rng(0).random((4096, 2)), weights)
+    assert (weights[heavy] * unit > HEAVY).all()
+    assert sample[heavy].all()
+    assert 0.08 < sample.mean() < 0.2
 
 
 def test_tiny_pieces_of_which_parts_broke_are_split_with_care() -> None:
