@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Float, Int, MultigridLevel, System, frozen_int, multigrid
+from agglo_core.authoring import Float, Int, System, frozen_int, multigrid
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
 from agglo_polydg_mg.coupling_network import coupling_network
@@ -106,7 +106,7 @@ def conforming_stack(
     P, guide = space.prolongation(dtype, scale), None
     if nodal:
         T = nodal_basis(space, basis.mesh)
-        C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P @ T.astype(dtype))
+        C, P = sparse.csr_array(T.T @ C @ T), sparse.csr_array(P.tocsr() @ T.astype(dtype))
         C.sort_indices()
         guide = nodal_network(space, basis.mesh, kappa)
     elif layers and vertices == "classical":
@@ -133,10 +133,8 @@ def conforming_stack(
 
 
 def cell_sweeps(A: Any, block_offsets: Int, dtype: Any) -> multigrid.LevelSmoother:
-    """Symmetric block Gauss–Seidel on cells."""
-    own = frozen_int(np.arange(len(block_offsets) - 1))
-    level = MultigridLevel(A, A, block_offsets, own, None, None, 1)
-    return multigrid.GaussSeidel().setup(level, dtype)
+    """Symmetric block Gauss–Seidel on cells, for a matrix that is symmetric as it was assembled."""
+    return multigrid.GaussSeidel.on(multigrid.block_matrix(A, block_offsets, dtype, symmetric=True))
 
 
 def labels_of_unknowns(space: ConformingSpace, labels: Int) -> Int:

@@ -143,6 +143,23 @@ def test_linear_functions_are_in_the_continuous_space() -> None:
             np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("name", ["hexahedra", "Voronoi"])
+def test_degree_one_fits_the_values_at_corners(name: str) -> None:
+    mesh = MESHES[name][0]
+    basis = Basis(mesh, 1, True)
+    space = solid_space(basis)
+    P = space.prolongation()
+    values = np.random.default_rng(1).standard_normal(space.n)
+    offsets, vertices = mesh.cell_vertices
+    for c in range(0, mesh.n_cells, 50):
+        own = space.unknowns[offsets[c] : offsets[c + 1]]
+        corners = mesh.points[vertices[offsets[c] : offsets[c + 1]]]
+        found = basis.evaluate(P @ values, np.full(len(own), c), corners)
+        centred = np.column_stack((np.ones(len(own)), corners - corners.mean(axis=0)))
+        slopes = np.linalg.lstsq(centred, values[own], rcond=None)[0]
+        np.testing.assert_allclose(found, centred @ slopes, atol=1e-9)
+
+
 def test_products_of_the_continuous_space_are_galerkin() -> None:
     mesh = samples.tetrahedra(2)
     space = solid_space(Basis(mesh, 2, True))
