@@ -88,7 +88,7 @@ def test_given_levels_are_used() -> None:
 
 
 def test_scattered_numbers_do_not_show() -> None:
-    mesh = samples.boxes(22)
+    mesh = samples.boxes(15)
     order = np.random.default_rng(1).permutation(mesh.n_cells)
     there = mesh.renumbered(order)
     assert numbering_for(bare(mesh)).cells is None
