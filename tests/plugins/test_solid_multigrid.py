@@ -34,7 +34,7 @@ def lumps() -> Mesh:
 
 
 MESHES = {
-    "tetrahedra": (samples.tetrahedra(6), "continuous space", (14, 14)),
+    "tetrahedra": (samples.tetrahedra(6), "continuous space", (10, 14)),
     "hexahedra": (samples.boxes(9), "continuous space", (10, 11)),
     "Voronoi": (samples.voronoi3d(500, seed=1), "smoothed agglomerates, cells", (14, 16)),
     "random tetrahedra": (samples.random_tetrahedra(150, seed=1), "smoothed agglomerates, patches", (9, 11)),
