@@ -51,13 +51,13 @@ def couplings(indptr, indices, data, offsets, part_of):
 
 
 @kernel
-def greedy_aggregates(graph, to, weight, size, theta):
+def greedy_aggregates(graph, to, weight, size, theta, needless):
     """Aggregate of each part, −1 for those that need none, and the number of aggregates.
 
     A coupling w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i. A part
     that leans on none is an aggregate of its own: it may have many neighbours that lean on it. Then each
     part whose strong neighbours are all free gathers them; what is left leans where it leans most. Parts
-    whose couplings together are small beside them need no coarse unknown at all.
+    whose couplings together are at most ``needless`` times their size need no coarse unknown at all.
     """
     n = len(graph) - 1
     first = np.full(n, -1, np.int64)
@@ -68,7 +68,7 @@ def greedy_aggregates(graph, to, weight, size, theta):
         for k in range(graph[i], graph[i + 1]):
             total += abs(weight[k])
             most = max(most, weight[k])
-        if total <= 0.1 * size[i]:
+        if total <= needless * size[i]:
             first[i] = -2
         elif most <= theta * size[i]:
             first[i] = count

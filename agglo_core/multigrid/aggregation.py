@@ -12,8 +12,9 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.coarse_solve import direct_solver
+from agglo_core.multigrid.csr_galerkin import csr_galerkin
 from agglo_core.multigrid.level_smoothers import GaussSeidel
-from agglo_core.multigrid.matrix_checks import canonical, checked_system
+from agglo_core.multigrid.matrix_checks import checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
@@ -30,6 +31,10 @@ _LENIENT = 0.25
 """Labels are split where couplings are weaker than this part of a strong one: at jumps, not at thin faces."""
 _PIECES = 2.0
 """Labels in more pieces than this, on average, do not suit the matrix."""
+_NEEDLESS = 0.1
+"""A part whose couplings add up to this part of its size needs no coarse unknown."""
+_HALVED = 0.5
+"""The same for single unknowns: a sweep halves their error, at least (as at Dirichlet boundaries)."""
 _SLOW = 0.7
 """A level with more aggregates than this part of its parts is not worth having."""
 
@@ -117,9 +122,9 @@ def aggregation_stack(
     holder = np.arange(len(offsets) - 1)
     while matrix.shape[0] > coarsest:
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
-        strength = Couplings.of(matrix, offsets, part_of)
+        strength, scalar = Couplings.of(matrix, offsets, part_of), matrix.shape[0] == len(offsets) - 1
         wanted = _current(given[len(levels)], holder, len(offsets) - 1) if len(levels) < len(given) else None
-        found, count = aggregates(strength, theta, wanted)
+        found, count = aggregates(strength, theta, wanted, _HALVED if scalar else _NEEDLESS)
         if count > 0.9 * len(found):
             break
         start = tentative(found[part_of], count, B)
@@ -128,13 +133,17 @@ def aggregation_stack(
             _level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype))
         )
         holder = np.where(holder >= 0, found[holder], -1)
-        matrix, offsets, B = canonical(P.T.tocsr() @ (matrix @ P)), start.offsets, start.near_null
+        matrix, offsets, B = csr_galerkin(matrix, P), start.offsets, start.near_null
     levels.append(_level(matrix, offsets, dtype, holder))
     return LevelStack(levels, direct_solver(matrix, dtype), dtype)
 
 
-def aggregates(strength: Couplings, theta: float, labels: Int | None = None) -> tuple[Int, int]:
+def aggregates(
+    strength: Couplings, theta: float, labels: Int | None = None, needless: float = _NEEDLESS
+) -> tuple[Int, int]:
     """Return the aggregate of each part, −1 for none, and their number.
+
+    Parts whose couplings add up to ``needless`` times their size or less have none.
 
     Given labels are split by strength. If that leaves too many pieces, aggregates come from the graph; if
     these are too many, every coupling that draws parts together counts as strong.
@@ -148,7 +157,7 @@ def aggregates(strength: Couplings, theta: float, labels: Int | None = None) -> 
             count = n
     for threshold in (least, 0.0):
         if count > _SLOW * n:
-            found, count = greedy_aggregates(*strength, threshold)
+            found, count = greedy_aggregates(*strength, threshold, needless)
         if count == 0:  # no part needs a coarse unknown
             return np.zeros(n, np.int64), 1
     return frozen_int(found), int(count)

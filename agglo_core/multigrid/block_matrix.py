@@ -117,7 +117,9 @@ class BlockMatrix:
         return *rows, self.block_offsets, _places(self.block_offsets), inverses
 
 
-def block_matrix(A: Any, block_offsets: Int, dtype: Any = np.float64) -> BlockMatrix:
+def block_matrix(
+    A: Any, block_offsets: Int, dtype: Any = np.float64, *, symmetric: bool = False
+) -> BlockMatrix:
     """A symmetric positive definite matrix, ready for block Gauss–Seidel.
 
     Parameters
@@ -127,6 +129,8 @@ def block_matrix(A: Any, block_offsets: Int, dtype: Any = np.float64) -> BlockMa
         The unknowns of part p are ``block_offsets[p]:block_offsets[p + 1]``; parts may differ in size.
     dtype : float32 or float64
         Of the sweeps. Diagonal blocks are inverted in double precision.
+    symmetric : bool
+        Whether A is known to be symmetric and finite: then it is not looked at.
 
     Raises
     ------
@@ -146,7 +150,8 @@ def block_matrix(A: Any, block_offsets: Int, dtype: Any = np.float64) -> BlockMa
     if np.dtype(dtype) not in (np.float32, np.float64):
         raise OptionError(f"dtype must be float32 or float64; given {np.dtype(dtype)}")
     A = in_blocks(A, block_offsets)
-    _require_symmetric(A)
+    if not symmetric:
+        _require_symmetric(A)
     offsets = frozen_int(block_offsets)
     inverses = in_precision(block_inverses(A, offsets), dtype)
     return BlockMatrix(in_precision(A, dtype), inverses, offsets)

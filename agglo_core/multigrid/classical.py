@@ -12,8 +12,8 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.coarse_points import classical_weights, coarse_first, coarse_points, strong_entries
-from agglo_core.kernels.galerkin_product import galerkin_product
 from agglo_core.multigrid.aggregation import aggregation_stack, checked_labels
+from agglo_core.multigrid.csr_galerkin import csr_galerkin
 from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.near_null import smoothed_near_null
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
@@ -119,7 +119,7 @@ def classical_stack(
         P, stays = _interpolation(matrix if guide is None else guide, theta)
         if stays.sum() > _SLOW * len(stays):
             break
-        below = _galerkin(matrix, P)
+        below = csr_galerkin(matrix, P)
         if below.nnz > _FULL * matrix.nnz:
             break
         own = frozen_int(np.arange(len(stays) + 1))
@@ -128,7 +128,7 @@ def classical_stack(
         if not (below.diagonal() > 0.0).all():
             raise np.linalg.LinAlgError("a coarse matrix is not positive definite: nor is A, or not by much")
         matrix, given = below, [each[stays] for each in given]
-        guide = None if guide is None else _galerkin(guide, P)
+        guide = None if guide is None else csr_galerkin(guide, P)
     if guide is not None:
         given = [each for each in given if _agglomerates([each]) < matrix.shape[0]]
     rest = aggregation_stack(matrix, labels=given or None, dtype=dtype, coarsest=coarsest)
@@ -203,13 +203,3 @@ def _interpolation(A: Any, theta: float) -> tuple[Any, Mask]:
     number = np.cumsum(stays, dtype=np.int32) - np.int32(1)
     graph, to, weight = classical_weights(*pattern, A.data, strong, stays, number)
     return sparse.csr_array((weight, to, graph), shape=(len(stays), int(stays.sum()))), stays
-
-
-def _galerkin(A: Any, P: Any) -> Any:
-    """PᵀAP, its arrays read-only."""
-    m = P.shape[1]
-    indptr, indices, data = galerkin_product(A.indptr, A.indices, A.data, P.indptr, P.indices, P.data, m)
-    found = sparse.csr_array((data, indices, indptr), shape=(m, m))
-    found.data, found.indices, found.indptr = (frozen(a, a.dtype) for a in (data, indices, indptr))
-    found.has_canonical_format = True
-    return found

@@ -83,7 +83,7 @@ def _solved(stack: LevelStack, at: int, b: Real, kind: str) -> Real:
     if level.smoother is None:
         return stack.coarse(b)
     x, r = level.smoother.before(b)
-    x = x + level.P @ _corrected(stack, at + 1, level.PT @ r, kind)
+    x = level.prolonged(x, _corrected(stack, at + 1, level.restricted(r), kind))
     return level.smoother.after(b, x)
 
 

@@ -46,7 +46,12 @@ class GaussSeidel:
         LinAlgError
             If the block of a part is not positive definite.
         """
-        return _Sweeps(block_matrix(level.A, level.block_offsets, dtype), level.steps)
+        return self.on(block_matrix(level.A, level.block_offsets, dtype), level.steps)
+
+    @staticmethod
+    def on(matrix: BlockMatrix, steps: int = 1) -> _Sweeps:
+        """Return the smoother of a level whose matrix is ready."""
+        return _Sweeps(matrix, steps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.arrays import Int
+from agglo_core.arrays import Int, frozen
+from agglo_core.kernels.column_blocks import column_products
 from agglo_core.problems import Patches
 
 __all__ = ["Level", "LevelSmoother", "LevelStack", "Real", "Solve"]
 
 Real = NDArray[np.floating[Any]]
 """Vector in single or double precision."""
+
+_UNROLLED = 6
+"""Blocks up to this height have kernels of their own."""
 
 Solve = Callable[[Real], Real]
 """Maps a right-hand side ``(n,)`` to a solution."""
@@ -71,6 +75,37 @@ class Level:
     def PT(self) -> Any:
         """Pᵀ, stored by rows: the transpose of a matrix is made once, not in each cycle."""
         return sparse.csr_array(self.P.T)
+
+    def restricted(self, r: Real) -> Real:
+        """Pᵀ r ``(m,)``."""
+        columns = self._columns
+        if columns is None or r.dtype != self.P.dtype:
+            return np.asarray(self.PT @ r)
+        (restricted, _), arrays = columns
+        found: Real = restricted(*arrays, frozen(r, r.dtype), self.P.shape[1])
+        return found
+
+    def prolonged(self, x: Real, y: Real) -> Real:
+        """x + P y ``(n,)``, a new array."""
+        columns = self._columns
+        if columns is None or not x.dtype == y.dtype == self.P.dtype:
+            return np.asarray(x + self.P @ y)
+        (_, prolonged), arrays = columns
+        found: Real = prolonged(*arrays, frozen(x, x.dtype), frozen(y, y.dtype))
+        return found
+
+    @cached_property
+    def _columns(self) -> tuple[Any, tuple[Any, ...]] | None:
+        """Kernels and arrays of a P in blocks of one column; None for another P."""
+        P = self.P
+        if P.format != "bsr" or P.blocksize[1] != 1 or P.indptr[-1] >= np.iinfo(np.int32).max:
+            return None
+        width = P.blocksize[0]
+        arrays = (
+            *(frozen(each, np.int32) for each in (P.indptr, P.indices)),
+            frozen(P.data[:, :, 0], P.dtype),
+        )
+        return column_products(width if width <= _UNROLLED else 0), arrays
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,8 +32,8 @@ from agglo_polydg_mg.operators import own_mesh
 
 __all__ = ["Numbering", "numbering_for"]
 
-_FEW: Final = 10_000
-"""Cells whose systems are near enough to the processor in any order."""
+_FEW: Final = {2: 10_000, 3: 3_000}
+"""Cells whose systems are near enough to the processor in any order, by dimension."""
 _SCATTERED: Final = 4.0
 """Mean difference of the numbers of neighbours over √n, in 3-D n^⅔: .5 row by row or along a curve."""
 
@@ -138,7 +138,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
         If the hierarchy belongs to another mesh.
     """
     mesh, graph = hierarchy.fine, hierarchy.graph
-    if mesh is None or graph.n < _FEW or not _scattered(graph.indptr, graph.indices, mesh.dim):
+    if mesh is None or graph.n < _FEW[mesh.dim] or not _scattered(graph.indptr, graph.indices, mesh.dim):
         return Numbering(hierarchy)
     cells = curve_order(graph.centroids)
     there = own_mesh(hierarchy).renumbered(cells)

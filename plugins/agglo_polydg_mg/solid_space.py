@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Int, Mesh, frozen_float, frozen_index, frozen_int
+from agglo_core.authoring import Float, Index, Int, Mesh, frozen_float, frozen_index, frozen_int
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.conforming_space import ConformingSpace
 from agglo_polydg_mg.gauss_points import simplex_rule
@@ -20,7 +20,8 @@ def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
     """The continuous space of a basis in 3-D, as :func:`~agglo_polydg_mg.conforming_space.conforming_space`.
 
     One unknown for each vertex and, from degree 2 on, one for each edge between triangles, the bubble
-    4 λ_a λ_b. On each cell a function of it is the polynomial next to the trace on the surface.
+    4 λ_a λ_b. On each cell a function of it is the polynomial next to the trace on the surface, at degree 1
+    to the values at the corners.
 
     Parameters
     ----------
@@ -28,9 +29,13 @@ def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
     bubbles : bool
         Whether edges have bubbles.
     """
-    from agglo_polydg_mg.solid_trace_kernels import fit_solid_traces
+    from agglo_polydg_mg.solid_trace_kernels import fit_corners, fit_solid_traces
 
     mesh, p = basis.mesh, basis.degree
+    if p == 1:
+        starts, vertices = mesh.cell_vertices
+        own, linear, n = fit_corners(mesh.local_points, starts, vertices, basis.boxes, basis.scale)
+        return _space(starts, own, linear, n, n)
     numbers, n_vertices = _vertices(mesh)
     edges, n = _edges(mesh, numbers, n_vertices, bubbles and p > 1)
     (offsets, faces), sizes = mesh.cell_faces, np.diff(mesh.face_offsets)
@@ -39,9 +44,13 @@ def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
     polynomials = basis.boxes, basis.scale, orders(p, 3), *simplex_rule(2, p + 1), _REGULARISATION
     rooms = int(room.sum()), int(room.max()) + 1
     found = fit_solid_traces(*shape, numbers, edges, *polynomials, *rooms)
-    unknowns, none = (frozen_int(found[0]), frozen_index(found[1])), frozen_int(np.empty(0))
-    fitted = frozen_float(found[2])
-    return ConformingSpace(*unknowns, fitted, n_vertices, n, none, none, 0, frozen_float(np.empty(0)))
+    return _space(*found, n_vertices, n)
+
+
+def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int) -> ConformingSpace:
+    given = frozen_int(offsets), frozen_index(unknowns), frozen_float(fitted), int(n_vertices), int(n)
+    none = frozen_int(np.empty(0))
+    return ConformingSpace(*given, none, none, 0, frozen_float(np.empty(0)))
 
 
 def _vertices(mesh: Mesh) -> tuple[Int, int]:

@@ -6,10 +6,10 @@ import numpy as np
 
 from agglo_core.authoring import helper, kernel
 from agglo_polydg_mg.conforming_kernels import solve_rows
-from agglo_polydg_mg.legendre_kernels import legendre_at, recurrences
+from agglo_polydg_mg.legendre_kernels import CONSTANT, legendre_at, recurrences
 from agglo_polydg_mg.solid_kernels import in_box
 
-__all__ = ["fit_solid_traces"]
+__all__ = ["fit_corners", "fit_solid_traces"]
 
 
 @helper
@@ -126,3 +126,34 @@ def fit_solid_traces(
         position += count
         counts[c + 1] = position
     return counts, indices[:position].copy(), fitted[:position].copy()
+
+
+@kernel
+def fit_corners(points, offsets, vertices, boxes, scale):
+    """The same for degree 1: unknowns ``(v,)`` of the vertices of the cells, coefficients ``(v, 4)``, and n.
+
+    The linear polynomial is that next to the values at the corners in their mean square: where a trace is
+    linear, or a cell a box, that is what comes of its whole surface. Unknowns are numbered by first cell.
+    """
+    numbers, count = np.full(len(points), -1), 0
+    unknowns, fitted = np.empty(len(vertices), np.int32), np.empty((len(vertices), 4))
+    normal, slope = np.empty((4, 4)), np.sqrt(3.0) * CONSTANT**3
+    for c in range(len(offsets) - 1):
+        first, last = offsets[c], offsets[c + 1]
+        normal[:] = 0.0
+        for k in range(first, last):
+            v = vertices[k]
+            if numbers[v] < 0:
+                numbers[v] = count
+                count += 1
+            unknowns[k], fitted[k, 0] = numbers[v], CONSTANT**3
+            for d in range(3):
+                fitted[k, 1 + d] = slope * in_box(points[v], boxes[c], d)
+            for i in range(4):
+                for j in range(i + 1):
+                    normal[i, j] += fitted[k, i] * fitted[k, j]
+        solve_rows(normal, fitted[first:last], 4, last - first)
+        for k in range(first, last):
+            for i in range(4):
+                fitted[k, i] /= scale[c]
+    return unknowns, fitted, count

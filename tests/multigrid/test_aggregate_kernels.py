@@ -73,13 +73,13 @@ def test_greedy_aggregates(seed: int) -> None:
     assert np.array_equal(dense_of(strength), off)
     assert np.array_equal(strength.size, A.diagonal())
     for theta in (0.0, 0.1, 0.4):
-        labels, count = greedy_aggregates(*strength, theta)
+        labels, count = greedy_aggregates(*strength, theta, 0.1)
         assert (labels.tolist(), count) == greedy_twin(off, A.diagonal(), theta)
 
 
 def test_a_path_is_cut_into_threes() -> None:
     A = canonical(sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(8, 8)))
-    labels, count = greedy_aggregates(*scalar_couplings(A), 0.15)
+    labels, count = greedy_aggregates(*scalar_couplings(A), 0.15, 0.1)
     assert labels.tolist() == [0, 0, 1, 1, 1, 2, 2, 2]
     assert count == 3
 
@@ -88,10 +88,10 @@ def test_parts_of_large_diagonal_do_not_share_an_unknown() -> None:
     """Two stiff cells with a soft one between: it joins one of them, and they stay apart."""
     dense = np.diag([1e6, 4.0, 1e6])
     dense[0, 1] = dense[1, 0] = dense[1, 2] = dense[2, 1] = -2.0
-    labels, _ = greedy_aggregates(*scalar_couplings(canonical(sparse.csr_array(dense))), 0.15)
+    labels, _ = greedy_aggregates(*scalar_couplings(canonical(sparse.csr_array(dense))), 0.15, 0.1)
     assert labels.tolist() == [-1, 0, -1]  # the stiff ones are next to solved as they are
     dense[0, 0] = dense[2, 2] = 19.0
-    labels, _ = greedy_aggregates(*scalar_couplings(canonical(sparse.csr_array(dense))), 0.15)
+    labels, _ = greedy_aggregates(*scalar_couplings(canonical(sparse.csr_array(dense))), 0.15, 0.1)
     assert labels.tolist() == [0, 0, 1]
 
 
