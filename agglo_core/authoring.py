@@ -1,8 +1,7 @@
 """The one module plugin authors import from: everything a component, a command or a declaration needs.
 
-Names are imported when first used, so that ``from agglo_core.authoring import hookimpl`` is light.
-They are kept from version to version; other modules of ``agglo_core`` may move. Our own plugins import from
-nowhere else (a test holds them to it). docs/how-to/write-a-plugin.md shows the rest.
+Names are imported when first used, so that ``from agglo_core.authoring import hookimpl`` is light. They are
+kept from version to version; other modules may move. Our own plugins import from nowhere else.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from agglo_core.authoring import Component, hookimpl
 
 if TYPE_CHECKING:
+    from agglo_petsc.across_ranks import AcrossRanks, solve_across
     from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels, given_levels
     from agglo_petsc.dolfinx_meshes import from_dolfinx, to_dolfinx
     from agglo_petsc.ksp_history import solve
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 _HOME = MappingProxyType(
     {
+        "AcrossRanks": "across_ranks",
         "PetscLevels": "aggregate_spaces",
         "aggregate_levels": "aggregate_spaces",
         "from_dolfinx": "dolfinx_meshes",
@@ -33,6 +35,7 @@ _HOME = MappingProxyType(
         "pc": "pcmg",
         "setup": "pcmg",
         "solve": "ksp_history",
+        "solve_across": "across_ranks",
         "to_dolfinx": "dolfinx_meshes",
         "to_petsc": "petsc_matrices",
         "to_scipy": "petsc_matrices",
@@ -41,6 +44,7 @@ _HOME = MappingProxyType(
 """Module of each public name."""
 
 __all__ = [
+    "AcrossRanks",
     "PetscLevels",
     "agglo_components",
     "aggregate_levels",
@@ -53,6 +57,7 @@ __all__ = [
     "pc",
     "setup",
     "solve",
+    "solve_across",
     "to_dolfinx",
     "to_petsc",
     "to_scipy",

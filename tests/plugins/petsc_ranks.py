@@ -15,6 +15,7 @@ from scipy import sparse
 
 import agglo_core as agglo
 import agglo_petsc
+from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
 from agglo_core.errors import OptionError
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.registry import default
@@ -92,6 +93,22 @@ def wrong() -> list[str]:
     return told if COMM.allgather(told) == [told] * COMM.size else ["ranks differ"]
 
 
+def across() -> list[float]:
+    """A mesh that no rank has whole: iterations on one rank and on all, the largest difference of x."""
+    mesh = agglo.samples.voronoi(400, seed=32)
+    found = []
+    for ranks in (Ranks(MPI.COMM_SELF), Ranks()):
+        whole = DistributedMesh.scatter(mesh if ranks.rank == 0 else None, ranks)
+        hierarchy = agglomerate(whole, agglo.Pipeline(cells_per_part=(8, 64), **STRAIGHT))
+        there = agglo_petsc.solve_across(
+            Diffusion(source=8.0), hierarchy, degree=2, tolerance=1e-8, smoother="blocks"
+        )
+        assert there.converged
+        found.append((there.iterations, whole.gather(there.x.reshape(len(whole.own), -1))))
+    (one, x), (all_, y) = found
+    return [one, all_, float(np.abs(x - y).max() / np.abs(x).max())]
+
+
 def dolfinx_poisson() -> list[float]:
     """Linear elements on a mesh divided by DOLFINx, each rank agglomerating its own cells: iterations."""
     from dolfinx import fem
@@ -120,7 +137,7 @@ def dolfinx_poisson() -> list[float]:
 
 
 if __name__ == "__main__":
-    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong)}
+    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong, across)}
     if find_spec("dolfinx"):
         asked["dolfinx_poisson"] = dolfinx_poisson
     answers = {name: ask() for name, ask in asked.items()}

@@ -73,6 +73,12 @@ def test_errors_are_raised_on_all_ranks(answers):
     assert "aggregates[0] must be 6 whole numbers" in short
 
 
+def test_a_mesh_that_no_rank_has_whole(answers):
+    one, all_, gap = answers["across"]
+    assert abs(all_ - one) <= max(1, 0.1 * one)
+    assert gap < 1e-6
+
+
 def test_dolfinx_ranks_agglomerate_their_own_cells(answers):
     if "dolfinx_poisson" not in answers:
         pytest.skip("DOLFINx tests skipped: no dolfinx here")

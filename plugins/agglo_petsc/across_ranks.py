@@ -1,0 +1,200 @@
+"""Diffusion on a distributed mesh: each rank assembles the rows of its own cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import (
+    Diffusion,
+    Discretisation,
+    Float,
+    Int,
+    Mesh,
+    OptionError,
+    Patches,
+    default,
+    distributed,
+    frozen_float,
+    frozen_int,
+    multigrid,
+)
+from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
+from agglo_petsc.ksp_history import solve
+from agglo_petsc.label_levels import exponents, monomial
+from agglo_petsc.pcmg import Smoother, setup
+from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
+
+__all__ = ["AcrossRanks", "solve_across"]
+
+
+@dataclass(frozen=True, eq=False)
+class AcrossRanks:
+    """A solution on several ranks.
+
+    Attributes
+    ----------
+    x : (n_own unknowns,) float
+        Coefficients of the cells of this rank, by rising global id.
+    iterations : int
+    residuals : (iterations + 1,) float
+        Relative, the same on all ranks.
+    converged : bool
+    reason : str
+        How it ended.
+    unknowns : int
+        On all ranks.
+    levels : int
+        How many levels there are, the mesh included.
+    """
+
+    x: Float
+    iterations: int
+    residuals: Float
+    converged: bool
+    reason: str
+    unknowns: int
+    levels: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of the own cells, with global columns: cells are numbered rank after rank."""
+
+    A: Any
+    b: Float
+    near_null: Float
+    number: Int  # of each local cell, ghosts too
+    width: int
+
+
+def solve_across(
+    problem: Diffusion,
+    hierarchy: distributed.DistributedHierarchy,
+    *,
+    degree: int = 1,
+    tolerance: float = 1e-6,
+    max_iterations: int = 300,
+    smoother: Smoother = "auto",
+    petsc_options: str = "",
+) -> AcrossRanks:
+    """Solve −∇·(κ∇u) = f on a distributed mesh with PETSc's conjugate gradients and our levels; collective.
+
+    Each rank assembles the rows of its cells, with the sharp penalty. Levels are those of the hierarchy whose
+    parts lie on the rank of their cells, the finest ones; the coarsest of them is solved directly.
+
+    Parameters
+    ----------
+    problem : Diffusion
+        Data are numbers, functions, or given by tag; arrays of cells are not.
+    hierarchy : DistributedHierarchy
+        Of the mesh, nested, made where the cells lie (without ``independent_of_ranks``).
+    degree : int
+        Of the polynomials in each cell.
+    tolerance, max_iterations
+        As for :func:`~agglo_petsc.ksp_history.solve`.
+    smoother, petsc_options
+        As for :func:`~agglo_petsc.pcmg.setup`.
+
+    Raises
+    ------
+    OptionError
+        If no level has its parts where their cells are, or problem and mesh do not fit.
+    RankError
+        For what fails on another rank.
+    """
+    mesh, PETSc = hierarchy.mesh, petsc()
+    how = default().build("solver", "polydg_mg", degree=degree).discretisation
+    rows = _assembled(problem, mesh, how, degree)
+    comm = PETSc.Comm(mesh.ranks.comm)
+    A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
+    levels = _levels(A, rows, hierarchy, patches=smoother not in ("blocks", "sor"))
+    ksp = PETSc.KSP().create(comm)
+    ksp.setOptionsPrefix("agglo_across_")
+    ksp.setOperators(A)
+    ksp.setType("cg")
+    setup(ksp, levels, smoother=smoother, petsc_options=petsc_options)
+    history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
+    return AcrossRanks(
+        x=frozen_float(history.x),
+        iterations=len(history.residuals) - 1,
+        residuals=frozen_float(history.residuals),
+        converged=history.converged,
+        reason=history.reason,
+        unknowns=A.getSize()[0],
+        levels=len(levels.prolongations) + 1,
+    )
+
+
+def _assembled(
+    problem: Diffusion, mesh: distributed.DistributedMesh, how: Discretisation, degree: int
+) -> _Rows:
+    """Rows of own cells, assembled where ghosts have their neighbours, too: penalties look at both cells."""
+    ranks = mesh.ranks
+    wide, ids = distributed.with_second_layer(mesh)
+    first = sum(ranks.gathered(len(mesh.own))[: ranks.rank])
+    number = frozen_int(mesh.exchange(first + np.arange(len(mesh.own))))
+    half = ranks.largest(float(np.abs(mesh.local.points - mesh.local.origin).max(initial=0.0)))
+    with ranks.together():
+        own = mesh.global_ids[mesh.own]
+        if not len(own):
+            raise OptionError(f"rank {ranks.rank} has no cells: share the mesh out among fewer ranks")
+        system, cells = how.assemble(problem, wide), np.searchsorted(ids, own)
+        width = int(system.block_offsets[1])
+        entries = _unknowns(cells, width)
+        A = sparse.csr_array(sparse.csr_array(system.A)[entries])
+        place = np.full(len(ids), -1)
+        place[np.searchsorted(ids, mesh.global_ids)] = number  # rows of own cells reach no farther
+        columns = place[A.indices // width] * width + A.indices % width
+        fields = [_field(each, mesh.local, half) for each in exponents(wide.dim, degree)]
+        near = np.stack([how.project(wide, each)[entries] for each in fields], axis=1)
+        shape = (len(entries), mesh.n_cells * width)
+        given = sparse.csr_array((A.data, columns, A.indptr), shape=shape)
+        return _Rows(given, frozen_float(system.b[entries]), frozen_float(near), number, width)
+
+
+def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
+    """A polynomial on [−1, 1]^d, the whole mesh."""
+    return lambda points: monomial(frozen_float((points - mesh.origin) / half), powers)
+
+
+def _levels(
+    A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, *, patches: bool
+) -> PetscLevels:
+    """The levels whose parts are on the ranks of their cells."""
+    ranks = hierarchy.mesh.ranks
+    aggregates: list[Int] = []
+    for level, (labels, bounds) in enumerate(zip(hierarchy.levels, hierarchy.bounds, strict=True)):
+        here = (labels >= bounds[ranks.rank]) & (labels < bounds[ranks.rank + 1])
+        if not all(ranks.gathered(bool(here.all()))):
+            break
+        aggregates.append(labels if level == 0 else hierarchy.parents(level - 1))
+    if not aggregates:
+        raise OptionError(
+            "no level has its parts on the ranks of their cells: agglomerate without independent_of_ranks, "
+            "to 16 parts on each rank or more"
+        )
+    found = [_patches(rows, hierarchy, level) for level in range(len(aggregates))] if patches else None
+    offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
+    return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found)
+
+
+def _patches(rows: _Rows, hierarchy: distributed.DistributedHierarchy, level: int) -> Patches | None:
+    """Vertex patches of the mesh, or of the level below, that hold parts of this rank; in 2-D."""
+    mesh = hierarchy.mesh
+    if mesh.local.dim == 3:
+        return None  # their matrices are large there
+    numbers = rows.number if level == 0 else frozen_int(mesh.exchange(hierarchy.levels[level - 1]))
+    with mesh.ranks.together():
+        names, labels = np.unique(numbers, return_inverse=True)
+        if level == 0:
+            names, labels = numbers, None
+        patches = multigrid.vertex_patches(mesh.local, labels)
+        return Patches(patches.offsets, frozen_int(names[patches.parts]))
+
+
+def _unknowns(cells: Int, width: int) -> Int:
+    return frozen_int((cells[:, None] * width + np.arange(width)).ravel())
