@@ -7,6 +7,7 @@ import re
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
@@ -137,7 +138,8 @@ def draw_runs(
         from agglo_core.draw.plot import draw
 
         done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
-        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress, explode=explode))
+        make = partial(draw, mesh, done, plot, metrics, progress=progress, explode=explode)
+        outputs.picture(plot, partial(make, levels={run.name: run.levels for run in runs}))
     if report is not None:
         from agglo_core.draw.webpage import write_page
 
