@@ -74,6 +74,13 @@ def draw(
         Without matplotlib, with no run to draw, or if ``explode`` or ``section`` do not fit.
     FileError
         If the file cannot be written, or its suffix is unknown.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.draw.plot import draw
+    >>> mesh = agglo.samples.voronoi(200, seed=1)
+    >>> draw(mesh, {"kmeans": agglo.agglomerate(mesh, cells_per_part=(8, 32))}, "levels.png")
     """
     if not hierarchies:
         raise OptionError("nothing to draw: no hierarchy is given")
@@ -117,6 +124,12 @@ def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float]
         Without matplotlib, or if ``section`` does not fit.
     FileError
         If the file cannot be written, or its suffix is unknown.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.draw.plot import draw_mesh
+    >>> draw_mesh(agglo.samples.voronoi(200, seed=1), "mesh.png")
     """
     panels = panels_of(mesh, section=section)
     figure, axes = _panels(panels, 1, 1, 8.0)
@@ -208,6 +221,13 @@ def save_figure(figure: Any, path: Path, *, palette: bool = False) -> None:
     ------
     FileError
         If the file cannot be written, or its suffix is unknown.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from matplotlib.figure import Figure
+    >>> from agglo_core.draw.plot import save_figure
+    >>> save_figure(Figure(), Path("empty.png"))
     """
     from agglo_core.io.atomic import staging
 
