@@ -85,7 +85,7 @@ class Outputs:
         ``listed``: name on stdout what is written.
         """
         for path in self.written if listed else ():
-            print_lines(f"wrote {path}")
+            print_lines(f"wrote {path}{_coarse_meshes(path)}")
         for path, error in self.failures:
             if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
                 click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
@@ -93,6 +93,17 @@ class Outputs:
             text = why if str(path) in why else f"{path}: {why}"
             say(f"error: {printable(' '.join(text.split()))}")
         return self.code
+
+
+def _coarse_meshes(path: Path) -> str:
+    """How many files of coarse meshes ``write`` has left beside a file, and what they are called."""
+    count = 0
+    while path.with_name(f"{path.stem}_level{count}{path.suffix}").is_file():
+        count += 1
+    name = f"{path.stem}_level0{path.suffix}"
+    return (
+        "" if not count else f", and {count} coarse mesh{'es' if count > 1 else ''} beside it from {name} on"
+    )
 
 
 def check_outputs(
