@@ -179,8 +179,10 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
     """
     array = np.asarray(labels)
     if array.shape != (n,) or array.dtype.kind not in "iu":
+        strange = array.dtype == object  # something other than numbers, such as a Hierarchy
+        found = type(labels).__name__ if strange else f"shape {array.shape}, dtype {array.dtype}"
         raise MeshError(
-            f"labels must be ({n},) integers, one per cell; given shape {array.shape}, dtype {array.dtype}"
+            f"labels must be ({n},) integers, one per cell, as hierarchy.levels[0]; given {found}"
         )
     array = frozen_int(array)
     if array.min() < 0:
