@@ -53,17 +53,39 @@ def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
 
 
 def frozen_float(values: ArrayLike) -> Float:
-    """Read-only float64 array."""
+    """Read-only float64 array.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import frozen_float
+    >>> frozen_float([1, 2]).dtype.name
+    'float64'
+    """
     return frozen(values, np.float64)
 
 
 def frozen_int(values: ArrayLike) -> Int:
-    """Read-only int64 array (labels, offsets)."""
+    """Read-only int64 array (labels, offsets).
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import frozen_int
+    >>> labels = frozen_int([0, 0, 1])
+    >>> labels.dtype.name, labels.flags.writeable
+    ('int64', False)
+    """
     return frozen(values, np.int64)
 
 
 def frozen_index(values: ArrayLike) -> Index:
-    """Read-only int32 array (CSR indices)."""
+    """Read-only int32 array (CSR indices).
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import frozen_index
+    >>> frozen_index([1, 2]).dtype.name
+    'int32'
+    """
     return frozen(values, np.int32)
 
 

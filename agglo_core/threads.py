@@ -26,6 +26,13 @@ def thread_count() -> int:
     ------
     OptionError
         If the variable is not a whole number from 1 on.
+
+    Examples
+    --------
+    >>> from agglo_core.threads import thread_count, using_threads
+    >>> with using_threads(2):
+    ...     print(thread_count())
+    2
     """
     chosen = _chosen.get()
     if chosen is not None:
@@ -75,6 +82,13 @@ def mapped(call: Callable[..., _Result], *columns: Iterable[Any]) -> Iterator[_R
 
     The threads end with the iteration. An exception of a call reaches the caller; after it, and where the
     caller stops early, calls that have not begun are dropped. Calls see one thread, themselves.
+
+    Examples
+    --------
+    >>> from agglo_core.threads import mapped, using_threads
+    >>> with using_threads(2):
+    ...     print(list(mapped(pow, [2, 3], [5, 2])))
+    [32, 9]
     """
     todo, threads = list(zip(*columns, strict=True)), thread_count()
     if threads == 1 or len(todo) < 2:
@@ -128,13 +142,29 @@ def over_ranges(
 
     Each call must leave alone what belongs to other ranges. Calls run at the same time where the kernels
     in them let go of the interpreter.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.threads import over_ranges, using_threads
+    >>> values = np.arange(10)
+    >>> with using_threads(2):
+    ...     print(sum(over_ranges(lambda start, stop: values[start:stop].sum(), 10, few=4)))
+    45
     """
     spans = ranges(n, few=few, shares=shares, work=work)
     return [call(*spans[0])] if len(spans) == 1 else list(mapped(call, *zip(*spans, strict=True)))
 
 
 def together(n: int, *calls: Callable[[], Any]) -> list[Any]:
-    """Results of calls that have nothing to do with each other, at the same time where n items are many."""
+    """Results of calls that have nothing to do with each other, at the same time where n items are many.
+
+    Examples
+    --------
+    >>> from agglo_core.threads import together
+    >>> together(10, lambda: "one", lambda: "the other")
+    ['one', 'the other']
+    """
     if len(ranges(n)) == 1:
         return [call() for call in calls]
     return list(mapped(lambda call: call(), calls))

@@ -25,10 +25,11 @@ extensions = [
     "command_reference",
     "gallery_pages",
     "metric_reference",
+    "notebook_pages",
     "public_names",
     "toml_keys",
 ]
-exclude_patterns = ["brain", "extensions", "README.md"]
+exclude_patterns = ["brain", "extensions", "notebooks/run", "README.md"]
 root_doc = "index"
 
 myst_heading_anchors = 4  # as a code host makes them: headings can be linked to without labels

@@ -14,7 +14,7 @@ import click
 from agglo_core.cli.arguments import FILE, bisectors_option, choice, threads_option
 from agglo_core.cli.console import explain_compilation, number, print_json, quieten, say
 from agglo_core.cli.number_types import Number
-from agglo_core.cli.outputs import Outputs, as_file_name, draw_runs
+from agglo_core.cli.outputs import Outputs, as_file_name
 from agglo_core.cli.runs import attempt, data, refuse_all_failed, run_data, show, watched
 from agglo_core.cli.stdout import OwnCommand
 from agglo_core.cli.tables import print_lines
@@ -162,7 +162,7 @@ def _pictures(
     quiet: bool,
     progress: Listener | None,
 ) -> None:
-    """The box plots, and one of each run; none without matplotlib, which is said."""
+    """The box plots, the mesh, and the levels of each run; none without matplotlib, which is said."""
     if find_spec("matplotlib") is None:
         if not quiet:
             say(
@@ -171,6 +171,7 @@ def _pictures(
             )
         return
     from agglo_core.draw.boxplot import draw_boxes
+    from agglo_core.draw.plot import draw, draw_mesh
     from agglo_core.measure.selection import RATIOS
 
     values = {run.name: run.levels[0].values for run in runs if run.levels}
@@ -178,7 +179,12 @@ def _pictures(
     with phase(progress, "drawing", boxes.name):
         measured = [name for name in RATIOS if all(name in each for each in values.values())]
         outputs.picture(boxes, lambda: draw_boxes(values, boxes, measured[:_BOXES], title=title))
+    whole = folder / "mesh.png"
+    with phase(progress, "drawing", whole.name):
+        outputs.picture(whole, lambda: draw_mesh(mesh, whole))
     for run in runs:
         if run.hierarchy is not None:
             picture = folder / f"{as_file_name(run.name)}.png"
-            draw_runs(outputs, mesh, [run], picture, None, None, progress)
+            done, levels = {run.name: run.hierarchy}, {run.name: run.levels}
+            make = partial(draw, mesh, done, picture, progress=progress, fine=False, levels=levels)
+            outputs.picture(picture, make)

@@ -29,6 +29,11 @@ def mesh(sample: str, output: Path, quiet: bool) -> None:
     from agglo_core import io, samples
 
     io.check_writable(output)
+    if Path(sample).is_file():
+        raise click.UsageError(
+            f"{sample} is a file already, and this command writes samples; to convert it, in Python: "
+            f"agglo.write({str(output)!r}, agglo.read({sample!r}))"
+        )
     with watched(quiet) as progress:
         with phase(progress, "making the mesh", sample):
             made = samples.from_spec(sample)

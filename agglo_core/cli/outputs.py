@@ -7,6 +7,7 @@ import re
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
@@ -84,7 +85,7 @@ class Outputs:
         ``listed``: name on stdout what is written.
         """
         for path in self.written if listed else ():
-            print_lines(f"wrote {path}")
+            print_lines(f"wrote {path}{_coarse_meshes(path)}")
         for path, error in self.failures:
             if not isinstance(error, AggloError | OSError | ImportError | MemoryError):
                 click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
@@ -92,6 +93,17 @@ class Outputs:
             text = why if str(path) in why else f"{path}: {why}"
             say(f"error: {printable(' '.join(text.split()))}")
         return self.code
+
+
+def _coarse_meshes(path: Path) -> str:
+    """How many files of coarse meshes ``write`` has left beside a file, and what they are called."""
+    count = 0
+    while path.with_name(f"{path.stem}_level{count}{path.suffix}").is_file():
+        count += 1
+    name = f"{path.stem}_level0{path.suffix}"
+    return (
+        "" if not count else f", and {count} coarse mesh{'es' if count > 1 else ''} beside it from {name} on"
+    )
 
 
 def check_outputs(
@@ -137,7 +149,8 @@ def draw_runs(
         from agglo_core.draw.plot import draw
 
         done = {run.name: run.hierarchy for run in runs if run.hierarchy is not None}
-        outputs.picture(plot, lambda: draw(mesh, done, plot, metrics, progress=progress, explode=explode))
+        make = partial(draw, mesh, done, plot, metrics, progress=progress, explode=explode)
+        outputs.picture(plot, partial(make, levels={run.name: run.levels for run in runs}))
     if report is not None:
         from agglo_core.draw.webpage import write_page
 

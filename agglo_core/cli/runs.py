@@ -140,6 +140,7 @@ def run_data(run: RunResult, bisector: str, method: str) -> dict[str, Any]:
         "method": method,
         "levels": [level_data(level) for level in run.levels],
         "seconds": run.seconds if run.hierarchy else None,
+        "cpu_seconds": run.cpu_seconds if run.hierarchy else None,
         "statistics": run.hierarchy.statistics if run.hierarchy else {},
         "error": run.error or None,
     }

@@ -81,6 +81,12 @@ def parse_spec(text: str) -> tuple[str, dict[str, Value]]:
     ------
     OptionError
         If the name is missing, or an option is not of the form ``option=value`` or is given twice.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import parse_spec
+    >>> parse_spec("metis:ufactor=30,contig=true")
+    ('metis', {'ufactor': 30, 'contig': True})
     """
     name, options = as_typed(text)
     return name, {option: parse_value(value) for option, value in options.items()}

@@ -32,6 +32,14 @@ class Result:
         Wall clock.
     promise : str or None
         The promise that switched the law on.
+
+    Examples
+    --------
+    >>> from agglo_core.components.geometric import InertialBisection
+    >>> from agglo_core.conformance import check
+    >>> first = check(InertialBisection())[0]
+    >>> first.law, first.passed, first.message
+    ('builds', True, '')
     """
 
     law: str

@@ -29,6 +29,13 @@ def colouring(mesh: Mesh, n_colours: int) -> Int:
 
     Rounds of greedy colouring (Jones and Plassmann): in each, the cells that precede all their
     uncoloured neighbours take a free colour. Cells of many neighbours come first.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.draw.plot import colouring
+    >>> colouring(samples.strip(4), 2)  # cells in a row
+    array([1, 0, 1, 0])
     """
     graph = mesh.graph
     rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))

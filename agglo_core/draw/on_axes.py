@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.draw.convergence import Curves, frame_curves, one_curve
 from agglo_core.draw.painting import Paint, by_number, by_tag, explain
+from agglo_core.draw.plane_panels import fine_edges
 from agglo_core.draw.plot import panels_of
 from agglo_core.draw.slices import Slice, middle_slice
 from agglo_core.errors import MeshError, OptionError
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.registry import Registry
 
-__all__ = ["plot_convergence", "plot_level", "plot_mesh", "plot_samples"]
+__all__ = ["plot_convergence", "plot_level", "plot_mesh", "plot_samples", "plot_solution"]
 
 _AXES = "xyz"
 
@@ -94,6 +95,16 @@ def plot_samples(samples: Samples, ax: Any = None, *, across: str = "z", cmap: s
     colours = ax.tripcolor(corners, shown.values, shading="gouraud", rasterized=True, cmap=cmap, **ends)
     ax.set(aspect="equal", xlabel=names[0], ylabel=names[1])
     ax.get_figure().colorbar(colours, ax=ax, label="u")
+    return ax
+
+
+def plot_solution(solution: Solution, ax: Any = None, *, across: str = "z", cmap: str = "viridis") -> Any:
+    """Draw a solution on axes, with the cells it lives on; see :meth:`agglo_core.problems.Solution.plot`."""
+    check_axes(ax)
+    samples = solution.samples()
+    ax = plot_samples(samples, ax, across=across, cmap=cmap)
+    if solution.mesh is not None and solution.mesh.dim == 2:
+        fine_edges(ax, solution.mesh)
     return ax
 
 

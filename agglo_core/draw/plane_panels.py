@@ -11,10 +11,10 @@ from agglo_core.draw.colours import FINE, INK
 from agglo_core.draw.painting import Paint, blank, by_neighbours
 from agglo_core.mesh import Mesh
 
-__all__ = ["PlanePanels", "inches_across"]
+__all__ = ["PlanePanels", "fine_edges", "inches_across"]
 
-_DENSE = 20_000
-"""Fine edges inside agglomerates are drawn up to this many cells."""
+_SEEN = 3.0
+"""Points across from which on the edges of cells are drawn inside agglomerates: smaller ones are speckle."""
 _AT_ONCE = 1000
 
 
@@ -46,10 +46,9 @@ class PlanePanels:
 
     def level(self, axis: Any, labels: Int, paint: Paint | None = None) -> None:
         """Draw the agglomerates of a level, painted, or with neighbours in different colours."""
-        coarse, n_cells = self.mesh.coarsen(labels), self.mesh.n_cells
+        coarse = self.mesh.coarsen(labels)
         _fill(axis, coarse, by_neighbours(coarse) if paint is None else paint)
-        if n_cells <= _DENSE:
-            _edges(axis, self.mesh, FINE, 0.5 * _line_width(axis, n_cells, 0.6), alpha=0.35)
+        fine_edges(axis, self.mesh)
         _edges(axis, coarse, INK, _line_width(axis, coarse.n_cells, 1.1))
         self._frame(axis)
 
@@ -60,6 +59,12 @@ class PlanePanels:
         axis.set_xlim(low[0] - margin, high[0] + margin)
         axis.set_ylim(low[1] - margin, high[1] + margin)
         axis.set_aspect("equal")
+
+
+def fine_edges(axis: Any, mesh: Mesh) -> None:
+    """Draw the edges of cells over what is filled already, faintly; not where they would be speckle."""
+    if _across(axis, mesh.n_cells) >= _SEEN:
+        _edges(axis, mesh, FINE, 0.5 * _line_width(axis, mesh.n_cells, 0.6), alpha=0.35)
 
 
 def _fill(axis: Any, mesh: Mesh, paint: Paint) -> None:
@@ -105,8 +110,13 @@ def _edges(axis: Any, mesh: Mesh, colour: str, width: float, alpha: float = 1.0)
 
 def _line_width(axis: Any, n_cells: int, most: float) -> float:
     """Width in points that leaves cells visible; 0 where they are hardly larger than a dot."""
-    cell = 72.0 * inches_across(axis) / np.sqrt(n_cells)
+    cell = _across(axis, n_cells)
     return 0.0 if cell < 0.7 else float(min(most, 0.08 * cell + 0.05))
+
+
+def _across(axis: Any, n_cells: int) -> float:
+    """Points that one of so many cells is across, roughly."""
+    return float(72.0 * inches_across(axis) / np.sqrt(n_cells))
 
 
 def inches_across(axis: Any) -> float:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from agglo_core.measure.selection import Metric
     from agglo_core.registry import Registry
 
-__all__ = ["PALETTE", "colouring", "draw", "panels_of", "save_figure", "short_name"]
+__all__ = ["PALETTE", "colouring", "draw", "draw_mesh", "panels_of", "save_figure", "short_name"]
 
 _DPI = 160
 _IN_TITLES = ("UF", "CR")
@@ -39,6 +39,8 @@ def draw(
     *,
     explode: float | None = None,
     section: Sequence[float] | None = None,
+    fine: bool = True,
+    levels: Mapping[str, Sequence[Level]] | None = None,
 ) -> None:
     """Draw the fine mesh and every level, one row per run, and write the picture.
 
@@ -61,6 +63,10 @@ def draw(
     section : (3,) float, optional
         In 3-D: cells beyond the plane with this normal through the middle of the mesh are left out. The eye
         is at (0.43, −0.75, 0.5), so (0, −1, 0) opens the mesh in front.
+    fine : bool
+        Whether a row begins with the mesh as it is; :func:`draw_mesh` draws it alone.
+    levels : mapping of run name to sequence of Level, optional
+        What ``measure_levels`` found of runs, by the same ``metrics``: it is not measured again.
 
     Raises
     ------
@@ -68,39 +74,85 @@ def draw(
         Without matplotlib, with no run to draw, or if ``explode`` or ``section`` do not fit.
     FileError
         If the file cannot be written, or its suffix is unknown.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.draw.plot import draw
+    >>> mesh = agglo.samples.voronoi(200, seed=1)
+    >>> draw(mesh, {"kmeans": agglo.agglomerate(mesh, cells_per_part=(8, 32))}, "levels.png")
     """
     if not hierarchies:
         raise OptionError("nothing to draw: no hierarchy is given")
+    wanted = _IN_TITLES if metrics is None else list(metrics)
+    panels = panels_of(mesh, explode, section)
+    columns = fine + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
+    width = float(np.clip(24.0 / columns, 2.4, 3.6))
+    figure, axes = _panels(panels, len(hierarchies), columns, width, title=0.55 if fine else 0.7)
+    with phase(progress, "drawing") as tell:
+        for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
+            own = part(tell, place, 1 + len(hierarchies), name)
+            above = "" if fine else f"{short_name(name)}\n"
+            if fine:
+                panels.fine(row[0])
+                _entitle(row[0], f"{short_name(name)}\n{_about(mesh)}")
+            measured = (levels or {}).get(name) or measure_levels(mesh, hierarchy, registry, wanted)
+            for number, (axis, level) in enumerate(zip(row[int(fine) :], measured, strict=False)):
+                part(own, fine + number, columns, f"level {number}")
+                panels.level(axis, level.labels)
+                _entitle(axis, ("" if number else above) + _title(level, usual=metrics is None))
+            for axis in row[fine + len(hierarchy.levels) :]:
+                axis.set_axis_off()
+        part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)
+        save_figure(figure, Path(path), palette=True)
+
+
+def draw_mesh(mesh: Mesh, path: str | os.PathLike[str], section: Sequence[float] | None = None) -> None:
+    """Draw a mesh as it is and write the picture.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    path : path
+        The suffix chooses the format: .png, .pdf, .svg, …
+    section : (3,) float, optional
+        As for :func:`draw`.
+
+    Raises
+    ------
+    OptionError
+        Without matplotlib, or if ``section`` does not fit.
+    FileError
+        If the file cannot be written, or its suffix is unknown.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.draw.plot import draw_mesh
+    >>> draw_mesh(agglo.samples.voronoi(200, seed=1), "mesh.png")
+    """
+    panels = panels_of(mesh, section=section)
+    figure, axes = _panels(panels, 1, 1, 8.0)
+    panels.fine(axes[0, 0])
+    _entitle(axes[0, 0], _about(mesh))
+    save_figure(figure, Path(path), palette=True)
+
+
+def _panels(
+    panels: PlanePanels | SolidPanels, rows: int, columns: int, width: float, title: float = 0.55
+) -> tuple[Any, Any]:
+    """A figure, which nothing of pyplot knows of, and its axes ``(rows, columns)``, in inches."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
         raise OptionError(f'drawing needs matplotlib: pip install "agglo[plot]" ({error})') from error
 
-    wanted = _IN_TITLES if metrics is None else list(metrics)
-    panels = panels_of(mesh, explode, section)
-    columns = 1 + max(len(hierarchy.levels) for hierarchy in hierarchies.values())
-    width = float(np.clip(24.0 / columns, 2.4, 3.6))
-    height = width * float(np.clip(panels.ratio, 0.15, 2.0)) + 0.55
-    figure = Figure(figsize=(columns * width, len(hierarchies) * height), dpi=_DPI)
+    height = width * float(np.clip(panels.ratio, 0.15, 2.0)) + title
+    figure = Figure(figsize=(columns * width, rows * height), dpi=_DPI)
     figure.set_layout_engine("constrained", w_pad=0.08, h_pad=0.08)
     FigureCanvasAgg(figure)
-    axes = figure.subplots(len(hierarchies), columns, squeeze=False)
-    with phase(progress, "drawing") as tell:
-        for place, (row, (name, hierarchy)) in enumerate(zip(axes, hierarchies.items(), strict=True)):
-            own = part(tell, place, 1 + len(hierarchies), name)
-            panels.fine(row[0])
-            about = f"{short_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells"
-            _entitle(row[0], f"{short_name(name)}\n{about}")
-            measured = measure_levels(mesh, hierarchy, registry, wanted)
-            for number, (axis, level) in enumerate(zip(row[1:], measured, strict=False)):
-                part(own, 1 + number, columns, f"level {number}")
-                panels.level(axis, level.labels)
-                _entitle(axis, _title(level))
-            for axis in row[1 + len(hierarchy.levels) :]:
-                axis.set_axis_off()
-        part(tell, len(hierarchies), 1 + len(hierarchies), Path(path).name)
-        save_figure(figure, Path(path))
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def panels_of(
@@ -115,6 +167,10 @@ def panels_of(
     return PlanePanels(mesh)
 
 
+def _about(mesh: Mesh) -> str:
+    return f"{short_name(mesh.name or 'mesh', 40)}, {mesh.n_cells:,} cells"
+
+
 def _entitle(axis: Any, title: str) -> None:
     axis.set_title(title, fontsize=8, color=INK)
     axis.set_axis_off()
@@ -125,14 +181,16 @@ def short_name(text: str, most: int = 34) -> str:
     return text if len(text) <= most else f"{text[: most // 2]}…{text[-(most // 2 - 1) :]}"
 
 
-def _title(level: Level) -> str:
+def _title(level: Level, usual: bool) -> str:
+    """What is above a level; ``usual``: the usual metrics alone, whatever else was measured."""
     line = level.line
     parts = f"{line['parts']:,} part{'s' if line['parts'] != 1 else ''}"
     target = line["target"]
     if "h_star" in target:
         factor = f" ({target['h_factor']:.3g} h0)" if target.get("h_factor") else ""
         parts = f"h* = {target['h_star']:.3g}{factor}: {parts}"
-    means = {name: line[name] for name in level.metrics} | dict(level.objectives)
+    names = [name for name in level.metrics if name in _IN_TITLES or not usual]
+    means = {name: line[name] for name in names} | ({} if usual else dict(level.objectives))
     missing = level.undefined
     shown = [
         f"{name} {_number(value)}" + (f" ({missing[name]} undefined)" if name in missing else "")
@@ -148,13 +206,28 @@ def _number(value: float | None) -> str:
     return f"{value:.2f}" if 0.0 <= value < 10.0 else f"{value:.3g}"
 
 
-def save_figure(figure: Any, path: Path) -> None:
+def save_figure(figure: Any, path: Path, *, palette: bool = False) -> None:
     """Write a figure whole or not at all; the suffix chooses the format.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : Path
+    palette : bool
+        Whether a .png may have the 256 colours that serve it best, which takes a third of the space:
+        right for agglomerates, wrong for smooth scales.
 
     Raises
     ------
     FileError
         If the file cannot be written, or its suffix is unknown.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from matplotlib.figure import Figure
+    >>> from agglo_core.draw.plot import save_figure
+    >>> save_figure(Figure(), Path("empty.png"))
     """
     from agglo_core.io.atomic import staging
 
@@ -163,6 +236,18 @@ def save_figure(figure: Any, path: Path) -> None:
         raise FileError(f"{path}: no picture format {path.suffix!r}; there are {', '.join(sorted(kinds))}")
     try:
         with staging(path) as folder:
-            figure.savefig(folder / path.name, format=kind, dpi=_DPI)
+            if palette and kind == "png":
+                _save_palette(figure, folder / path.name)
+            else:
+                figure.savefig(folder / path.name, format=kind, dpi=_DPI)
     except OSError as error:
         raise FileError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _save_palette(figure: Any, file: Path) -> None:
+    from PIL import Image
+
+    figure.canvas.draw()
+    picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
+    few = picture.quantize(256, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    few.save(file, format="png", dpi=(_DPI, _DPI))

@@ -48,6 +48,14 @@ def split_at_median(level: Graph, projection: Float, tie: Float) -> Int:
     -------
     (n,) int64
         0 below the median, 1 above; both occur in every block of at least two nodes.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.authoring import split_at_median
+    >>> graph = samples.squares(2).graph
+    >>> split_at_median(graph, graph.centroids[:, 0], graph.centroids)
+    array([0, 1, 0, 1])
     """
     order = _order(level, projection, tie)
     shares = integer_shares(level.weights, level.block_ids)[order]
@@ -98,7 +106,17 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
 
 
 def block_extents(level: Graph, values: Float) -> Float:
-    """Largest minus smallest of each column ``(n, t)`` in each block, ``(B, t)``."""
+    """Largest minus smallest of each column ``(n, t)`` in each block, ``(B, t)``.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.authoring import block_extents
+    >>> level = samples.squares(4).graph.split([0] * 4 + [1] * 12)[0]
+    >>> block_extents(level, level.centroids)
+    array([[0.75, 0.  ],
+           [0.75, 0.5 ]])
+    """
     starts = level.offsets[:-1]
     high: Float = np.maximum.reduceat(values, starts, axis=0)
     return high - np.minimum.reduceat(values, starts, axis=0)
@@ -136,7 +154,16 @@ def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
 
 
 def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
-    """Sum of ``values`` (n, …) over each block, (B, …)."""
+    """Sum of ``values`` (n, …) over each block, (B, …).
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.authoring import block_sums
+    >>> level = samples.squares(4).graph.split([0] * 4 + [1] * 12)[0]
+    >>> block_sums(level, level.measures)
+    array([0.25, 0.75])
+    """
     flat = values.reshape(level.n, -1)
     sums: Float = np.stack(
         [np.bincount(level.block_ids, c, minlength=level.n_blocks) for c in flat.T], axis=1
@@ -145,7 +172,15 @@ def block_sums(level: Graph, values: NDArray[np.float64]) -> Float:
 
 
 def block_shares(values: Float, blocks: Int) -> Float:
-    """Share of each value ``(n,)`` in the sum of its block; even shares where all values are zero."""
+    """Share of each value ``(n,)`` in the sum of its block; even shares where all values are zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import block_shares
+    >>> block_shares(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 1]))
+    array([0.25, 0.75, 1.  ])
+    """
     totals = np.bincount(blocks, values)[blocks]
     even = 1.0 / np.bincount(blocks)[blocks]
     shares: Float = np.divide(values, totals, out=even, where=totals > 0)

@@ -127,6 +127,16 @@ def expected_cuts(graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = No
     """E[cut(S_k, V∖S_k)] = Σ_ij Y_ik (1 − Y_jk) A_ij of each part ``(M,)``.
 
     ``Y`` is ``(n, M)``: Y_ik is the probability that node i belongs to part k, drawn independently.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.graph.functionals import expected_cuts
+    >>> graph = samples.squares(2).graph
+    >>> expected_cuts(graph, [[1, 0], [1, 0], [0, 1], [0, 1]])  # no doubt: two of the four edges are cut
+    array([2., 2.])
+    >>> expected_cuts(graph, [[0.5, 0.5]] * 4)  # each edge with probability 1/2
+    array([2., 2.])
     """
     probabilities = _checked_probabilities(graph, Y)
     adjacency = _adjacency(graph, edge_weights)
@@ -137,7 +147,15 @@ def expected_cuts(graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = No
 def expected_volumes(
     graph: Graph, Y: ArrayLike, *, edge_weights: Float | None = None, node_weights: Float | None = None
 ) -> Float:
-    """E[vol(S_k, V)] = (Yᵀ D)_k = Γ_k of each part ``(M,)``; D the degrees, or ``node_weights``."""
+    """E[vol(S_k, V)] = (Yᵀ D)_k = Γ_k of each part ``(M,)``; D the degrees, or ``node_weights``.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.graph.functionals import expected_volumes
+    >>> expected_volumes(samples.squares(2).graph, [[1, 0], [1, 0], [0, 1], [0, 1]])
+    array([4., 4.])
+    """
     weights = degrees(graph, edge_weights=edge_weights) if node_weights is None else node_weights
     return _checked_probabilities(graph, Y).T @ weights
 
@@ -149,6 +167,13 @@ def expected_normalised_cut(
 
     The paper calls it the expected normalised cut; it is the ratio of expectations, which is the
     normalised cut itself where Y is 0 or 1.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.graph.functionals import expected_normalised_cut
+    >>> expected_normalised_cut(samples.squares(2).graph, [[1, 0], [1, 0], [0, 1], [0, 1]])  # 2/4 + 2/4
+    1.0
     """
     cuts = expected_cuts(graph, Y, edge_weights=edge_weights)
     volumes = expected_volumes(graph, Y, edge_weights=edge_weights, node_weights=node_weights)

@@ -77,7 +77,15 @@ class Objective:
 
 
 def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
-    """Number the parts of all blocks consecutively: labels ``(n,)`` without gaps, rising with the block."""
+    """Number the parts of all blocks consecutively: labels ``(n,)`` without gaps, rising with the block.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.authoring import numbered_parts
+    >>> numbered_parts(samples.squares(2).graph, [7, 7, 3, 3])
+    array([1, 1, 0, 0])
+    """
     local = np.asarray(labels, dtype=np.int64)
     stride = int(local.max(initial=0)) + 1
     through = graph.block_ids * stride + local

@@ -10,7 +10,15 @@ __all__ = ["curve_order"]
 
 
 def curve_order(centroids: Float) -> Int:
-    """Order ``(n,)`` of points ``(n, d)`` along a Morton curve of 2^16 (2-D) or 2^10 (3-D) steps."""
+    """Order ``(n,)`` of points ``(n, d)`` along a Morton curve of 2^16 (2-D) or 2^10 (3-D) steps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import curve_order
+    >>> curve_order(np.array([[1.0, 1.0], [0.0, 0.0], [0.1, 0.0]]))
+    array([1, 2, 0])
+    """
     from agglo_core.kernels.curve_keys import curve_keys
 
     keys = curve_keys(frozen_float(centroids))

@@ -32,6 +32,16 @@ class Change(NamedTuple):
     pairs : (k, 2) int
         Old and new number of parts that changed: a refined part stands there with each new one, parts
         that became one with that.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> mesh = agglo.samples.squares(4)
+    >>> cut = agglo.agglomerate(mesh, n_parts=(4, 2)).cut(2)
+    >>> change = cut.refine([0])  # the first part becomes those below it
+    >>> change.cut.n_parts, change.same, change.pairs
+    (3, array([-1,  2]), array([[0, 0],
+           [0, 1]]))
     """
 
     cut: Cut

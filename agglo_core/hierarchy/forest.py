@@ -34,6 +34,13 @@ class Forest:
         Finest and coarsest level of which the node is a part; −1 stands for the cells.
     rounds : (r,) int
         Number of the first node of each coarsest level, from above; the roots are the first round.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> forest = agglo.agglomerate(agglo.samples.squares(4), n_parts=(4, 2)).forest
+    >>> forest.n_children[:2], len(forest.parent)  # 2 + 4 parts and 16 cells
+    (array([2, 2]), 22)
     """
 
     cells: Int

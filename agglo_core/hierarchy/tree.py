@@ -13,7 +13,14 @@ __all__ = ["Tree", "by_first_cell"]
 
 
 def by_first_cell(labels: ArrayLike) -> Int:
-    """Labels renumbered 0..k−1 in the order of their smallest cell ids."""
+    """Labels renumbered 0..k−1 in the order of their smallest cell ids.
+
+    Examples
+    --------
+    >>> from agglo_core.hierarchy import by_first_cell
+    >>> by_first_cell([2, 2, 0, 1, 0])
+    array([0, 0, 1, 2, 1])
+    """
     array = np.asarray(labels, dtype=np.int64)
     first = np.full(int(array.max()) + 1, -1, np.int64)
     first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write, the smallest id, stays

@@ -56,6 +56,15 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
         Naming the file: missing, or not of that form.
     MeshError
         If the graph is not symmetric, or the coordinates do not fit.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.interchange import graph_from_metis
+    >>> _ = open("ring.graph", "w").write("3 3\\n2 3\\n1 3\\n1 2\\n")
+    >>> graph = graph_from_metis("ring.graph", [[0, 0], [1, 0], [0, 1]])
+    >>> agglo.agglomerate(graph, n_parts=3).levels[0]
+    array([0, 1, 2])
     """
     file = Path(path)
     with naming(file):
@@ -148,7 +157,15 @@ def places_of(numbers: Float, n: int) -> Float:
 
 
 def parts_from_metis(path: str | Path) -> Int:
-    """Labels of a ``.part.K`` file, a part for each vertex; raises FileError."""
+    """Labels of a ``.part.K`` file, a part for each vertex; raises FileError.
+
+    Examples
+    --------
+    >>> from agglo_core.interchange import parts_from_metis
+    >>> _ = open("mesh.graph.part.2", "w").write("0\\n0\\n1\\n")
+    >>> parts_from_metis("mesh.graph.part.2")
+    array([0, 0, 1])
+    """
     file = Path(path)
     with naming(file):
         content = file.read_bytes()

@@ -22,6 +22,14 @@ def graph_to_metis(path: str | Path, graph: Graph) -> None:
     """Write a graph with weights of vertices and interfaces, each as whole numbers up to 10,000.
 
     Beside it ``PATH.xyz`` has the centroids, a line for each vertex, as ParMETIS and Chaco take them.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.interchange import graph_to_metis
+    >>> graph_to_metis("mesh.graph", agglo.samples.squares(2).graph)
+    >>> print(open("mesh.graph").readline().strip())  # 4 vertices, 4 edges, with weights
+    4 4 011
     """
     target = Path(path)
     vertex = _whole(graph.weights)
@@ -45,7 +53,16 @@ def _whole(values: ArrayLike) -> Int:
 
 
 def parts_to_metis(path: str | Path, hierarchy: Hierarchy) -> list[Path]:
-    """Write the labels of each level as ``PATH.part.K``, K being the number of parts; return the files."""
+    """Write the labels of each level as ``PATH.part.K``, K being the number of parts; return the files.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.interchange import parts_to_metis
+    >>> hierarchy = agglo.agglomerate(agglo.samples.squares(4), n_parts=(4, 2))
+    >>> [file.name for file in parts_to_metis("mesh.graph", hierarchy)]
+    ['mesh.graph.part.4', 'mesh.graph.part.2']
+    """
     target, written = Path(path), []
     for labels in hierarchy.levels:
         count = int(labels.max()) + 1

@@ -196,6 +196,15 @@ def check_writable(path: str | PathLike[str], *, registry: Registry | None = Non
     """Raise FileError unless a file can be written there, as far as can be told in advance.
 
     Some format must write its suffix, its folder must exist, and it must not be a folder itself.
+
+    Examples
+    --------
+    >>> from agglo_core.io import check_writable
+    >>> check_writable("out.vtu")  # all is well
+    >>> check_writable("nowhere/out.vtu")
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.FileError: nowhere/out.vtu: the folder nowhere does not exist
     """
     target = _checked_path("write", path)
     with naming(target):

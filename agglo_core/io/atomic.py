@@ -47,6 +47,15 @@ def staging(path: Path) -> Iterator[Path]:
         If a file cannot be put in place.
     OSError
         If the folder cannot be written to.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.authoring import staging
+    >>> with staging(Path("out.txt")) as folder:
+    ...     _ = (folder / "out.txt").write_text("whole or not at all")
+    >>> Path("out.txt").read_text()
+    'whole or not at all'
     """
     with _own_folder(path) as stage, ExitStack() as elsewhere:
         yield stage

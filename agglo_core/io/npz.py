@@ -107,7 +107,8 @@ def read_npz(path: Path, *, merge_points: bool, allow_gaps: bool) -> tuple[Mesh,
     if not set(_PLAIN) <= arrays.members.keys():
         raise FileError(
             f"holds neither an agglo mesh (array 'meta') nor the arrays {', '.join(_PLAIN)}; "
-            f"found {', '.join(list(arrays.members)[:20]) or 'no arrays'}"
+            f"found {', '.join(list(arrays.members)[:20]) or 'no arrays'}. Polygon c has the points "
+            "cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]; Mesh.from_polygons takes lists of points"
         )
     offsets = arrays.take("cell_offsets", "iu", (None,))
     vertices = arrays.take("cell_vertices", "iu", (int(offsets[-1]) if offsets.size else None,))

@@ -45,6 +45,15 @@ class Level:
         Objectives of the partition that were chosen.
     better : mapping of name to "high" or "low"
         What the metrics say of their values.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.measure import measure_levels
+    >>> mesh = agglo.samples.squares(4)
+    >>> level = measure_levels(mesh, agglo.agglomerate(mesh, n_parts=4), metrics=("CR",))[0]
+    >>> level.line["parts"], level.values["CR"].round(3), level.mesh.n_cells
+    (4, array([0.707, 0.707, 0.707, 0.707]), 4)
     """
 
     target: Mapping[str, Any]
@@ -171,6 +180,17 @@ def measure_levels(
     OptionError, PluginError
         For an argument of a wrong kind, an option or a name that does not exist, or a metric that
         misbehaves.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.measure import measure_levels
+    >>> mesh = agglo.samples.squares(8)
+    >>> levels = measure_levels(mesh, agglo.agglomerate(mesh, n_parts=(16, 4)), metrics=("UF", "interface"))
+    >>> [(level.line["parts"], level.line["UF"], level.objectives["interface"]) for level in levels]
+    [(16, 1.0, 6.0), (4, 1.0, 2.0)]
+    >>> int(levels[0].values["cells"].max())
+    4
     """
     chosen = select(RATIOS if metrics is None else metrics, registry)
     shown = tuple(chosen.metrics)
@@ -198,7 +218,18 @@ def summary(
     registry: Registry | None = None,
     metrics: Iterable[Metric] | None = None,
 ) -> list[dict[str, Any]]:
-    """One plain dict per level, finest first: :attr:`Level.line`; arguments as :func:`measure_levels`."""
+    """One plain dict per level, finest first: :attr:`Level.line`; arguments as :func:`measure_levels`.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.measure import summary
+    >>> mesh = agglo.samples.squares(8)
+    >>> for line in summary(mesh, agglo.agglomerate(mesh, n_parts=(16, 4))):
+    ...     print(line["parts"], round(line["CR"], 4), line["connected"])
+    16 0.7071 1.0
+    4 0.7071 1.0
+    """
     return [level.line for level in measure_levels(mesh, hierarchy, registry, metrics)]
 
 

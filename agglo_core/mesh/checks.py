@@ -33,7 +33,15 @@ _SMALLEST, _LARGEST = 1e-50, 1e50  # fifth powers of lengths (moments of volume)
 
 
 def box_centre(points: Float) -> Float:
-    """Centre ``(d,)`` of the bounding box of ``points (n, d)``."""
+    """Centre ``(d,)`` of the bounding box of ``points (n, d)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import box_centre
+    >>> box_centre(np.array([[0.0, 0.0], [4.0, 1.0], [1.0, 2.0]]))
+    array([2., 1.])
+    """
     # column by column: numpy reduces the long axis of a narrow array ten times slower
     return frozen_float([0.5 * (column.min() + column.max()) for column in points.T])
 
@@ -161,11 +169,20 @@ def whole_numbers(values: Any, what: str) -> Int:
 
 
 def check_labels(labels: ArrayLike, n: int) -> Int:
-    """Labels as ``(n,)`` int64 covering 0..k−1, or MeshError."""
+    """Labels as ``(n,)`` int64 covering 0..k−1, or MeshError.
+
+    Examples
+    --------
+    >>> from agglo_core.mesh import check_labels
+    >>> check_labels([1, 0, 1], 3)
+    array([1, 0, 1])
+    """
     array = np.asarray(labels)
     if array.shape != (n,) or array.dtype.kind not in "iu":
+        strange = array.dtype == object  # something other than numbers, such as a Hierarchy
+        found = type(labels).__name__ if strange else f"shape {array.shape}, dtype {array.dtype}"
         raise MeshError(
-            f"labels must be ({n},) integers, one per cell; given shape {array.shape}, dtype {array.dtype}"
+            f"labels must be ({n},) integers, one per cell, as hierarchy.levels[0]; given {found}"
         )
     array = frozen_int(array)
     if array.min() < 0:

@@ -20,6 +20,13 @@ class Loops(NamedTuple):
     Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``; loop l owns
     ``vertices[loop_offsets[l]:loop_offsets[l + 1]]``. The cell lies on the left of each loop: outer
     loops run counter-clockwise, holes clockwise. No loop visits a vertex twice.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> loops = samples.squares(2).boundary_loops
+    >>> loops.vertices[: loops.loop_offsets[1]]  # around the first cell
+    array([0, 1, 4, 3])
     """
 
     cell_offsets: Int

@@ -37,6 +37,13 @@ class Simplification:
         Measure of each cell now, less that before: rounding where ``exact``.
     held_back : int
         Interfaces that kept more vertices than the tolerance asks for, as cells would have become invalid.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> change = samples.squares(4).coarsen([0] * 8 + [1] * 8).simplified().simplification
+    >>> change.exact, change.faces_saved
+    (True, 13)
     """
 
     tolerance: float

@@ -41,6 +41,16 @@ class BlockMatrix:
     inverses : (n, n) bsr_array or csr_array
         D⁻¹, D being the diagonal blocks, in the same form.
     block_offsets : (parts + 1,) int
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import block_matrix
+    >>> blocks = block_matrix(A, np.array([0, 2, 4, 6]))
+    >>> blocks.matrix.blocksize, blocks.inverses.nnz
+    ((2, 2), 12)
     """
 
     matrix: Any
@@ -198,6 +208,16 @@ def block_inverses(A: Any, block_offsets: Int) -> Any:
         If the offsets do not fit the matrix.
     LinAlgError
         If a block is not positive definite; the message names its part.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import block_inverses
+    >>> 3.0 * block_inverses(A, np.array([0, 2, 4, 6])).toarray()[:2, :2]
+    array([[2., 1.],
+           [1., 2.]])
     """
     A, offsets = in_blocks(A, block_offsets), frozen_int(block_offsets)
     blocks = _diagonal(A, offsets)

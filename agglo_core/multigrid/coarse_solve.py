@@ -163,6 +163,16 @@ def symmetric_lu(M: Any, pivots: float = 0.0) -> Any:
 
     A pivot is taken from the diagonal unless it is below ``pivots`` times the largest entry of its column;
     None if a pivot is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import symmetric_lu
+    >>> x = symmetric_lu(A.tocsc()).solve(np.ones(6))
+    >>> bool(np.allclose(A @ x, 1.0))
+    True
     """
     try:
         return splu(M, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivots, options={"SymmetricMode": True})
@@ -221,6 +231,16 @@ def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.f
         For another name, or a callable that returns no function.
     LinAlgError
         If the matrix cannot be factorised.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import coarse_solver
+    >>> solve = coarse_solver("dense", A)
+    >>> bool(np.allclose(A @ solve(np.ones(6)), 1.0))
+    True
     """
     if isinstance(given, str) and given in COARSE_SOLVERS:
         return COARSE_SOLVERS[given](A, dtype)

@@ -51,6 +51,18 @@ def galerkin(A: Any, P: Any) -> Any:
     ----------
     A : (n, n) sparse
     P : (n, m) sparse
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import galerkin
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> galerkin(A, P).toarray()
+    array([[ 2., -1.,  0.],
+           [-1.,  2., -1.],
+           [ 0., -1.,  2.]])
     """
     if A.format == P.format == "bsr" and A.blocksize[0] == A.blocksize[1] == P.blocksize[0]:
         return P.T @ (A @ P)

@@ -124,6 +124,16 @@ def pcg_columns(
 
     Each column has its own iteration, whose count and answer do not depend on the others; products with A,
     and with an M that is not a callable, are computed together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import pcg_columns
+    >>> found = pcg_columns(A, np.eye(6)[:, :2], lambda r: r / 2.0, tolerance=1e-10)
+    >>> [history.converged for history in found]
+    [True, True]
     """
     whole = _numbers("b", b)
     if whole.ndim != 2:

@@ -32,6 +32,17 @@ class GaussSeidel:
     """Block Gauss–Seidel: forward sweeps before the correction by the next level, backward sweeps after.
 
     As a plain smoother, ``smooth(b, x)``, it sweeps forward and then backward.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import GaussSeidel, build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P], smoother=GaussSeidel())
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
     """
 
     uses_coarse: ClassVar[bool] = False
@@ -77,6 +88,17 @@ class BlockJacobi:
     -----
     λ_max belongs to D⁻¹A, D being the diagonal blocks of the parts: see
     :func:`~agglo_core.multigrid.largest_eigenvalue`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import BlockJacobi, build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P], smoother=BlockJacobi())
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
     """
 
     uses_coarse: ClassVar[bool] = False
@@ -103,6 +125,17 @@ class Chebyshev:
     Notes
     -----
     M. Adams, M. Brezina, J. Hu, R. Tuminaro, J. Comput. Phys. 188, 2003.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import Chebyshev, build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P], smoother=Chebyshev(3))
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
     """
 
     uses_coarse: ClassVar[bool] = False
@@ -185,6 +218,12 @@ def smoother_setup(given: Any) -> SetUp:
     ------
     OptionError
         If it is none of these.
+
+    Examples
+    --------
+    >>> from agglo_core.multigrid import smoother_setup
+    >>> callable(smoother_setup("gauss_seidel"))
+    True
     """
     if isinstance(given, str) and given in SMOOTHERS:
         given = SMOOTHERS[given]()

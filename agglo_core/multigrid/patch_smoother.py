@@ -210,6 +210,18 @@ class AdditivePatches:
     A part that m patches share has the weight m^(−1/2) before and after each solve; damping is
     4 / (3 λ_max). Slower to converge than :class:`VertexPatches`, the same in any order of the patches.
     Parameters, attributes and errors are the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import AdditivePatches
+    >>> from agglo_core.problems import Patches
+    >>> patches = Patches(np.array([0, 2, 4]), np.array([0, 1, 1, 2]))
+    >>> M = AdditivePatches(A.tobsr((2, 2)), patches)
+    >>> M.before(np.ones(6))[0].shape
+    (6,)
     """
 
     def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:

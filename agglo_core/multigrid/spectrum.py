@@ -31,6 +31,15 @@ def largest_eigenvalue(A: Any, precondition: Solve, steps: int = _STEPS) -> floa
     ------
     LinAlgError
         If A or M turn out not to be positive definite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import largest_eigenvalue
+    >>> round(largest_eigenvalue(A, lambda r: r / 2.0), 4), round(float(1 + np.cos(np.pi / 7)), 4)
+    (1.901, 1.901)
     """
     r = np.random.default_rng(0).standard_normal(A.shape[0]).astype(A.dtype)
     z = precondition(r)

@@ -61,6 +61,17 @@ class Level:
         Groups of parts that are smoothed together.
     visits : int
         How often the level is visited for each visit of the one above, whatever the cycle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> fine, coarse = build_stack(A, np.array([0, 2, 4, 6]), [P]).levels
+    >>> fine.P.shape, coarse.P is None
+    ((6, 3), True)
     """
 
     A: Any
@@ -121,6 +132,19 @@ class LevelStack:
         Precision of the vectors inside a cycle: float32 or float64.
     scaling : (n, n) sparse, optional
         T, if the finest matrix of the levels is T A Tᵀ; a cycle preconditions A itself.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P])
+    >>> [level.A.shape for level in stack.levels]
+    [(6, 6), (3, 3)]
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
     """
 
     levels: Sequence[Level]

@@ -18,7 +18,17 @@ __all__ = ["Aggregation", "Injection", "SmoothedInjection", "parents"]
 
 
 def parents(fine: Int, coarse: Int) -> Int | None:
-    """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest."""
+    """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import parents
+    >>> parents(np.array([0, 0, 1, 2]), np.array([0, 0, 0, 1]))
+    array([0, 0, 1])
+    >>> print(parents(np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])))
+    None
+    """
     holder = np.empty(int(fine.max()) + 1, np.int64)
     holder[fine] = coarse
     return frozen_int(holder) if (holder[fine] == coarse).all() else None

@@ -55,6 +55,14 @@ def named_problem(
         For an option that the component does not have, or that does not fit.
     PluginError
         If the component cannot be used.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.problems import named_problem
+    >>> problem = named_problem("sine", agglo.samples.squares(4))
+    >>> problem.kind, problem.exact is not None
+    ('diffusion', True)
     """
     registry = default() if registry is None else registry
     if Path(name).suffix.lower() == ".toml" or not _is_declared(name, registry):
@@ -76,6 +84,16 @@ def read_problem(
     ------
     FileError
         If the file cannot be read, its kind is not known, or the kind refuses what it says; names the key.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import agglo_core as agglo
+    >>> from agglo_core.problems import read_problem
+    >>> path = Path("problem.toml")
+    >>> _ = path.write_text('kind = "diffusion"\\nkappa = 3.0\\n')
+    >>> read_problem(path, agglo.samples.squares(4)).kind
+    'diffusion'
     """
     registry = default() if registry is None else registry
     if not path.exists() or path.is_dir():
@@ -97,6 +115,15 @@ def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
 
     ``name`` is what the solver is called in the message; by default its class. A PluginError if its
     ``accepts`` is a text instead of a tuple of them.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from agglo_core.problems import Diffusion, require_accepted
+    >>> require_accepted(SimpleNamespace(accepts=("linear",)), Diffusion(), "mine")
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.OptionError: mine takes problems of kind linear; given one of kind diffusion
     """
     accepts, called = getattr(solver, "accepts", None), name or type(solver).__name__
     if isinstance(accepts, str):
@@ -114,6 +141,14 @@ def discretisation_of(solver: object, problem: Problem) -> Discretisation | None
     ------
     OptionError
         If the solver's ``discretisation`` lacks a method or attribute of one.
+
+    Examples
+    --------
+    >>> from agglo_core.problems import Diffusion, discretisation_of
+    >>> from agglo_core.registry import default
+    >>> solver = default().build("solver", "polydg_mg", degree=2)
+    >>> discretisation_of(solver, Diffusion()) is not None
+    True
     """
     found = getattr(solver, "discretisation", None)
     if found is None:

@@ -20,6 +20,14 @@ class Patches:
     offsets : (q + 1,) int
         The parts of patch i are ``parts[offsets[i]:offsets[i + 1]]``.
     parts : (m,) int
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.problems import Patches
+    >>> patches = Patches(np.array([0, 2, 4]), np.array([0, 1, 1, 2]))  # two, which share part 1
+    >>> patches.parts[patches.offsets[1] : patches.offsets[2]]
+    array([1, 2])
     """
 
     offsets: Int
@@ -108,6 +116,14 @@ class CoarseSpace:
         The unknowns of each coarse part; by default all have the same number.
     near_null : (m, k) float, optional
         Near-null vectors of the coarse level, handed on to its own transfer.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> from agglo_core.problems import CoarseSpace
+    >>> P = sparse.csr_array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    >>> CoarseSpace(P, block_offsets=[0, 1, 2]).P.shape
+    (3, 2)
     """
 
     P: Any

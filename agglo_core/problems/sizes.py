@@ -18,7 +18,15 @@ _SMALL = 1e-140
 
 
 def two_norm(r: Float) -> float:
-    """‖r‖, of numbers of any size."""
+    """‖r‖, of numbers of any size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import two_norm
+    >>> f"{two_norm(np.array([3e200, 4e200])):.3g}"
+    '5e+200'
+    """
     with np.errstate(over="ignore"):
         plain = float(np.linalg.norm(r))
     if _SMALL < plain < 1.0 / _SMALL or not r.any():
@@ -28,12 +36,27 @@ def two_norm(r: Float) -> float:
 
 
 def relative_size(r: Float, size: float) -> float:
-    """‖r‖ over a size; 0 where both are 0."""
+    """‖r‖ over a size; 0 where both are 0.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import relative_size
+    >>> relative_size(np.array([3.0, 4.0]), 10.0)
+    0.5
+    """
     return size_ratio(two_norm(r), size)
 
 
 def size_ratio(length: float, size: float) -> float:
-    """A length over a size; 0 where both are 0, infinite where only the size is, or either is infinite."""
+    """A length over a size; 0 where both are 0, infinite where only the size is, or either is infinite.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import size_ratio
+    >>> size_ratio(1.0, 4.0), size_ratio(0.0, 0.0), size_ratio(1.0, 0.0)
+    (0.25, 0.0, inf)
+    """
     if 0.0 < size < np.inf:
         return length / size
     return 0.0 if length == size == 0.0 else float("inf")
@@ -46,5 +69,13 @@ def relative_to(b: Float) -> Measure:
 
 
 def energy_of_solution(b: Float) -> Measure:
-    """The energy norm (x·Ax)^½ of an x with A x = b nearly, as (b·x)^½."""
+    """The energy norm (x·Ax)^½ of an x with A x = b nearly, as (b·x)^½.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import energy_of_solution
+    >>> energy_of_solution(np.array([2.0]))(np.array([8.0]))  # 2 · 8 = x · A x
+    4.0
+    """
     return lambda x: float(np.sqrt(max(float(b @ x), 0.0)))

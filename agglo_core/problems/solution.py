@@ -7,8 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from agglo_core.arrays import Float
+from agglo_core.errors import OptionError
+from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.deferred import deferrable
+from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.iteration_history import mean_contraction, untold
 
 __all__ = ["Lifting", "Solution"]
@@ -47,7 +50,8 @@ class Solution:
     finest; ``parts``, how many agglomerates each level of ``operators`` has, None where its unknowns belong
     to none; ``memory``, bytes of the preconditioner; ``cpu_seconds`` beside ``seconds``, which are those of
     the clock, of the phases ``"hierarchy"`` (if the solver makes it), ``"assemble"``, ``"setup"`` and
-    ``"solve"``; ``choice``, which recipe was chosen and why; ``advice``, what might do better.
+    ``"solve"``; ``choice``, which recipe was chosen and why; ``advice``, what might do better;
+    ``discretisation`` and ``mesh``, what x means, and where: None for linear systems.
 
     ``rounding_limited`` is the third outcome beside ``converged`` and not: x misses ``tolerance``, but no
     solver in double precision does better. ``backward_error`` shows it, that of
@@ -85,6 +89,8 @@ class Solution:
     energy_errors: Float = field(default_factory=untold)
     backward_error: float | None = None
     rounding_limited: bool = False
+    discretisation: Discretisation | None = None
+    mesh: Mesh | None = None
 
     @property
     def outcome(self) -> str:
@@ -103,16 +109,44 @@ class Solution:
         """The same over the latter half of the iterations."""
         return mean_contraction(self.residuals, (len(self.residuals) - 1) // 2)
 
-    def plot(self, ax: Any = None) -> Any:
-        """Draw residuals, relative to the first, and energy errors of the iterates on axes of matplotlib.
+    def samples(self) -> Samples:
+        """The solution as a function: values at points of each cell, for pictures and files.
 
-        What x stands for on the mesh only the discretisation knows: ``sample(mesh, x)`` of it returns
-        :class:`~agglo_core.problems.Samples`, which have a ``plot``, too.
+        Raises
+        ------
+        OptionError
+            If the solver has not said what x means, as of a linear system.
+
+        Examples
+        --------
+        >>> hierarchy = agglo.agglomerate(agglo.samples.squares(8), n_parts=4)
+        >>> solver = agglo.registry.default().build("solver", "polydg_cg", degree=2)
+        >>> samples = solver.solve(agglo.Diffusion(source=8.0), hierarchy).samples()
+        >>> round(float(samples.values.max()), 2)  # in the middle of the square
+        0.59
+        """
+        if self.discretisation is None or self.mesh is None:
+            raise OptionError(
+                "what x means on a mesh is known only of problems that the solver discretises, not of linear "
+                "systems; plot(convergence=True) shows how x was reached"
+            )
+        return self.discretisation.sample(self.mesh, self.x)
+
+    def plot(
+        self, ax: Any = None, *, convergence: bool = False, across: str = "z", cmap: str = "viridis"
+    ) -> Any:
+        """Draw the solution on axes of matplotlib: on the mesh, in 3-D on a plane through its middle.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             By default those of a new figure of pyplot, which notebooks and ``plt.show()`` show.
+        convergence : bool
+            Draw residuals, relative to the first, and energy errors of the iterates instead.
+        across : {"x", "y", "z"}
+            In 3-D: the axis that the plane is perpendicular to.
+        cmap : str
+            Colour map of matplotlib.
 
         Returns
         -------
@@ -121,7 +155,8 @@ class Solution:
         Raises
         ------
         OptionError
-            Without matplotlib, or if ``ax`` are no plane axes.
+            Without matplotlib, if ``ax`` are no plane axes, for an argument that is not as above; if what x
+            means is not known, as of a linear system, unless it is ``convergence`` that is drawn.
 
         Examples
         --------
@@ -130,11 +165,13 @@ class Solution:
         >>> solver = agglo.registry.default().build("solver", "polydg_cg", degree=1)
         >>> solution = solver.solve(agglo.Diffusion(source=8.0), agglo.agglomerate(mesh, n_parts=4))
         >>> solution.plot().get_xlabel()
-        'iteration'
-        >>> solver.discretisation.sample(mesh, solution.x).plot().get_xlabel()
         'x'
+        >>> solution.plot(convergence=True).get_xlabel()
+        'iteration'
         """
-        return made_by("agglo_core.draw.on_axes:plot_convergence")(self, ax)
+        if convergence:
+            return made_by("agglo_core.draw.on_axes:plot_convergence")(self, ax)
+        return made_by("agglo_core.draw.on_axes:plot_solution")(self, ax, across=across, cmap=cmap)
 
     def _repr_html_(self) -> str:
         html: str = made_by("agglo_core.draw.notebook:solution_html")(self)

@@ -29,6 +29,14 @@ def shown(*, lines: bool = True) -> Iterator[Listener | None]:
     lines : bool
         Whether to write lines on stderr where there is neither: when a phase begins and ends, and every ten
         seconds. If not, there is no listener there.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.progress import shown
+    >>> with shown(lines=False) as progress:  # nothing here: no terminal, no notebook
+    ...     print(agglo.agglomerate(agglo.samples.squares(8), n_parts=4, progress=progress))
+    Hierarchy(64 cells -> 4 parts)
     """
     if _on_terminal():
         with _bar() as listen:
@@ -48,6 +56,13 @@ def followed(progress: Listener | None, verbose: bool) -> Iterator[Listener | No
     ------
     OptionError
         If ``progress`` cannot be called.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import followed
+    >>> with followed(None, verbose=False) as listen:
+    ...     print(listen)
+    None
     """
     if progress is not None and not callable(progress):
         raise OptionError(f"progress must be a function of a Progress, given {progress!r:.60}")

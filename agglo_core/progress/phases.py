@@ -95,11 +95,30 @@ def phase(listen: Listener | None, name: str, text: str = "") -> Iterator[Tell]:
 
 
 def to_nobody(fraction: float, text: str = "") -> None:
-    """Do nothing: how progress is told where nobody wants to know."""
+    """Do nothing: how progress is told where nobody wants to know.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import to_nobody
+    >>> to_nobody(0.5, "half done")
+    """
 
 
 def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
-    """``tell`` for part number ``place`` of ``count`` equal parts of a phase, which begins now."""
+    """``tell`` for part number ``place`` of ``count`` equal parts of a phase, which begins now.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import part, phase
+    >>> def listen(now):
+    ...     print(f"{now.fraction:.2f} {now.text}".strip())
+    >>> with phase(listen, "reading") as tell:
+    ...     second = part(tell, 1, 2, "faces")
+    ...     second(0.5)
+    0.00
+    0.50 faces
+    1.00 faces
+    """
 
     def tell_part(fraction: float, text: str = "") -> None:
         tell((place + min(fraction, 1.0)) / count, ": ".join(filter(None, (label, text))))
@@ -109,7 +128,18 @@ def part(tell: Tell, place: int, count: int, label: str = "") -> Tell:
 
 
 def labelled(listen: Listener | None, label: str) -> Listener | None:
-    """The same listener, told ``label`` before each text: which run of several, which level."""
+    """The same listener, told ``label`` before each text: which run of several, which level.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import labelled, phase
+    >>> def listen(now):
+    ...     print(now.fraction, now.text)
+    >>> with phase(labelled(listen, "kmeans"), "drawing"):
+    ...     pass
+    0.0 kmeans
+    1.0 kmeans
+    """
     if listen is None or not label:
         return listen
     return lambda now: listen(replace(now, text=f"{label}: {now.text}" if now.text else label))

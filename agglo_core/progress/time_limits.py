@@ -24,6 +24,12 @@ class TimeLimit:
     ----------
     seconds : float, optional
         Of a clock on the wall.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import TimeLimit
+    >>> TimeLimit(60.0).over(), TimeLimit().over()
+    (False, False)
     """
 
     def __init__(self, seconds: float | None = None) -> None:
@@ -43,7 +49,14 @@ class TimeLimit:
 
 
 def checked_seconds(owner: str, seconds: object) -> float | None:
-    """Seconds as the option of a component gives them, or None; an OptionError if they are anything else."""
+    """Seconds as the option of a component gives them, or None; an OptionError if they are anything else.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import checked_seconds
+    >>> checked_seconds("mine", 5), checked_seconds("mine", None)
+    (5.0, None)
+    """
     if seconds is None:
         return None
     number = isinstance(seconds, int | float) and not isinstance(seconds, bool)

@@ -270,7 +270,14 @@ def _names(environ: Mapping[str, str], variable: str) -> set[str]:
 
 @cache
 def default() -> Registry:
-    """The registry of this process, which discovers the installed plugins on first use."""
+    """The registry of this process, which discovers the installed plugins on first use.
+
+    Examples
+    --------
+    >>> from agglo_core.registry import default
+    >>> [record.name for record in default().list() if record.kind == "fixer"]
+    ['connectivity']
+    """
     registry = Registry()
     registry.discover()
     return registry

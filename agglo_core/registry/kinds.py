@@ -33,6 +33,12 @@ class Kind:
         Files of laws in ``agglo_core/conformance/laws`` that judge it.
     attributes : mapping of str to type
         Attributes a component needs besides.
+
+    Examples
+    --------
+    >>> from agglo_core.registry import KINDS
+    >>> KINDS["bisector"].methods
+    ('bisect_level', 'bisect', 'partition')
     """
 
     name: str

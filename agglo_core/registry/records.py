@@ -35,6 +35,13 @@ class Record:
         Why it is not ok.
     import_seconds : float
         What importing the plugin's declaration took.
+
+    Examples
+    --------
+    >>> from agglo_core.registry import default
+    >>> record = next(record for record in default().list() if record.name == "sweep")
+    >>> record.kind, record.state, record.component.promises["deterministic"]
+    ('bisector', 'ok', True)
     """
 
     component: Component | None
@@ -72,7 +79,14 @@ class Record:
 
 
 def describe(record: Record) -> str:
-    """Label of a record in messages: ``bisector 'halves' (plugin 'halves', distribution my-dist 0.3)``."""
+    """Label of a record in messages: ``bisector 'halves' (plugin 'halves', distribution my-dist 0.3)``.
+
+    Examples
+    --------
+    >>> from agglo_core.registry import default, describe
+    >>> describe(next(record for record in default().list() if record.name == "balance"))
+    "refiner 'balance' (plugin 'defaults', distribution agglo 0.1.0)"
+    """
     origin = f"distribution {record.distribution} {record.version}".strip()
     if not record.distribution:
         origin = "registered by hand"

@@ -10,32 +10,10 @@ from collections.abc import Iterator
 from importlib import import_module
 from typing import Any, get_origin
 
+from documented import MODULES
 from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
-
-MODULES = (
-    "agglo_core",
-    "agglo_core.mesh",
-    "agglo_core.graph",
-    "agglo_core.graph.functionals",
-    "agglo_core.hierarchy",
-    "agglo_core.agglomeration",
-    "agglo_core.io",
-    "agglo_core.interchange",
-    "agglo_core.measure",
-    "agglo_core.samples",
-    "agglo_core.problems",
-    "agglo_core.multigrid",
-    "agglo_core.registry",
-    "agglo_core.protocols",
-    "agglo_core.conformance",
-    "agglo_core.progress",
-    "agglo_core.threads",
-    "agglo_core.draw.plot",
-    "agglo_core.errors",
-    "agglo_core.authoring",
-)
 
 
 class PublicNames(SphinxDirective):

@@ -46,7 +46,8 @@ class FineSystem(NamedTuple):
 
     ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
     All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow.
-    ``sigma (n_faces,)`` is the penalty of the jumps, of what is discretised here.
+    ``sigma (n_faces,)`` is the penalty of the jumps, of what is discretised here; ``meaning`` is what
+    unknowns are, and on which mesh.
     """
 
     A: Any
@@ -57,6 +58,7 @@ class FineSystem(NamedTuple):
     offset: Float | None = None
     factor: float = 1.0
     sigma: Float | None = None
+    meaning: tuple[PolyDG, Mesh] | None = None
 
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
@@ -67,6 +69,7 @@ class FineSystem(NamedTuple):
         if self.offset is not None:
             offset = unscaled(self.offset, self.factor)
             x, lifting = frozen_float(offset + rest), Lifting(offset, rest, unscaled(self.b, self.factor))
+        how, mesh = self.meaning or (None, None)
         return Solution(
             x=x,
             A=self.A,
@@ -85,6 +88,8 @@ class FineSystem(NamedTuple):
             lifting=lifting,
             backward_error=history.backward_error,
             rounding_limited=history.ended == "rounding",
+            discretisation=how,
+            mesh=mesh,
         )
 
 
@@ -149,7 +154,7 @@ def _discretised(
         raise OptionError("matrix or right-hand side hold values that are not finite")
     measure, width = how.residual_measure(problem, mesh, load, basis), int(system.block_offsets[1])
     offset_or_none = offset if offset.any() else None
-    return FineSystem(system.A, load, width, measure, system.b, offset_or_none, factor, sigma)
+    return FineSystem(system.A, load, width, measure, system.b, offset_or_none, factor, sigma, (how, mesh))
 
 
 def _finite(values: Float) -> bool:

@@ -133,7 +133,7 @@ class RepeatedSolves:
             self._kept = None
             unsolved = task.unsolved(str(error))
             nothing = task.solution(unsolved, [(task.A, None)], watch, self._tolerance)
-            return _given_back(task, replace(nothing, choice=task.choice))
+            return _given_back(task, replace(nothing, choice=task.choice, **self._meaning(task)))
         stack = self._kept
         fresh = self.setups > setups  # else nothing is as cheap as to go on
         solution = replace(
@@ -144,9 +144,15 @@ class RepeatedSolves:
             memory=stack.memory,
             choice=task.choice + ("" if fresh else "; levels of an earlier system"),
             advice=task.advice if fresh else "",
+            **self._meaning(task),
         )
         self._judge(histories)
         return _given_back(task, solution)
+
+    def _meaning(self, task: Task) -> dict[str, Any]:
+        """What x means: on the mesh of the user, whose numbering it is given back in."""
+        hierarchy, how, *_ = self._made_of
+        return {"discretisation": how, "mesh": hierarchy.fine} if isinstance(task, DiffusionTask) else {}
 
     def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
         """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""

@@ -66,7 +66,7 @@ def test_every_bisector_leaves_its_files(agglo: Agglo, small: None, wrong: None,
     meshes = {
         f"{name}{end}" for name in good for end in (".vtu", "_level0.vtu", "_level1.vtu", "_level2.vtu")
     }
-    assert left == {"report.html", "boxplots.png", *(f"{name}.png" for name in good), *meshes}
+    assert left == {"report.html", "boxplots.png", "mesh.png", *(f"{name}.png" for name in good), *meshes}
 
 
 def test_sizes_are_shares_of_the_diameter(agglo: Agglo, few: None, tmp_path: Path) -> None:

@@ -236,3 +236,17 @@ def test_what_can_be_known_is_refused_before_a_run(agglo: Agglo, monkeypatch: py
     for command in ("run", "solve"):
         done = agglo(command, "squares:n=4", "--plot", "a.png")
         assert (done.code, done.err) == (2, "error: a.png: exists and is not a regular file\n")
+
+
+def test_coarse_meshes_beside_a_file_are_told_of(agglo: Agglo) -> None:
+    _, out, _ = agglo("run", "squares:n=4", "--parts", "4,2", "-o", "a.vtu")
+    assert "wrote a.vtu, and 2 coarse meshes beside it from a_level0.vtu on" in " ".join(out.split())
+    _, out, _ = agglo("run", "squares:n=4", "--parts", "4", "-o", "a.npz")
+    assert out.endswith("wrote a.npz\n")
+
+
+def test_a_file_is_no_sample_and_how_to_convert_it_is_said(agglo: Agglo) -> None:
+    agglo("mesh", "squares:n=2", "-o", "a.off")
+    code, _, err = agglo("mesh", "a.off", "-o", "b.vtu")
+    assert code == 2
+    assert "agglo.write('b.vtu', agglo.read('a.off'))" in err

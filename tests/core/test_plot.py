@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from agglo_core import samples
-from agglo_core.draw.plot import colouring, draw
+from agglo_core.draw.plot import PALETTE, colouring, draw, draw_mesh
 from agglo_core.errors import FileError, OptionError
 from agglo_core.hierarchy import Hierarchy
+from agglo_core.measure import measure_levels
 from agglo_core.mesh import Mesh
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -55,6 +56,60 @@ def test_titles_give_the_means_of_the_metrics(tmp_path: Path, monkeypatch: pytes
     draw(mesh, {"run": _halves(mesh)}, tmp_path / "a.png", ["cells", "convexity", "interface"])
     assert titles[1] == "2 parts\nUF 1.00   CR 0.45"
     assert titles[3] == "2 parts\ncells 2.00   convexity 1.00   interface 1.00"
+
+
+def test_what_was_measured_is_not_measured_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, titles = samples.squares(2), []
+    run = {"run": _halves(mesh)}
+    measured = {"run": measure_levels(mesh, run["run"], metrics=["UF", "CR", "convexity", "J"])}
+    monkeypatch.setattr("agglo_core.draw.plot._entitle", lambda axis, title: titles.append(title))
+    draw(mesh, run, tmp_path / "a.png")
+    monkeypatch.setattr("agglo_core.draw.plot.measure_levels", None)
+    draw(mesh, run, tmp_path / "b.png", levels=measured)
+    assert titles[1] == titles[3] == "2 parts\nUF 1.00   CR 0.45"
+    draw(mesh, run, tmp_path / "c.png", ["UF", "CR", "convexity", "J"], levels=measured)
+    assert titles[5] == "2 parts\nUF 1.00   CR 0.45   convexity 1.00\nJ 0.76"
+
+
+def test_a_picture_without_the_mesh_names_the_run_above_its_first_level(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    titles: list[str] = []
+    monkeypatch.setattr("agglo_core.draw.plot._entitle", lambda axis, title: titles.append(title))
+    mesh = samples.squares(2)
+    draw(mesh, {"run": _halves(mesh, 2)}, tmp_path / "levels.png", fine=False)
+    draw_mesh(mesh, tmp_path / "mesh.png")
+    means = "2 parts\nUF 1.00   CR 0.45"
+    assert titles == [f"run\n{means}", means, "squares 2x2, 4 cells"]
+
+
+def test_few_colours_serve_agglomerates_as_well(tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    mesh = samples.voronoi(300, seed=5)
+    labels = np.arange(300) % 7
+    path = tmp_path / "picture.png"
+    draw(mesh, {"seven": Hierarchy(mesh, mesh.graph, [labels], [{"parts": 7}], nested=True)}, path)
+    picture = np.rint(255 * imread(path)[..., :3]).astype(int).reshape(-1, 3)
+    assert len(np.unique(picture, axis=0)) <= 256
+    used = colouring(mesh.coarsen(labels), len(PALETTE))
+    tones = np.array([[int(tone[at : at + 2], 16) for at in (1, 3, 5)] for tone in PALETTE])
+    for tone in tones[np.unique(used)]:
+        assert np.abs(picture - tone).max(axis=1).min() <= 3
+
+
+def test_edges_of_tiny_cells_are_not_drawn_inside_agglomerates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[int] = []
+    monkeypatch.setattr(
+        "agglo_core.draw.plane_panels._edges", lambda axis, mesh, *rest, **look: drawn.append(mesh.n_cells)
+    )
+    for n, expected in ((20, [400, 1, 400, 2]), (120, [14_400, 1, 2])):
+        mesh = samples.squares(n)
+        draw(mesh, {"run": _halves(mesh)}, tmp_path / "a.png")
+        assert drawn == expected
+        drawn.clear()
 
 
 def test_colours_fill_the_cells_and_leave_holes_open(tmp_path: Path) -> None:

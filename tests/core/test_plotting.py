@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agglo_core import samples
+from agglo_core import agglomerate, samples
 from agglo_core.draw.painting import by_number, by_tag
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import quality
 from agglo_core.mesh import Mesh
-from agglo_core.problems import Samples, Solution
+from agglo_core.problems import Diffusion, Linear, Samples, Solution
+from agglo_core.registry import default
 
 matplotlib = pytest.importorskip("matplotlib")
 from matplotlib import pyplot as plt  # noqa: E402
@@ -53,12 +54,22 @@ def pixels(ax: Any, x: float, y: float) -> tuple[int, ...]:
     return tuple(int(each) for each in picture[picture.shape[0] - 1 - row, column, :3])
 
 
+def solved(mesh: Mesh) -> Solution:
+    """u = x, which every method reproduces."""
+    problem = Diffusion(source=0.0, dirichlet={0: lambda points: points[:, 0]})
+    solver: Any = default().build("solver", "direct", degree=1)
+    found: Solution = solver.solve(problem, halves(mesh))
+    return found
+
+
 PLOTS: list[Callable[[Any], Any]] = [
     SQUARES.plot,
     CUBES.plot,
     lambda ax: halves(SQUARES).plot(0, ax),
     lambda ax: halves(CUBES).plot(0, ax),
-    SOLUTION.plot,
+    lambda ax: SOLUTION.plot(ax, convergence=True),
+    lambda ax: solved(SQUARES).plot(ax),
+    lambda ax: solved(CUBES).plot(ax),
     TRIANGLE.plot,
     TETRAHEDRON.plot,
 ]
@@ -149,9 +160,39 @@ def test_a_solid_shows_its_tags() -> None:
 
 
 def test_curves_are_relative_to_the_first_residual() -> None:
-    ax = SOLUTION.plot()
+    ax = SOLUTION.plot(convergence=True)
     np.testing.assert_allclose(ax.get_lines()[0].get_ydata(), [1.0, 0.1, 0.01])
     assert ax.get_yscale() == "log"
+
+
+def test_a_solution_is_drawn_where_it_was_solved() -> None:
+    ax = solved(SQUARES).plot(cmap="gray")
+    grey = [pixels(ax, x, 0.6)[0] for x in (0.1, 0.4, 0.9)]  # between the edges of cells
+    np.testing.assert_allclose(grey, [0.1 * 255, 0.4 * 255, 0.9 * 255], atol=4)
+    assert len(ax.collections) == 2  # colours and edges
+    space = solved(CUBES).plot(across="y")
+    assert (space.get_xlabel(), space.get_ylabel()) == ("x", "z")
+    np.testing.assert_allclose(space.collections[0].get_clim(), (0.0, 1.0), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["polydg_mg", "polydg_cg", "polydg_mg_paper", "multigrid"])
+def test_every_solver_says_what_its_unknowns_are_on_the_mesh_of_the_user(name: str) -> None:
+    mesh = samples.voronoi(150, seed=8)
+    solver: Any = default().build("solver", name, degree=1, tolerance=1e-10)
+    problem = Diffusion(source=0.0, dirichlet={0: lambda points: points[:, 0] - 2.0 * points[:, 1]})
+    solution = solver.solve(problem, agglomerate(mesh, n_parts=(30, 6)))
+    assert solution.mesh is mesh
+    found = solution.samples()
+    np.testing.assert_allclose(found.values, found.points[:, 0] - 2.0 * found.points[:, 1], atol=1e-6)
+
+
+def test_what_unknowns_of_a_linear_system_mean_is_not_known() -> None:
+    system = solved(SQUARES)
+    solver: Any = default().build("solver", "direct")
+    linear = solver.solve(Linear(system.A, system.b, 3 * np.arange(17)), halves(SQUARES))
+    with pytest.raises(OptionError, match=r"not of linear systems; plot\(convergence=True\) shows"):
+        linear.plot()
+    assert linear.plot(convergence=True).get_xlabel() == "iteration"
 
 
 @pytest.mark.parametrize(("across", "names"), [("x", "yz"), ("y", "xz"), ("z", "xy")])
