@@ -23,7 +23,7 @@ __all__ = ["RankError", "Ranks", "Traffic"]
 
 T = TypeVar("T")
 
-_PAUSE = 0.005  # seconds between looks at whether others have come
+_PAUSE, _LONGEST = 2e-5, 0.002  # seconds between looks at whether others have come: longer and longer
 _TAG = 7411  # of messages from rank to rank; whoever shares the communicator has others
 
 
@@ -87,6 +87,7 @@ class Ranks:
     def gathered(self, value: T) -> list[T]:
         """What all ranks gave, in the order of the ranks, on every rank."""
         self._count(value, self.size - 1)
+        self.meet()
         found: list[T] = self.comm.allgather(value)
         return found
 
@@ -105,12 +106,14 @@ class Ranks:
         """
         total = np.empty_like(values)
         self._count(values, 1 if self.size > 1 else 0)
+        self.meet()
         self.comm.Allreduce(np.ascontiguousarray(values), total, op=getattr(_mpi(), how.upper()))
         return total
 
     def from_first(self, value: T) -> T:
         """What rank 0 gave, on every rank."""
         self._count(value, self.size - 1 if self.rank == 0 else 0)
+        self.meet()
         found: T = self.comm.bcast(value, root=0)
         return found
 
@@ -126,6 +129,7 @@ class Ranks:
             self._count(data, 1)
         coming = np.empty(self.size, np.int64)
         self._count(0, self.size - 1)
+        self.meet()
         self.comm.Alltoall(sizes, coming)
         arriving = {int(rank): bytearray(int(coming[rank])) for rank in np.flatnonzero(coming)}
         waiting = [self.comm.Irecv(room, source=rank, tag=_TAG) for rank, room in arriving.items()]
@@ -137,10 +141,16 @@ class Ranks:
         return {rank: found[rank] for rank in sorted(found)}
 
     def meet(self) -> None:
-        """Wait until all ranks are here, and leave the processor to them meanwhile: for long waits."""
-        request = self.comm.Ibarrier()
+        """Wait until all ranks are here, and leave the processor to them meanwhile.
+
+        MPI itself waits in a loop. Everything in which ranks wait for one another begins with this.
+        """
+        if self.size == 1:
+            return
+        request, pause = self.comm.Ibarrier(), 0.0
         while not request.Test():
-            time.sleep(_PAUSE)
+            time.sleep(pause)
+            pause = min(pause + _PAUSE, _LONGEST)
 
     @contextmanager
     def together(self) -> Iterator[None]:

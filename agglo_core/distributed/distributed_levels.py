@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from agglo_core.agglomeration.goals import CountGoal, Goal
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.domain import Domain
 from agglo_core.distributed.domain_run import DomainRun
 from agglo_core.distributed.shared_goals import Census, census_of, ready_goals, row_of
 from agglo_core.distributed.stages import Numbering, Stage
@@ -19,6 +20,12 @@ _NODES_PER_PART = 32
 
 _CELLS_PER_NODE = 16
 """Nodes that go into one before domains are joined, at most."""
+
+_FEWEST_CELLS = 4
+"""Nodes that go into one, at least: with fewer it is not worth it."""
+
+_SIZES_PER_PART = 4.0
+"""How many of them fit in a row into a part of a given size: they are never larger than it."""
 
 _FEW_NODES = 4096
 """Nodes of a domain that may be sent as they are."""
@@ -88,19 +95,19 @@ def _agglomerated(
 
 def _through(
     stage: Stage,
-    between: int,
+    between: Goal,
     goals: Sequence[Goal],
     maker: DomainRun,
     turn: int,
     told: Tell | None,
 ) -> list[Level]:
-    """The levels made of agglomerates of about ``between`` nodes."""
+    """The levels made of agglomerates of a level ``between``."""
+    total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
     with stage.ranks.together():
-        own = {}
-        for number, domain in stage.domains.items():
-            least = 0 if domain.n == 0 else int(domain.graph.components().max()) + 1
-            goal = CountGoal(max(least, domain.n // between))
-            own[number] = maker.intermediate(domain, goal, number, turn)
+        own = {
+            number: maker.intermediate(domain, _share(domain, between, total), number, turn)
+            for number, domain in stage.domains.items()
+        }
     return _above(stage, own, stage.numbered(own), goals, maker, turn, told)
 
 
@@ -122,11 +129,21 @@ def _above(
     ]
 
 
-def _between(census: Census, goal: Goal) -> int | None:
-    """Nodes to put into one before domains are joined; None if they are few, or the parts would be."""
+def _between(census: Census, goal: Goal) -> Goal | None:
+    """What is to be made before domains are joined; None if nodes are few, or parts would be of few."""
     total = int(census.nodes.sum())
-    if total <= _FEW_NODES * census.domains:
+    expected = max(census.expected(goal, 0), 1.0)
+    nodes = min(_CELLS_PER_NODE, int(total / (_NODES_PER_PART * expected)))
+    if total <= _FEW_NODES * census.domains or nodes < _FEWEST_CELLS:
         return None
-    room = int(total / (_NODES_PER_PART * max(census.expected(goal, 0), 1.0)))
-    nodes = min(_CELLS_PER_NODE, room)
-    return nodes if nodes >= 4 else None
+    if isinstance(goal, SizeGoal):  # which no agglomerate may exceed
+        return SizeGoal(goal.h_star / _SIZES_PER_PART)
+    return CountGoal(total // nodes)
+
+
+def _share(domain: Domain, between: Goal, total: int) -> Goal:
+    """The goal of one domain: its share of a count."""
+    if domain.n == 0 or isinstance(between, SizeGoal):
+        return between
+    fewest = int(domain.graph.components().max()) + 1
+    return CountGoal(max(fewest, round(between.parts * domain.n / total)))

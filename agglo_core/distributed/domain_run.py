@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,11 +45,10 @@ class DomainRun:
         """Labels ``(n,)`` of each level of domain ``number``; ``turn``: how often domains have changed."""
         if domain.n == 0:
             return [frozen_int(np.empty(0))] * len(goals)
-        cells_alone = turn == 0
-        make = line_levels if self.pipeline.lines and cells_alone else ordered_levels
         kway = self.pipeline.method == "kway"
         run, post = self._seeded(number, turn), self._post(domain, self.kept.bounds)
         with naming(self.kept.members):
+            make = self._maker(domain)
             return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
 
     def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:
@@ -57,7 +56,11 @@ class DomainRun:
         if domain.n == 0:
             return frozen_int(np.empty(0))
         run, post = self._seeded(number, turn), self._post(domain, ())
-        return ordered_levels(domain.by_itself(), [goal], run, post, kway=False, nested=True)[0]
+        return self._maker(domain)(domain.by_itself(), [goal], run, post, kway=False, nested=True)[0]
+
+    def _maker(self, domain: Domain) -> Callable[..., list[Int]]:
+        """How levels are made; agglomerates hold whole lines already."""
+        return line_levels if self.pipeline.lines and (domain.cells == 1).all() else ordered_levels
 
     def _post(self, domain: Domain, bounds: Sequence[Member]) -> PostPass:
         members = [replace(each, tool=each.tool.counting(domain.cells)) for each in bounds]

@@ -13,7 +13,7 @@ from on_ranks import on_ranks
 
 import agglo_core as agglo
 from agglo_core import Mesh, Pipeline, samples
-from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
+from agglo_core.distributed import DistributedMesh, Ranks, agglomerate, distributed_levels
 
 Labels = list[NDArray[Any]]
 
@@ -21,6 +21,7 @@ CASES: dict[str, dict[str, Any]] = {
     "sizes": {"h_factor": (2, 4, 8)},
     "counts down to one part": {"n_parts": (120, 24, 3, 1)},
     "few parts only": {"n_parts": 2},
+    "few of a size": {"h_star": 0.5},
     "regions": {"regions": "mat", "n_parts": (120, 30, 6)},
     "barriers": {"barriers": "crack", "h_factor": (3, 9)},
     "where": {"where": "mat", "cells_per_part": (8, 40)},
@@ -118,6 +119,19 @@ def test_all_of_it_with_labels_that_do_not_depend_on_the_ranks() -> None:
         for one, other in zip(alone[name], levels, strict=True):
             np.testing.assert_array_equal(one, other, err_msg=name)
     check_rules(mesh, found)
+
+
+def small_domains(cases: Mapping[str, dict[str, Any]], few: int) -> dict[str, Labels]:
+    """The same where so many nodes of a domain are many: agglomerates are made before domains are joined."""
+    distributed_levels._FEW_NODES = few
+    return labels_of(cases, False)
+
+
+def test_agglomerates_in_between_keep_sizes_and_counts() -> None:
+    cases = {"few parts only": CASES["few parts only"], "few of a size": CASES["few of a size"]}
+    found, mesh = on_ranks(3, small_domains, cases, 60)[0], cracked()
+    for name, levels in found.items():
+        check_levels(mesh, name, levels)
 
 
 def test_one_rank_makes_the_levels_of_one_machine() -> None:
