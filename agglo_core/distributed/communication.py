@@ -41,7 +41,15 @@ class RankError(AggloError, RuntimeError):
 
 @dataclass
 class Traffic:
-    """What this rank has sent to others: messages, and bytes in them."""
+    """What this rank has sent to others: messages, and bytes in them.
+
+    Examples
+    --------
+    >>> ranks = Ranks()
+    >>> found = ranks.gathered(3.5)
+    >>> ranks.traffic  # of one rank
+    Traffic(messages=0, bytes=0)
+    """
 
     messages: int = 0
     bytes: int = 0

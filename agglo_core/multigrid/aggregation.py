@@ -134,7 +134,7 @@ def aggregation_stack(
     >>> from agglo_core.multigrid import aggregation_stack
     >>> A = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(1000, 1000))
     >>> [level.A.shape[0] for level in aggregation_stack(A, coarsest=200).levels]
-    [1000, 334, 112]
+    [1000, 333, 111]
     """
     matrix, offsets, B = checked_system(A, block_offsets, near_null)
     given = checked_labels(labels, len(offsets) - 1)

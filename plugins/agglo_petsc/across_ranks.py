@@ -16,6 +16,7 @@ from agglo_core.authoring import (
     Mesh,
     OptionError,
     Patches,
+    Registry,
     default,
     distributed,
     frozen_float,
@@ -80,6 +81,7 @@ def solve_across(
     max_iterations: int = 300,
     smoother: Smoother = "auto",
     petsc_options: str = "",
+    registry: Registry | None = None,
 ) -> AcrossRanks:
     """Solve −∇·(κ∇u) = f on a distributed mesh with PETSc's conjugate gradients and our levels; collective.
 
@@ -98,6 +100,8 @@ def solve_across(
         As for :func:`~agglo_petsc.ksp_history.solve`.
     smoother, petsc_options
         As for :func:`~agglo_petsc.pcmg.setup`.
+    registry : Registry, optional
+        Where ``polydg_mg`` is looked up, whose discretisation this is; by default that of the program.
 
     Raises
     ------
@@ -107,7 +111,8 @@ def solve_across(
         For what fails on another rank.
     """
     mesh, PETSc = hierarchy.mesh, petsc()
-    how = default().build("solver", "polydg_mg", degree=degree).discretisation
+    known = default() if registry is None else registry
+    how = known.build("solver", "polydg_mg", degree=degree).discretisation
     rows = _assembled(problem, mesh, how, degree)
     comm = PETSc.Comm(mesh.ranks.comm)
     A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))

@@ -54,7 +54,7 @@ def test_tables_pictures_pages_and_json_tell_how_many(
     run = RunResult("inertial", agglo.agglomerate(mesh, n_parts=(16, 5)), levels)
     show("a table", [run])
     assert "– (16 undefined)" in capsys.readouterr().out
-    assert "OfLarge – (16 undefined)" in _title(levels[0])
+    assert "OfLarge – (16 undefined)" in _title(levels[0], usual=False)
     assert level_data(levels[0])["undefined"] == {"OfLarge": 16}
     page = payload(mesh, [run])
     assert page["runs"][0]["levels"][0]["undefined"] == {"OfLarge": 16}

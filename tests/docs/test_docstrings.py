@@ -36,7 +36,7 @@ EXEMPT = {
         axes_block block_ranks centre_block half_circle halvings planar_frame principal_frames print_table
         scan_thresholds sweep_arrays turned
         conjugate_gradients frozen grow helper integer_shares iterated kernel limit_told read_system
-        symmetric_system
+        symmetric_system tentative
     """,
 }
 """Public names without an example, each with what it is instead of something that programs call."""
