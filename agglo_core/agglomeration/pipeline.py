@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from numbers import Integral
 from pathlib import Path
@@ -20,6 +20,7 @@ from agglo_core.agglomeration.ordered_levels import ordered_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import warn_of_large_cells
 from agglo_core.agglomeration.rules import Rules, imbalance
+from agglo_core.agglomeration.run import Run
 from agglo_core.agglomeration.run_file import RunFile
 from agglo_core.agglomeration.stretching import in_metric
 from agglo_core.errors import OptionError
@@ -171,16 +172,7 @@ class Pipeline(Rules):
         there = graph if self.metric is None else in_metric(mesh, graph, self.metric)
         allowed = constrained(graph, members, there)
         goals = self._goals(mesh, there, allowed)
-        run = new_run(
-            registry,
-            kway=self.method == "kway",
-            bisector=self.bisector,
-            refiners=self.refiners,
-            post_refiners=self.post_refiners if self.polish else (),
-            fixer=self.fixer,
-            seed=self.seed,
-            progress=listen,
-        )
+        run = self.new_run(registry, listen)
         check_bounds(graph, allowed, members, goals)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
@@ -202,18 +194,35 @@ class Pipeline(Rules):
             asdict(run.statistics) | told,
         )
 
+    def new_run(self, registry: Registry, progress: Listener | None = None) -> Run:
+        """A run of these components, looked up in ``registry``, which tells of its progress."""
+        return new_run(
+            registry,
+            kway=self.method == "kway",
+            bisector=self.bisector,
+            refiners=self.refiners,
+            post_refiners=self.post_refiners if self.polish else (),
+            fixer=self.fixer,
+            seed=self.seed,
+            progress=progress,
+        )
+
+    def goals(self, n_cells: int, mesh_size: Callable[[], float], alone: int) -> tuple[Goal, ...]:
+        """The goals on a mesh of so many cells, finest first: see :func:`~.goals.resolve_goals`."""
+        return resolve_goals(
+            n_cells,
+            mesh_size,
+            h_star=self.h_star,
+            h_factor=self.h_factor,
+            n_parts=self.n_parts,
+            cells_per_part=self.cells_per_part,
+            alone=alone,
+        )
+
     def _goals(self, mesh: Mesh | Graph, graph: Graph, allowed: Graph) -> tuple[Goal, ...]:
         def mesh_size() -> float:
             if isinstance(mesh, Mesh) and self.metric is None:
                 return mesh.h
             return float(graph.part_diameters(np.arange(graph.n)).max())
 
-        return resolve_goals(
-            graph.n,
-            mesh_size,
-            h_star=self.h_star,
-            h_factor=self.h_factor,
-            n_parts=self.n_parts,
-            cells_per_part=self.cells_per_part,
-            alone=alone(graph, allowed),
-        )
+        return self.goals(graph.n, mesh_size, alone(graph, allowed))

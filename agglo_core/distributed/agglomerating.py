@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, fields, replace
 
 from agglo_core.agglomeration import Pipeline
-from agglo_core.agglomeration.choices import new_run, short_name
+from agglo_core.agglomeration.choices import short_name
 from agglo_core.agglomeration.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
 from agglo_core.distributed.communication import Ranks
@@ -80,7 +80,7 @@ def agglomerate(
         start = started(mesh, given, known)
         begun = start.in_blocks(block_cells) if independent_of_ranks else start.where_they_lie()
         with ranks.together():
-            run = _new_run(given, known)
+            run = given.new_run(known)
         with phase(listen, "agglomerating") as tell:
             levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
         labels = [begun.of_own_cells(level.ids) for level in levels]
@@ -96,18 +96,6 @@ def agglomerate(
         asdict(statistics)
         | {"bisector": short_name(given.bisector), "method": given.method}
         | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes},
-    )
-
-
-def _new_run(pipeline: Pipeline, registry: Registry) -> Run:
-    return new_run(
-        registry,
-        kway=pipeline.method == "kway",
-        bisector=pipeline.bisector,
-        refiners=pipeline.refiners,
-        post_refiners=pipeline.post_refiners if pipeline.polish else (),
-        fixer=pipeline.fixer,
-        seed=pipeline.seed,
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agglo_core.agglomeration import Pipeline
-from agglo_core.agglomeration.goals import CountGoal, Goal, resolve_goals
+from agglo_core.agglomeration.goals import CountGoal, Goal
 from agglo_core.agglomeration.stretching import in_metric
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.blocks_by_coordinates import coordinate_blocks
@@ -99,12 +99,4 @@ def _goals(mesh: DistributedMesh, pipeline: Pipeline, cells: Cells, kept: Kept) 
         own = cells.graph.part_diameters(np.arange(cells.graph.n))[cells.own]
         return cells.ranks.largest(float(own.max(initial=0.0)))
 
-    return resolve_goals(
-        mesh.n_cells,
-        mesh_size,
-        h_star=pipeline.h_star,
-        h_factor=pipeline.h_factor,
-        n_parts=pipeline.n_parts,
-        cells_per_part=pipeline.cells_per_part,
-        alone=int(cells.ranks.summed(alone)),
-    )
+    return pipeline.goals(mesh.n_cells, mesh_size, int(cells.ranks.summed(alone)))
