@@ -31,9 +31,8 @@ EXEMPT = {
         Bisector ConnectivityFixer LevelBisector Partitioner Smoother Target
         Discretisation History Lifting MultigridLevel Problem Tell
         agglomeration_options bisectors_option choice load_mesh metrics_option print_lines
-        axes_block block_ranks centre_block half_circle halvings planar_frame principal_frames print_table
-        scan_thresholds sweep_arrays turned
-        conjugate_gradients frozen helper integer_shares iterated kernel limit_told read_system
+        print_table
+        conjugate_gradients limit_told
         symmetric_system tentative
     """,
 }
