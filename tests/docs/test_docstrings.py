@@ -30,8 +30,6 @@ EXEMPT = {
     "agglo_core.authoring": """
         Bisector ConnectivityFixer LevelBisector Partitioner Smoother Target
         Discretisation History Lifting MultigridLevel Problem Tell
-        agglomeration_options bisectors_option choice load_mesh metrics_option print_lines
-        print_table
         conjugate_gradients limit_told
         symmetric_system tentative
     """,
