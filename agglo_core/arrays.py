@@ -38,7 +38,15 @@ _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94
 
 
 def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """Read-only C-contiguous view of ``values`` in ``dtype`` (a copy only if one is needed)."""
+    """Read-only C-contiguous view of ``values`` in ``dtype`` (a copy only if one is needed).
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import frozen
+    >>> values = frozen([1, 2], np.int16)
+    >>> values, values.flags.writeable
+    (array([1, 2], dtype=int16), False)
+    """
     if type(values) is np.ndarray and values.dtype == dtype:  # most are frozen already
         flags = values.flags
         if flags.c_contiguous and not flags.writeable:

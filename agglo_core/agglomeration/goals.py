@@ -39,6 +39,13 @@ class SizeGoal:
 
     The state of a piece is its diameter: exact where ``h_star`` or one of the ``coarser`` sizes, which
     are also requested, is near; elsewhere any number on the same side of all of them.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import SizeGoal
+    >>> goal = SizeGoal(0.5)
+    >>> goal.target, goal.estimate(agglo.samples.squares(8).graph)
+    (Target(parts=None, h_star=0.5), 11)
     """
 
     h_star: float

@@ -91,6 +91,15 @@ def grow(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int = 0) -> tup
 
     Seeds follow from that of the run, the number of the ``stage`` and the place in the tree.
     Returns the tree, whose roots are the pieces, and the nodes of its leaves.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, Member, Run, SizeGoal, grow
+    >>> run = Run(Member(InertialBisection(), "mine"), [], [], Member(ConnectivityFixer(), "fixer"))
+    >>> strip = agglo.samples.strip(8).graph
+    >>> tree, leaves = grow(strip, strip.components(), SizeGoal(0.4), run)
+    >>> tree.labels(leaves)
+    array([0, 0, 1, 1, 2, 2, 3, 3])
     """
     with phase(run.progress, "agglomerating") as tell:
         return _grown(graph, labels, goal, run, stage, tell)

@@ -103,6 +103,14 @@ class Run:
     statistics : Statistics
     progress : callable, optional
         Told of each phase (:class:`~agglo_core.progress.Progress`): the caller.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, Member, Run, Target
+    >>> bisector, fixer = Member(InertialBisection(), "mine"), Member(ConnectivityFixer(), "fixer")
+    >>> run = Run(bisector, refiners=[], post_refiners=[], fixer=fixer)
+    >>> run.halve(agglo.samples.strip(4).graph, run.seeds(0, 1), Target(parts=2))
+    array([0, 0, 1, 1])
     """
 
     bisector: Member

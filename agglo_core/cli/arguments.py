@@ -16,7 +16,7 @@ Nothing heavy is imported before a mesh is loaded.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, overload
@@ -26,11 +26,19 @@ import click
 from agglo_core.cli.completing import names
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.rule_options import RULE_OPTIONS, RULES
+from agglo_core.cli.shared_options import (
+    COMPONENT,
+    Command,
+    Decorator,
+    bisectors_option,
+    metrics_option,
+    read_bisectors,
+    threads_option,
+)
 from agglo_core.cli.specs import (
     Value,
     all_bisectors,
     as_typed,
-    bisector_specs,
     choice,
     load_mesh,
     numbers,
@@ -40,7 +48,6 @@ from agglo_core.cli.specs import (
     split_specs,
 )
 from agglo_core.registry.options import parse_value
-from agglo_core.threads import using_threads
 
 __all__ = [
     "COMPONENT",
@@ -75,8 +82,6 @@ class _File(click.Path):
         return super().convert(value, param, ctx)
 
 
-COMPONENT = "NAME[:opt=val,…]"
-"""Metavar of an option that names a component."""
 FILE = _File(path_type=Path)
 METHODS = ("recursive", "kway")
 
@@ -91,14 +96,7 @@ _LAST = ("merge", "polish", "post_refiners", "constraints", "config", "allow_cod
 _ALL = ("bisector", "method", "nested", *_BARE, *_LAST, *RULES)
 _SEVERAL = {"refiners": ("refiner", "--refiner"), "post_refiners": ("refiner", "--post-refiner")}
 
-Command = Callable[..., Any]
-Decorator = Callable[[Command], Command]
 Amount = Literal["one", "several"]
-
-
-def read_bisectors(_: click.Context, __: click.Parameter, typed: Sequence[str]) -> list[str]:
-    """The bisectors of a repeatable option, whose values may be comma lists; a click callback."""
-    return bisector_specs(typed)
 
 
 def read_methods(_: click.Context, parameter: click.Parameter, text: str | None) -> list[str]:
@@ -111,52 +109,6 @@ def read_methods(_: click.Context, parameter: click.Parameter, text: str | None)
     refuse_duplicates(flag, methods)
     return methods
 
-
-def _read_metrics(_: click.Context, __: click.Parameter, text: str | None) -> list[Any] | None:
-    if text is None:
-        return None
-    from agglo_core.measure.selection import select
-
-    parsed = [as_typed(spec) for spec in split_specs(text)]
-    chosen = [(name, options) if options else name for name, options in parsed]
-    select(chosen)  # what cannot be measured is refused before a mesh is read
-    return chosen
-
-
-def bisectors_option(about: str) -> Decorator:
-    """Decorator that adds ``--bisector``, repeatable, for a command that takes ``bisectors``: texts."""
-    return click.option(
-        "--bisector",
-        "bisectors",
-        multiple=True,
-        metavar=COMPONENT,
-        shell_complete=names("bisector", several=True, also=("all",)),
-        callback=read_bisectors,
-        help=f"{about} Repeatable, or a comma list; 'all' for all that can be used.",
-    )
-
-
-def _use_threads(context: click.Context, _: click.Parameter, count: int | None) -> None:
-    context.with_resource(using_threads(count))
-
-
-threads_option = click.option(
-    "--threads",
-    type=Number(int, least=1),
-    expose_value=False,
-    callback=_use_threads,
-    help="Threads at work (default: AGGLO_THREADS, else 1); results do not depend on it.",
-)
-"""Decorator that adds ``--threads``: how many threads everything in the command may use."""
-
-metrics_option = click.option(
-    "--metrics",
-    metavar="LIST",
-    shell_complete=names("metric", several=True),
-    callback=_read_metrics,
-    help="Metrics (NAME[:opt=val,…]) or objectives to show in place of the default ones.",
-)
-"""Decorator that adds ``--metrics``: what :func:`agglo_core.measure.measure_levels` takes, or None."""
 
 _ONE_BISECTOR = click.option(
     "--bisector",
@@ -249,6 +201,16 @@ def agglomeration_options(
         ``bisectors`` besides, a list of texts for :func:`choice`, empty if none was given.
     method : "one" or "several"
         With "several" the command gets ``methods`` besides, a list of words, empty if none was given.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import agglomeration_options
+    >>> @click.command()
+    ... @agglomeration_options
+    ... def mine(agglomeration):
+    ...     print(agglomeration)
+    >>> mine(["--parts", "8,2", "--refiner", "none"], standalone_mode=False)
+    {'refiners': (), 'n_parts': (8, 2)}
     """
     if command is not None:
         return _gathering(command, [_REFINER, _FIXER, *_TARGET_OPTIONS], _BARE)

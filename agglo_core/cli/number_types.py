@@ -21,6 +21,16 @@ class Number(click.ParamType[float]):
         ``int`` or ``float``.
     least, above, most : number, optional
         It is at least ``least``, larger than ``above``, at most ``most``.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import Number
+    >>> Number(int, least=1).convert("3", None, None)
+    3
+    >>> Number(int, least=1).convert("0", None, None)
+    Traceback (most recent call last):
+        ...
+    click.exceptions.BadParameter: 0 is not in the range; expected a whole number of at least 1
     """
 
     kind: type[int] | type[float]

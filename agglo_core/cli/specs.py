@@ -48,6 +48,12 @@ def load_mesh(text: str | Path) -> Mesh:
         If it is a file that cannot be read, or neither a file nor the form of a sample.
     OptionError
         If it has the form of a sample, but is none.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import load_mesh
+    >>> load_mesh("squares:n=4")
+    Mesh('squares 4x4', 2-D, 16 cells, 40 faces, 25 points)
     """
     text = str(text)
     if not text:
@@ -157,6 +163,12 @@ def choice(kind: str, spec: str) -> tuple[str, dict[str, Any]]:
         If there is no such component, or it cannot be used.
     OptionError
         For an option that it does not have, or a value that does not fit.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import choice
+    >>> choice("bisector", "sweep:axes=4")
+    ('sweep', {'axes': 4})
     """
     name, options = as_typed(spec)
     record = default().record(kind, name)

@@ -104,6 +104,15 @@ def print_table(
         Of the :class:`Table`. A command with columns to spare has ``--json``, to which the reader is sent.
     boxed : bool
         Whether lines are drawn around the cells where there is room for them.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import print_table
+    >>> print_table("", ["bisector", "parts"], [["sweep", "8"], ["metis", "16"]], boxed=False)
+    bisector  parts
+    --------  -----
+    sweep         8
+    metis        16
     """
     table = Table(
         list(map(shown, columns)),
@@ -118,7 +127,15 @@ def print_table(
 
 
 def print_lines(text: str) -> None:
-    """Print the lines of a text on stdout, folded at spaces alone: paths stay whole."""
+    """Print the lines of a text on stdout, folded at spaces alone: paths stay whole.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import print_lines
+    >>> print_lines("8 parts\\n2 parts")
+    8 parts
+    2 parts
+    """
     width = terminal_columns()
     for line in shown(text).split("\n") if text else ():
         click.echo(line_for(width, line), file=stdout())

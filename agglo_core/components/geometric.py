@@ -42,6 +42,13 @@ class InertialBisection:
     Axes of nearly isotropic blocks (squares, cubes) come from the fourth moments.
 
     Source: Simon, "Partitioning of unstructured problems for parallel processing".
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import InertialBisection
+    >>> strip = agglo.samples.strip(4).graph
+    >>> InertialBisection().bisect_level(strip, np.zeros(1, np.uint64))
+    array([0, 0, 1, 1])
     """
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:

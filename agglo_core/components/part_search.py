@@ -35,6 +35,16 @@ class PartSearch:
         When the search for the parts of a connected graph ends, by a clock on the wall.
     balance : Balance
         How even sizes of parts are to be; for solvers, and numbers of parts.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import PartSearch
+    >>> PartSearch.checked("mine", "fast", "roundness").objective
+    'roundness'
+    >>> PartSearch.checked("mine", "quick", "roundness")
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.OptionError: mine: effort must be fast, good or best, given 'quick'
     """
 
     effort: Literal["fast", "good", "best"]

@@ -67,6 +67,14 @@ class PieceGrowth:
         Of the refinement; negative for none.
     tiny : int
         Pieces of at most so many cells are split to the end before connections are tested.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, to_nobody
+    >>> strip, seeds = agglo.samples.strip(8).graph, np.zeros(1, np.uint64)
+    >>> growth = InertialBisection().grow(strip, strip.components(), [], ConnectivityFixer())
+    >>> growth.split(frozen_int([4]), seeds, to_nobody)[0]
+    array([0, 0, 1, 1, 2, 2, 3, 3])
     """
 
     def __init__(

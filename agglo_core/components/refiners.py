@@ -36,6 +36,14 @@ class InterfaceRefiner:
     ------
     OptionError
         If ``floor`` is anything else.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import InterfaceRefiner, Target
+    >>> strip = agglo.samples.strip(6).graph
+    >>> labels = np.array([0, 1, 0, 0, 1, 1])
+    >>> InterfaceRefiner(floor=0.5).refine(strip, labels, np.zeros(1, np.uint64), Target(parts=2))
+    array([0, 0, 0, 0, 1, 1])
     """
 
     objective = "interface"

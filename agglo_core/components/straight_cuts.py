@@ -30,6 +30,13 @@ class SweepBisection:
     ----------
     axes : int
         Directions to try in the plane, evenly over the half circle.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import SweepBisection
+    >>> strip = agglo.samples.strip(6).graph
+    >>> SweepBisection(axes=4).bisect_level(strip, np.zeros(1, np.uint64))
+    array([0, 0, 0, 1, 1, 1])
     """
 
     def __init__(self, axes: int = 8) -> None:

@@ -84,6 +84,16 @@ def principal_frames(level: Graph) -> tuple[Float, Float]:
         Orthonormal rows, that of the largest second moment first.
     coordinates : (n, d) float
         Relative to the centre of mass of the block.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import principal_frames
+    >>> frames, coordinates = principal_frames(agglo.samples.strip(4).graph)
+    >>> np.abs(frames[0])
+    array([[1., 0.],
+           [0., 1.]])
+    >>> np.abs(coordinates[:, 0])
+    array([0.375, 0.125, 0.125, 0.375])
     """
     blocks = level.block_ids
     weights = block_shares(level.weights, blocks)
@@ -149,7 +159,15 @@ def _ranks(values: Float, groups: Int, extents: Float) -> Int:
 
 
 def block_ranks(level: Graph, values: Float, extents: Float) -> Int:
-    """Rank of each value in its block, the same for values connected by a chain of tiny steps."""
+    """Rank of each value in its block, the same for values connected by a chain of tiny steps.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import block_ranks
+    >>> values = np.array([0.2, 0.1, 0.1 + 1e-9, 0.5])
+    >>> block_ranks(agglo.samples.strip(4).graph, values, extents=np.array([0.4]))
+    array([1, 0, 0, 2])
+    """
     return _ranks(values, level.block_ids, extents[level.block_ids])
 
 
@@ -188,7 +206,14 @@ def block_shares(values: Float, blocks: Int) -> Float:
 
 
 def integer_shares(values: Float, blocks: Int) -> Int:
-    """:func:`block_shares` times 2**40, rounded: sums over any number of blocks are exact."""
+    """:func:`block_shares` times 2**40, rounded: sums over any number of blocks are exact.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import integer_shares
+    >>> integer_shares(np.array([1.0, 3.0, 5.0]), np.array([0, 0, 1])) // 2**38
+    array([1, 3, 4])
+    """
     integers: Int = np.rint(block_shares(values, blocks) * 2.0**_SHARE_BITS).astype(np.int64)
     return integers
 

@@ -70,6 +70,13 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
 
 
 def sweep_arrays(level: Graph) -> tuple[Int, Int, Index, Float, Float, Float, Float]:
-    """What the kernels of the sweep want: blocks, CSR, interfaces, centroids, weights, measures."""
+    """What the kernels of the sweep want: blocks, CSR, interfaces, centroids, weights, measures.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import sweep_arrays
+    >>> [array.shape for array in sweep_arrays(agglo.samples.strip(4).graph)]
+    [(2,), (5,), (6,), (6,), (4, 2), (4,), (4,)]
+    """
     csr = (level.offsets, level.indptr, level.indices, level.interface)
     return (*csr, level.centroids, level.weights, level.measures)

@@ -65,6 +65,15 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
         For another suffix; if a file is missing or corrupt.
     OptionError
         If the arrays make no system, see :class:`~agglo_core.problems.System`.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import System, read_system, write_system
+    >>> A = sparse.csr_array(np.diag([2.0, 4.0]))
+    >>> write_system("two.npz", System(A, np.ones(2)))
+    >>> read_system("two.npz").A.toarray()
+    array([[2., 0.],
+           [0., 4.]])
     """
     source = Path(path)
     read = _chosen(source, {".npz": _read_npz, ".mtx": _read_market})

@@ -33,6 +33,13 @@ def kernel(
 
     ``reorder_sums`` lets the compiler vectorise reductions; results stay the same from run to run. One that
     calls helpers many times with many arrays, and makes and returns none, may say ``allocates=False``.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import kernel, turned
+    >>> compiled = kernel(turned)  # most often a decorator; what it is given has to be in a file
+    >>> compiled(3.0, 4.0, 0.0, 1.0)
+    (-4.0, 3.0)
     """
     if function is None:
         return lambda inner: kernel(inner, reorder_sums=reorder_sums, allocates=allocates)
@@ -58,6 +65,15 @@ def helper(
     Arrays are borrowed from the caller, so that no references are counted: two atomic additions for every
     array of every call. One that makes arrays, or calls a helper that does, says ``allocates=True``. One of
     many lines that is called in a loop meant for vector registers says ``inline=True``.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import helper
+    >>> @helper
+    ... def square(x):
+    ...     return x * x
+    >>> square(3.0)
+    9.0
     """
     if function is None:
         return lambda inner: helper(inner, reorder_sums=reorder_sums, allocates=allocates, inline=inline)

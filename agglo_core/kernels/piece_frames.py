@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.axes import planar_frame
+from agglo_core.kernels.centring import centre_points
 from agglo_core.kernels.compiling import helper
-from agglo_core.kernels.thresholds import centre_points
 
 __all__ = ["diagonalise", "load_piece", "point_room", "principal_frame"]
 
@@ -20,7 +20,7 @@ def point_room(m):
     """Work arrays for the points of a piece of at most m cells.
 
     Positions (3, m) about the centre of mass, shares of the weight, and one over the measure of a typical
-    section, inertia and its weight beside the cut (see ``thresholds.centre_points``).
+    section, inertia and its weight beside the cut (see ``centring.centre_points``).
     """
     return np.zeros((3, m)), np.empty(m), np.empty(3)
 

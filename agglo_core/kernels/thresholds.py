@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
+from agglo_core.kernels.centring import centre_block
 from agglo_core.kernels.compiling import helper, kernel
 
 __all__ = [
@@ -12,8 +13,6 @@ __all__ = [
     "axes_block",
     "bar_of",
     "centre_block",
-    "centre_points",
-    "compactness",
     "edge_room",
     "edges_of_block",
     "scan_thresholds",
@@ -28,19 +27,7 @@ NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, f
 _BINS = 32  # an even number: the middle of a symmetric score is a threshold
 _TIE = 1e-6  # of a bin: values that close to a threshold lie below it
 _CLIP = 2.0  # standard deviations from the mean: no thresholds beyond
-_COMPACT = 15.0  # least weight of the inertia beside the cut
-_GROWTH = 4.0  # times √n: its weight in a block of many cells
 _LONG = 0.5  # ratio of principal moments below which a block is long
-
-
-@helper
-def compactness(n):
-    """Weight of the inertia beside the cut of a block of n cells.
-
-    A longer cut harms two parts, unequal sides harm all the parts that they will be split into: the
-    more cells, the more that counts, but only like √n, so that necks are still found.
-    """
-    return max(_COMPACT, _GROWTH * np.sqrt(n))
 
 
 @helper(allocates=True)
@@ -89,6 +76,15 @@ def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
 
     ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it, and is
     cleared for the next time; the numbers are what lies below the first bin.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import scan_thresholds
+    >>> tally = np.zeros((32, 5))
+    >>> tally[0] = -0.5, 0.0, 0.0, 0.5, 1.0  # half of the weight below all thresholds, an edge
+    >>> tally[31] = 0.5, 0.0, 0.0, 0.5, -1.0  # to the other half, above them
+    >>> print(*scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale=1.0, inertia=1.0, weight=15.0))
+    4.0 0
     """
     best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
     for b in range(_BINS):
@@ -145,52 +141,6 @@ def write_sides(start, n, found, score, bins, sides):
         sides[start + i] = bins[i] > last
 
 
-@helper
-def centre_block(start, n, centroids, weights, measures, local, shares):
-    """Fill positions about the centre of mass, and shares; return 1 / section, inertia and its weight."""
-    d = centroids.shape[1]
-    total, measure = 0.0, 0.0
-    for i in range(n):
-        shares[i] = weights[start + i]
-        total += weights[start + i]
-        measure += measures[start + i]
-    for k in range(d):
-        for i in range(n):
-            local[k, i] = centroids[start + i, k] - centroids[start, k]
-    for i in range(n if d == 2 else 0):
-        local[2, i] = 0.0
-    return centre_points(n, d, local, shares, total, measure)
-
-
-@helper(reorder_sums=True)
-def _centre(n, column, shares):
-    """Make the mean of a column 0; returns its variance."""
-    mean, variance = 0.0, 0.0
-    for i in range(n):
-        mean += shares[i] * column[i]
-    for i in range(n):
-        column[i] -= mean
-        variance += shares[i] * column[i] ** 2
-    return variance
-
-
-@helper
-def centre_points(n, d, local, shares, total, measure):
-    """Centre the positions ``local (3, n)``, of d rows, and make shares of the weights; see ``centre_block``.
-
-    ``total`` is the sum of the weights, ``measure`` that of the measures.
-    """
-    for i in range(n):
-        shares[i] = shares[i] / total if total > 0.0 else 1.0 / n
-    inertia = 0.0
-    for k in range(d):
-        inertia += _centre(n, local[k], shares)
-    scale = 1.0
-    if measure > 0.0:
-        scale = 1.0 / np.sqrt(measure) if d == 2 else measure ** (-2.0 / 3.0)
-    return scale, max(inertia, 1e-300), compactness(n)
-
-
 @helper(reorder_sums=True)
 def _project(n, a, b, x, y, score):
     """Fill ``score = a x + b y``; returns its extremes."""
@@ -209,6 +159,17 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
     left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
     cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis; leaves the
     coordinates along it in ``score``.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import axes_block, half_circle, halvings
+    >>> local, shares = np.zeros((3, 4)), np.full(4, 0.25)
+    >>> local[0] = -1.5, -0.5, 0.5, 1.5  # a row of four, each with an edge to the next
+    >>> edges = (np.array([0, 1, 2]), np.array([1, 2, 3]), np.ones(3)), 3
+    >>> angles, work = (half_circle(2), halvings(2, 0)), (np.empty(4), np.empty(4, int), np.zeros((32, 5)))
+    >>> best, *axis = axes_block(4, edges, local, shares, (0.5, 1.25, 15.0), *angles, *work)
+    >>> print(*best, *axis)
+    5.0 10 -1.5 10.666666666666666 1.0 0.0
     """
     cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
     mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)

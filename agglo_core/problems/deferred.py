@@ -11,7 +11,16 @@ _Record = TypeVar("_Record")
 
 
 class Deferred:
-    """A value that is made once, by ``make``, when it is first asked for; what made it is let go then."""
+    """A value that is made once, by ``make``, when it is first asked for; what made it is let go then.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import Deferred
+    >>> answer = Deferred(lambda: print("made") or 42)
+    >>> answer.value, answer.value
+    made
+    (42, 42)
+    """
 
     def __init__(self, make: Callable[[], Any]) -> None:
         self._make: Callable[[], Any] | None = make

@@ -107,6 +107,12 @@ def iterated(iterations: int, size: float, tolerance: float) -> tuple[float, str
         Of the residual, relative to the first one.
     tolerance : float
         Size wanted, below 1.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import iterated
+    >>> iterated(3, 1e-3, 1e-6)
+    (0.5, 'iteration 3, relative residual 1.0e-03')
     """
     text = f"iteration {iterations}, relative residual {size:.1e}"
     if not 0.0 < tolerance < size < 1.0:

@@ -15,7 +15,15 @@ __all__ = ["Member", "attributed"]
 
 @dataclass(frozen=True)
 class Member:
-    """A component in use: the object that was built (``tool``) and its name in error messages (``title``)."""
+    """A component in use: the object that was built (``tool``) and its name in error messages (``title``).
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import InertialBisection, Member
+    >>> member = Member(InertialBisection(), "bisector 'mine'")
+    >>> type(member.tool).__name__, member.title
+    ('InertialBisection', "bisector 'mine'")
+    """
 
     tool: Any
     title: str
@@ -35,6 +43,15 @@ def attributed(owner: str, *, spare: tuple[type[Exception], ...] = ()) -> Iterat
         The component as :func:`~agglo_core.registry.describe` calls it.
     spare : tuple of exception types
         What passes as it is. A PluginError is given its owner even then.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import attributed
+    >>> with attributed("bisector 'mine'"):
+    ...     1 / 0
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.PluginError: bisector 'mine' raised ZeroDivisionError: division by zero
     """
     try:
         with folder_kept(owner):

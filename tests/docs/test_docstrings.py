@@ -28,14 +28,9 @@ EXEMPT = {
     "agglo_core.protocols": "all",  # what components offer: docs/how-to/write-other-components.md
     "agglo_core.draw.plot": "panels_of short_name",  # what plot of objects draws with
     "agglo_core.authoring": """
-        Deferred Member Number Run SizeGoal
         Bisector ConnectivityFixer LevelBisector Partitioner Smoother Target
         Discretisation History Lifting MultigridLevel Problem Tell
-        InertialBisection InterfaceRefiner PartSearch PieceGrowth SweepBisection
-        agglomeration_options attributed bisectors_option choice load_mesh metrics_option print_lines
-        axes_block block_ranks centre_block half_circle halvings planar_frame principal_frames print_table
-        scan_thresholds sweep_arrays turned
-        conjugate_gradients frozen grow helper integer_shares iterated kernel limit_told read_system
+        conjugate_gradients limit_told
         symmetric_system tentative
     """,
 }
