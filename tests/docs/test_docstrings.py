@@ -17,17 +17,10 @@ from documented import MODULES, callables
 import agglo_core
 
 EXEMPT = {
-    "agglo_core.mesh": "compared_diameters diameters_of wide_parts",  # arrays of the recursion
-    "agglo_core.hierarchy": "Tree",  # what the recursion leaves; hierarchies are made from it
-    "agglo_core.io": "Meshlane Npz OpenFoam Vtu",  # components: read and write call them by suffix
-    "agglo_core.interchange": "to_pyvista",  # needs pyvista; in docs/how-to/interchange.md
-    "agglo_core.problems": "Coarsening Discretisation Lifting MultigridLevel Problem",  # given to components
     "agglo_core.multigrid": "Adapted CoarseOperator CoarseSolver LevelSmoother Transfer adapted",  # the same
-    "agglo_core.progress": "Tell noted_limits unwrapped",  # for code that runs components
-    "agglo_core.draw.plot": "panels_of short_name",  # what plot of objects draws with
     "agglo_core.authoring": """
         Deferred Member Number Run SizeGoal
-        Discretisation History Lifting MultigridLevel Problem Tell
+        History
         InertialBisection InterfaceRefiner PartSearch PieceGrowth SweepBisection
         agglomeration_options attributed bisectors_option choice load_mesh metrics_option print_lines
         axes_block block_ranks centre_block half_circle halvings planar_frame principal_frames print_table
