@@ -16,6 +16,14 @@ class ConnectivityFixer:
     "Largest" is by mass, "most" by interface; growth is outwards from what is kept, so every part
     is connected by construction and no label is created or dropped. Of equal ones (up to rounding) the place
     among the components decides, not the numbering of the cells.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import ConnectivityFixer
+    >>> graph = agglo.samples.strip(4).graph
+    >>> ConnectivityFixer().fix(graph, np.array([0, 0, 1, 0]))
+    array([0, 0, 1, 1])
     """
 
     def fix(self, graph: Graph, labels: Int) -> Int:

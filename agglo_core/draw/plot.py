@@ -158,7 +158,16 @@ def _panels(
 def panels_of(
     mesh: Mesh, explode: float | None = None, section: Sequence[float] | None = None
 ) -> PlanePanels | SolidPanels:
-    """What draws the panels of a mesh; OptionError for what a plane mesh cannot have."""
+    """What draws the panels of a mesh; OptionError for what a plane mesh cannot have.
+
+    Examples
+    --------
+    >>> from agglo_core.draw.plot import panels_of
+    >>> type(panels_of(agglo.samples.squares(2))).__name__
+    'PlanePanels'
+    >>> type(panels_of(agglo.samples.boxes(2))).__name__
+    'SolidPanels'
+    """
     if mesh.dim == 3:
         return SolidPanels(mesh, _EXPLODE if explode is None else explode, section)
     for name, given in (("explode", explode), ("section", section)):
@@ -177,7 +186,14 @@ def _entitle(axis: Any, title: str) -> None:
 
 
 def short_name(text: str, most: int = 34) -> str:
-    """Return at most ``most`` characters, the middle left out: titles must not run into each other."""
+    """Return at most ``most`` characters, the middle left out: titles must not run into each other.
+
+    Examples
+    --------
+    >>> from agglo_core.draw.plot import short_name
+    >>> short_name("agglomerates.vtu", most=9)
+    'aggl…vtu'
+    """
     return text if len(text) <= most else f"{text[: most // 2]}…{text[-(most // 2 - 1) :]}"
 
 

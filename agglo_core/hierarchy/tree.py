@@ -45,6 +45,15 @@ class Tree:
     diameter : (N,) float
         Diameter, exact where a target is near, elsewhere a number on the same side of every target;
         NaN where no target asked for it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.hierarchy import Tree
+    >>> of_node = np.array([-1, 0, 0]), np.array([0, 0, 2]), np.array([3, 2, 3])  # a root and its halves
+    >>> tree = Tree(np.array([2, 0, 1]), *of_node, diameter=np.array([3.0, 2.0, 1.0]))
+    >>> tree.cut(2.0), tree.labels(tree.cut(2.0))
+    (array([1, 2]), array([0, 1, 0]))
     """
 
     cells: Int

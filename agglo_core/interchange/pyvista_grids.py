@@ -32,6 +32,12 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
         If pyvista is not installed.
     MeshError
         If the hierarchy belongs to another mesh, or a cell tag has a name that VTU cannot hold.
+
+    Examples
+    --------
+    >>> from agglo_core.interchange import to_pyvista
+    >>> to_pyvista(agglo.samples.squares(2)).n_cells  # doctest: +SKIP
+    4
     """
     try:
         import pyvista

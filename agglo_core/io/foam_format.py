@@ -25,6 +25,14 @@ class OpenFoam(Compressing):
         Leave outer faces that lie on one another as they are.
     compress : bool
         Write gzipped files.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import OpenFoam
+    >>> OpenFoam().write(Path("case.foam"), agglo.samples.boxes(2))
+    >>> OpenFoam().read(Path("case.foam")).n_cells
+    8
     """
 
     suffixes: tuple[str, ...] = (".foam",)

@@ -30,6 +30,14 @@ class Meshlane(Reading):
         Merge exactly equal points on reading.
     allow_gaps : bool
         Leave outer faces that lie on one another as they are.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Meshlane
+    >>> Meshlane().write(Path("mesh.vtk"), agglo.samples.squares(2))
+    >>> Meshlane().read(Path("mesh.vtk")).n_cells
+    4
     """
 
     suffixes: tuple[str, ...] = tuple(_SUFFIXES.split())

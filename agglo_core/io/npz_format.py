@@ -26,6 +26,14 @@ class Npz(Compressing):
         Leave outer faces that lie on one another as they are.
     compress : bool
         Deflate the arrays: smaller files, slower to write and to read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Npz
+    >>> Npz(compress=True).write(Path("mesh.npz"), agglo.samples.squares(2))
+    >>> Npz().read(Path("mesh.npz")).n_cells
+    4
     """
 
     suffixes: tuple[str, ...] = (".npz",)

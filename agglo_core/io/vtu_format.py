@@ -27,6 +27,14 @@ class Vtu(Compressing):
         Leave outer faces that lie on one another as they are.
     compress : bool
         Write zlib of the arrays: smaller files, slower to write and to read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import Vtu
+    >>> Vtu().write(Path("mesh.vtu"), agglo.samples.squares(2))
+    >>> Vtu().read(Path("mesh.vtu")).n_cells
+    4
     """
 
     suffixes: tuple[str, ...] = (".vtu",)

@@ -23,6 +23,15 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
     vertex_offsets, vertices : CSR
         Vertices of each cell.
     points : (p, d) float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import diameters_of
+    >>> graph = agglo.samples.squares(2).graph
+    >>> shape = graph.vertex_offsets, graph.vertices, graph.points
+    >>> diameters_of(np.array([0, 1, 4]), np.arange(4), *shape).round(3)  # a cell, and the three others
+    array([0.707, 1.414])
     """
     from agglo_core.kernels.geometry import block_diameters
 
@@ -39,6 +48,16 @@ def compared_diameters(
     """As :func:`diameters_of`, but only on the right side of each of the ascending ``limits (k,)``.
 
     Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times faster.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import compared_diameters
+    >>> graph = agglo.samples.squares(2).graph
+    >>> shape = graph.vertex_offsets, graph.vertices, graph.points
+    >>> found = compared_diameters(np.array([0, 1, 4]), np.arange(4), *shape, np.array([1.0]))
+    >>> found <= 1.0
+    array([ True, False])
     """
     from agglo_core.kernels.geometry import compare_diameters
 
@@ -56,6 +75,15 @@ def wide_parts(
     """Which of the parts ``asked (k,)`` are wider than ``limit``; the labels ``(n,)`` are below k.
 
     Bounds of all come from one pass over the cells, in any order; few are so near that they are measured.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.mesh import wide_parts
+    >>> graph = agglo.samples.squares(2).graph
+    >>> labels, asked = np.array([0, 1, 1, 1]), np.array([True, True])
+    >>> wide_parts(labels, asked, 1.0, graph.vertex_offsets, graph.vertices, graph.points)
+    array([False,  True])
     """
     from agglo_core.kernels.graphs import listed_blocks
     from agglo_core.kernels.part_faults import extend_parts

@@ -39,6 +39,15 @@ class Adapted:
     title : str
         How errors call the smoother.
     guard : Guard
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import Adapted
+    >>> A = np.diag([2.0, 4.0])
+    >>> smoother = Adapted(lambda b, x: x + 0.25 * (b - A @ x), A)
+    >>> smoother.before(np.ones(2))  # x from 0, and what is left of b
+    (array([0.25, 0.25]), array([0.5, 0. ]))
     """
 
     smooth: Any
@@ -108,6 +117,19 @@ def adapted(
     ------
     PluginError
         If setup returns no function.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import adapted
+    >>> from agglo_core.problems import MultigridLevel
+    >>> class Jacobi:
+    ...     def setup(self, level):
+    ...         return lambda b, x: x + (b - level.A @ x) / level.A.diagonal()
+    >>> A = np.diag([2.0, 4.0])
+    >>> level = MultigridLevel(A, A, np.arange(3), np.arange(2), P=None, coarse=None, steps=1)
+    >>> adapted(Jacobi(), level).after(np.ones(2), np.zeros(2))
+    array([0.5 , 0.25])
     """
     with guard():
         smooth = smoother.setup(level)

@@ -18,7 +18,20 @@ __all__ = ["CoarseOperator", "CoarseSolver", "Transfer", "part"]
 
 @runtime_checkable
 class Transfer(Protocol):
-    """Says what the unknowns of a coarse level are on the next finer one; restriction is the transpose."""
+    """Says what the unknowns of a coarse level are on the next finer one; restriction is the transpose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import Transfer
+    >>> class Constants:
+    ...     def prolongation(self, step):
+    ...         n = len(step.parents)
+    ...         return sparse.csr_array((np.ones(n), (np.arange(n), step.parents)))
+    >>> isinstance(Constants(), Transfer)
+    True
+    """
 
     def prolongation(self, step: Coarsening) -> Any:
         """Return P ``(n, m)`` sparse, the coarse unknowns part by part; or a CoarseSpace, which says more."""
@@ -26,7 +39,17 @@ class Transfer(Protocol):
 
 @runtime_checkable
 class CoarseOperator(Protocol):
-    """Makes the matrix of a coarse level."""
+    """Makes the matrix of a coarse level.
+
+    Examples
+    --------
+    >>> from agglo_core.multigrid import CoarseOperator
+    >>> class Product:
+    ...     def coarse_matrix(self, step, P):
+    ...         return P.T @ step.A @ P
+    >>> isinstance(Product(), CoarseOperator)
+    True
+    """
 
     def coarse_matrix(self, step: Coarsening, P: Any) -> Any:
         """Return a symmetric positive definite matrix ``(m, m)`` sparse, for P ``(n, m)``."""
@@ -34,7 +57,20 @@ class CoarseOperator(Protocol):
 
 @runtime_checkable
 class CoarseSolver(Protocol):
-    """Solves on the coarsest level, and wherever a smoother adds the correction of the next level."""
+    """Solves on the coarsest level, and wherever a smoother adds the correction of the next level.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import CoarseSolver
+    >>> class Dense:
+    ...     def solver_for(self, A):
+    ...         inverse = np.linalg.inv(A.toarray())
+    ...         return lambda b: inverse @ b
+    >>> isinstance(Dense(), CoarseSolver), Dense().solver_for(sparse.diags_array([2.0, 4.0]))(np.ones(2))
+    (True, array([0.5 , 0.25]))
+    """
 
     def solver_for(self, A: Any) -> Solve:
         """Return a function that maps b ``(n,)`` to x with A x = b; LinAlgError if A cannot be factorised."""

@@ -80,6 +80,20 @@ def tentative(labels: Int, count: int, near_null: Float) -> Tentative:
     count : int
         Number of aggregates.
     near_null : (n, k) float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import tentative
+    >>> found = tentative(np.array([0, 0, 0, 0, 1]), 2, np.ones((5, 1)))
+    >>> found.T.toarray()
+    array([[0.5, 0. ],
+           [0.5, 0. ],
+           [0.5, 0. ],
+           [0.5, 0. ],
+           [0. , 1. ]])
+    >>> found.near_null.ravel()
+    array([2., 1.])
     """
     inside = np.flatnonzero(labels >= 0)
     order = inside[np.argsort(labels[inside], kind="stable")]

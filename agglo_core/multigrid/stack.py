@@ -32,6 +32,24 @@ class LevelSmoother(Protocol):
 
     ``after`` must be the mirror image of ``before`` for the cycle to be symmetric: if before takes
     x = B b from 0, after takes x + Bᵀ (b − A x).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import LevelSmoother
+    >>> class Richardson:
+    ...     def __init__(self, A):
+    ...         self.A = A
+    ...
+    ...     def before(self, b):
+    ...         x = 0.25 * b
+    ...         return x, b - self.A @ x
+    ...
+    ...     def after(self, b, x):
+    ...         return x + 0.25 * (b - self.A @ x)
+    >>> smoother: LevelSmoother = Richardson(np.diag([2.0, 4.0]))
+    >>> smoother.before(np.ones(2))[1]
+    array([0.5, 0. ])
     """
 
     def before(self, b: Real) -> tuple[Real, Real]:

@@ -74,6 +74,17 @@ def limit_told(history: History, A: Any, b: Float) -> History:
 
     It ended by ``"rounding"`` if that is :data:`LIMIT` or less and the energy error leaves two digits; other
     histories are given back as they are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.authoring import History, limit_told
+    >>> A, b = sparse.diags_array([1.0, 2.0]).tocsr(), np.ones(2)
+    >>> known = np.array([1.0, 0.5]), np.array([1.0, 1e-9]), False, "stagnation: 1e-9", 1e-10
+    >>> told = limit_told(History(*known, ended="stagnation"), A, b)
+    >>> told.ended, told.reason
+    ('rounding', 'as accurate as double precision allows (backward error 0e+00): 1e-9')
     """
     error = backward_error(A, history.x, b) if history.ended == "stagnation" else None
     if error is None:

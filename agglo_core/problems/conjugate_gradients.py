@@ -65,6 +65,16 @@ def conjugate_gradients(
 
     As in MATLAB's ``pcg``, an iteration that does not converge returns the iterate of smallest residual,
     whose number is the length of the history; ``reason`` says how many iterations were done.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.authoring import conjugate_gradients
+    >>> A = sparse.diags_array([1.0, 2.0, 4.0]).tocsr()
+    >>> history = conjugate_gradients(A, np.ones(3))
+    >>> history.x.round(6), history.iterations, history.converged
+    (array([1.  , 0.5 , 0.25]), 3, True)
     """
     claim = _Claim(A, b, tolerance, measure or relative_to(b), energy or energy_of_solution(b))
     run = _Run(A, np.zeros(len(b)), b.copy())

@@ -75,6 +75,14 @@ class Discretisation(Protocol):
     A solver that has one as its attribute ``discretisation`` gets files, pictures and error norms of
     ``agglo solve``. ``accepts`` lists the kinds of problem it discretises; what the
     unknowns of other problems, such as a linear system, mean is known only to their author.
+
+    Examples
+    --------
+    >>> polydg = agglo.registry.default().build("solver", "direct", degree=1).discretisation
+    >>> mesh = agglo.samples.squares(2)
+    >>> system = polydg.assemble(agglo.Diffusion(), mesh)
+    >>> system.n, polydg.evaluate(mesh, polydg.project(mesh, 3.0), mesh.cell_centroids[:1]).round(12)
+    (12, array([3.]))
     """
 
     accepts: tuple[str, ...]

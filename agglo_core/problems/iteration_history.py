@@ -53,6 +53,14 @@ class History:
     iteration that ``ended`` by ``"rounding"`` is then as accurate as double precision allows. ``correction``
     is the next step, as long as the last, if the iteration converged and knows it: with a good preconditioner
     x is nearer yet with it, though not known to be.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import History
+    >>> history = History(np.zeros(1), np.array([1.0, 0.1]), converged=True, reason="converged")
+    >>> history.iterations, history.final
+    (1, True)
     """
 
     x: Float

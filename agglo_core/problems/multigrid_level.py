@@ -59,6 +59,16 @@ class MultigridLevel:
         Smoothing steps asked for in one application.
     patches : Patches, optional
         Groups of parts that meet at a vertex; None without a mesh.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.problems import MultigridLevel
+    >>> A, P = sparse.diags_array([2.0, 4.0]), sparse.csr_array([[1.0], [1.0]])
+    >>> level = MultigridLevel(A, A, np.arange(3), np.arange(2), P, coarse=None, steps=1)
+    >>> (level.P.T @ level.A @ level.P).toarray()
+    array([[6.]])
     """
 
     A: Any
@@ -92,6 +102,16 @@ class Coarsening:
         the method has no coarse space of its own.
     rediscretised : callable, optional
         Makes the matrix ``(m, m)`` of the problem on the coarse parts; None where there is no discretisation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.problems import Coarsening
+    >>> parents = np.array([0, 0, 1])
+    >>> step = Coarsening(sparse.eye_array(3), np.arange(4), np.arange(3), parents, parents)
+    >>> step.A.shape, step.parents
+    ((3, 3), array([0, 0, 1]))
     """
 
     A: Any

@@ -20,6 +20,13 @@ class Problem(Protocol):
     ``kind`` is the name under which the class is declared as a component of the kind ``problem``; a solver
     lists those it takes in ``accepts``. Optional is ``posed_on(mesh)``, which returns the problem as it is
     on a mesh: called by :func:`~agglo_core.problems.named_problem`.
+
+    Examples
+    --------
+    >>> from agglo_core.problems import Problem
+    >>> problem: Problem = agglo.Diffusion(source=2.0)
+    >>> problem.kind
+    'diffusion'
     """
 
     kind: ClassVar[str]

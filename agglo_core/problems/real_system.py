@@ -23,6 +23,15 @@ def symmetric_system(problem: Linear) -> tuple[sparse.csr_array, Float]:
         For a matrix without entries (a LinearOperator), one that is not square or not symmetric; several
         right-hand sides, or a sparse one; complex numbers, values that are not numbers or not finite; shapes
         that do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import symmetric_system
+    >>> A, b = symmetric_system(agglo.Linear([[2, -1], [-1, 2]], [1, 0], np.arange(3)))
+    >>> A.toarray(), b
+    (array([[ 2., -1.],
+           [-1.,  2.]]), array([1., 0.]))
     """
     b, A = _vector(problem.b), sparse.csr_array(real_matrix(problem.A))
     unknowns = int(problem.block_offsets[-1])

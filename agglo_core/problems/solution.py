@@ -23,6 +23,14 @@ class Lifting:
 
     ``load (n,)`` is b − A offset, and the residual of x is load − A rest: both without the digits that are
     lost where the offset is far above the rest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.problems import Lifting
+    >>> lifting = Lifting(offset=np.array([100.0]), rest=np.array([0.5]), load=np.array([1.0]))
+    >>> lifting.offset + lifting.rest
+    array([100.5])
     """
 
     offset: Float

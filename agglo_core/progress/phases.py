@@ -45,7 +45,18 @@ Listener = Callable[[Progress], None]
 
 
 class Tell(Protocol):
-    """Tells how much of a phase is done."""
+    """Tells how much of a phase is done.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import Tell
+    >>> class Printed:
+    ...     def __call__(self, fraction, text=""):
+    ...         print(f"{fraction:.0%} {text}")
+    >>> tell: Tell = Printed()
+    >>> tell(0.5, "faces")
+    50% faces
+    """
 
     def __call__(self, fraction: float, text: str = "") -> None:
         """Tell a share in [0, 1], and details."""
@@ -154,6 +165,18 @@ def unwrapped(listen: Listener | None) -> Iterator[Listener | None]:
     """The listener for code that turns exceptions into others, or swallows them.
 
     What the listener raises leaves the block as it was raised, whatever is made of the stop within.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import phase, unwrapped
+    >>> def listen(now):
+    ...     raise ValueError("enough")
+    >>> try:
+    ...     with unwrapped(listen) as within, phase(within, "reading"):
+    ...         pass
+    ... except ValueError as error:
+    ...     print(error)
+    enough
     """
     if listen is None:
         yield None

@@ -67,7 +67,18 @@ def checked_seconds(owner: str, seconds: object) -> float | None:
 
 @contextmanager
 def noted_limits() -> Iterator[list[float]]:
-    """Context that yields the limits, in seconds, which end searches in it."""
+    """Context that yields the limits, in seconds, which end searches in it.
+
+    Examples
+    --------
+    >>> from agglo_core.progress import TimeLimit, noted_limits
+    >>> with noted_limits() as noted:
+    ...     limit = TimeLimit(1e-9)
+    ...     while not limit.over():
+    ...         pass
+    >>> noted
+    [1e-09]
+    """
     noted: list[float] = []
     token = _noted.set(noted)
     try:

@@ -62,7 +62,10 @@ def described(module: str) -> Iterator[str]:
 def written(alias: Any) -> str:
     """A type as it would be annotated, without the names of numpy's own modules."""
     return (
-        str(alias).replace("typing.", "").replace("numpy.dtype", "dtype").replace("agglo_core.protocols.", "")
+        str(alias)
+        .replace("typing.", "")
+        .replace("numpy.dtype", "dtype")
+        .replace("agglo_core.protocols.on_constraints.", "")
     )
 
 

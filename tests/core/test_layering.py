@@ -57,7 +57,7 @@ MAY_IMPORT = {
 }
 """The folders of the core (and its few loose modules), and what each may import: arrows run one way."""
 
-LOOSE = {"__init__", "__main__", "arrays", "authoring", "errors", "moved", "threads", "protocols"}
+LOOSE = {"__init__", "__main__", "arrays", "authoring", "errors", "moved", "threads"}
 
 
 def dotted(file: Path) -> str:

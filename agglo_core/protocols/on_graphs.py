@@ -1,0 +1,203 @@
+"""What splits, refines and mends parts of a graph."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, UInt64
+
+if TYPE_CHECKING:
+    from agglo_core.graph import Graph
+
+__all__ = [
+    "Aiming",
+    "Bisector",
+    "ConnectivityFixer",
+    "LevelBisector",
+    "Partitioner",
+    "Refiner",
+    "Sides",
+    "Target",
+    "TargetAware",
+]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the parts must satisfy: a count, or a mesh size.
+
+    Attributes
+    ----------
+    parts : int, optional
+        Number of parts wanted of the whole graph.
+    h_star : float, optional
+        Largest diameter allowed for a part, in the units of the graph.
+
+    Examples
+    --------
+    >>> from agglo_core.protocols import Target
+    >>> Target(parts=8)
+    Target(parts=8, h_star=None)
+    """
+
+    parts: int | None = None
+    h_star: float | None = None
+
+
+Sides = NDArray[Any]
+"""``(n,)`` integers or booleans in {0, 1}, or floats in [0, 1]: the probability of side 1."""
+
+
+@runtime_checkable
+class Bisector(Protocol):
+    """The simple form: split one connected graph in two.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.protocols import Bisector
+    >>> class Halves:
+    ...     def bisect(self, graph, rng):
+    ...         return np.arange(graph.n) >= graph.n // 2
+    >>> isinstance(Halves(), Bisector)
+    True
+    >>> Halves().bisect(agglo.samples.squares(2).graph, np.random.default_rng(0))
+    array([False, False,  True,  True])
+    """
+
+    def bisect(self, graph: Graph, rng: np.random.Generator) -> Sides:
+        """Return the side of each node, shape ``(n,)``; both sides non-empty for n >= 2."""
+
+
+@runtime_checkable
+class LevelBisector(Protocol):
+    """The fast form: split every block of a level in one call.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import split_at_median
+    >>> from agglo_core.protocols import LevelBisector
+    >>> class LeftRight:
+    ...     def bisect_level(self, level, seeds):
+    ...         return split_at_median(level, level.centroids[:, 0], level.centroids)
+    >>> isinstance(LeftRight(), LevelBisector)
+    True
+    >>> LeftRight().bisect_level(agglo.samples.squares(2).graph, seeds=[0])
+    array([0, 1, 0, 1])
+    """
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
+        """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
+
+
+@runtime_checkable
+class TargetAware(Protocol):
+    """Optional: a bisector that wants to know what the pieces are to become.
+
+    Examples
+    --------
+    >>> from agglo_core.protocols import Target, TargetAware
+    >>> class Counting:
+    ...     parts = None
+    ...
+    ...     def for_target(self, target):
+    ...         aware = Counting()
+    ...         aware.parts = target.parts
+    ...         return aware
+    >>> isinstance(Counting(), TargetAware), Counting().for_target(Target(parts=8)).parts
+    (True, 8)
+    """
+
+    def for_target(self, target: Target) -> LevelBisector | Bisector:
+        """Return the bisector for pieces that are to meet ``target``: ``self`` if nothing depends on it.
+
+        Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
+        """
+
+
+@runtime_checkable
+class Aiming(Protocol):
+    """The form of :class:`TargetAware` in version 0.1, which is deprecated and still works.
+
+    Examples
+    --------
+    >>> from agglo_core.protocols import Aiming
+    >>> class Unmoved:
+    ...     def aim(self, target):
+    ...         return self
+    >>> isinstance(Unmoved(), Aiming)
+    True
+    """
+
+    def aim(self, target: Target) -> LevelBisector | Bisector:
+        """Do what ``for_target`` does."""
+
+
+@runtime_checkable
+class Partitioner(Protocol):
+    """Optional: direct k-way partition of a connected graph; refined unless ``final_parts = True``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.protocols import Partitioner, Target
+    >>> class Runs:
+    ...     def partition(self, graph, target, seed):
+    ...         return np.arange(graph.n) * target.parts // graph.n
+    >>> isinstance(Runs(), Partitioner)
+    True
+    >>> Runs().partition(agglo.samples.squares(2).graph, Target(parts=2), seed=0)
+    array([0, 0, 1, 1])
+    """
+
+    def partition(self, graph: Graph, target: Target, seed: int) -> Int:
+        """Return labels ``(n,)`` in ``0..target.parts-1``, for a size ``0..n-1``; faults are mended."""
+
+
+@runtime_checkable
+class Refiner(Protocol):
+    """Improves labels without emptying a part or raising any part's number of components.
+
+    ``objective`` says what never gets worse: one of :data:`agglo_core.graph.objectives.OBJECTIVES`, such
+    as ``"interface"`` (total length) or ``"compactness"`` (moment of inertia), or the name of a metric,
+    whose values are then summed over the parts.
+
+    Examples
+    --------
+    >>> from agglo_core.protocols import Refiner
+    >>> class Content:
+    ...     objective = "interface"
+    ...
+    ...     def refine(self, graph, labels, seeds, target):
+    ...         return labels  # no worse
+    >>> isinstance(Content(), Refiner)
+    True
+    """
+
+    objective: str
+
+    def refine(self, graph: Graph, labels: Int, seeds: UInt64, target: Target) -> Int:
+        """Return new labels ``(n,)`` whose declared objective is no worse."""
+
+
+@runtime_checkable
+class ConnectivityFixer(Protocol):
+    """Makes every part connected, keeping the label set of each block.
+
+    Examples
+    --------
+    >>> from agglo_core import authoring
+    >>> from agglo_core.protocols import ConnectivityFixer
+    >>> class LargestStays:
+    ...     def fix(self, graph, labels):
+    ...         return authoring.ConnectivityFixer().fix(graph, labels)
+    >>> isinstance(LargestStays(), ConnectivityFixer)
+    True
+    """
+
+    def fix(self, graph: Graph, labels: Int) -> Int:
+        """Return new labels ``(n,)``; the identity on labels whose parts are all connected."""

@@ -1,0 +1,108 @@
+"""What is solved, and what solves it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, runtime_checkable
+
+from agglo_core.arrays import Float
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+    from agglo_core.problems import MultigridLevel, Problem, Solution
+
+__all__ = ["ProblemKind", "Smoother", "Solver"]
+
+
+@runtime_checkable
+class ProblemKind(Protocol):
+    """A record of what is to be solved: a frozen class whose ``kind`` is the name it is declared by.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> from typing import ClassVar
+    >>> from agglo_core.protocols import ProblemKind
+    >>> @dataclass(frozen=True)
+    ... class Decay:
+    ...     kind: ClassVar[str] = "decay"
+    ...     rate: float = 1.0
+    ...
+    ...     @classmethod
+    ...     def from_table(cls, table, mesh, folder):
+    ...         return cls(table["rate"])
+    ...
+    ...     @classmethod
+    ...     def example(cls, mesh):
+    ...         return cls()
+    >>> isinstance(Decay(), ProblemKind), Decay.from_table({"rate": 2.0}, None, None).rate
+    (True, 2.0)
+    """
+
+    kind: ClassVar[str]
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:
+        """Return the problem a TOML table describes; relative file names start from ``folder``.
+
+        An AggloError names the key that is wrong.
+        """
+
+    @classmethod
+    def example(cls, mesh: Mesh) -> Self:
+        """Return a small problem with exactly one solution on any mesh: for laws and tests of solvers."""
+
+
+@runtime_checkable
+class Smoother(Protocol):
+    """Smooths the error on one level of a multigrid method.
+
+    One that works without the correction of the next level says ``uses_coarse = False``: none is factorised.
+
+    Examples
+    --------
+    >>> from agglo_core.protocols import Smoother
+    >>> class Jacobi:
+    ...     def setup(self, level):
+    ...         return lambda b, x: x + 0.5 * (b - level.A @ x) / level.A.diagonal()
+    >>> isinstance(Jacobi(), Smoother)
+    True
+    """
+
+    def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
+        """Return ``smooth(b, x)``: a better x ``(n,)``; it may be a ``multigrid.LevelSmoother`` as well."""
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """Solves a problem with the help of a hierarchy of coarse meshes.
+
+    ``accepts``, if present, lists the kinds of problem it takes; ``discretisation``, if present, says what
+    its unknowns mean (:class:`~agglo_core.problems.Discretisation`). One that promises ``symmetric`` also
+    has ``aspreconditioner(problem, hierarchy)``, which returns a ``scipy.sparse.linalg.LinearOperator``.
+    One that needs no levels says ``needs_levels = False``, or if it is plain conjugate gradients ``plain_cg =
+    True``; one whose coarse operators are not Pᵀ A P, but discretised anew or rounded, ``galerkin = False``.
+    With ``tells_progress = True`` it takes ``progress``, None or for :func:`agglo_core.progress.phase`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy.sparse.linalg import spsolve
+    >>> from agglo_core.authoring import symmetric_system
+    >>> from agglo_core.protocols import Solver
+    >>> class Exact:
+    ...     def solve(self, problem, hierarchy):
+    ...         A, b = symmetric_system(problem)
+    ...         x = spsolve(A.tocsc(), b)
+    ...         sizes = np.linalg.norm([b, b - A @ x], axis=1)
+    ...         return agglo.Solution(x, A, b, [], sizes, True, "factorised", 1, {})
+    >>> isinstance(Exact(), Solver)
+    True
+    >>> Exact().solve(agglo.Linear(np.diag([2.0, 4.0]), np.ones(2), np.arange(3)), None).x
+    array([0.5 , 0.25])
+    """
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy) -> Solution:
+        """Return the solution with its convergence history."""

@@ -1,0 +1,99 @@
+"""What measures agglomerates, and what reports on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+
+from agglo_core.arrays import Float, Int
+
+if TYPE_CHECKING:
+    from agglo_core.graph import Graph
+    from agglo_core.mesh import Mesh
+
+__all__ = ["IncrementalMetric", "QualityMetric", "Section"]
+
+
+@runtime_checkable
+class QualityMetric(Protocol):
+    """One number per agglomerate.
+
+    ``homogeneity`` is the power p of a length that values scale with in 2-D: 0 for ratios, 1 for lengths. In
+    3-D ratios are ratios too; where p is not 0, lengths may become areas: a whole power from p to 2 p.
+
+    Four attributes are optional, false where they are missing. ``undefined``: some agglomerates have no
+    value, which is NaN; reports count them, and means are over the others. ``directional``: values depend on
+    the directions of the axes. ``relative``: values depend on far agglomerates too, as diam(P) / h does.
+    ``shape_only``: the cells of an agglomerate change nothing, nor do the edges that they cut its outline in.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.protocols import QualityMetric
+    >>> class CellCount:
+    ...     better, bounds, homogeneity = "high", (1.0, np.inf), 0
+    ...
+    ...     def measure(self, mesh, labels):
+    ...         return np.bincount(labels).astype(float)
+    >>> isinstance(CellCount(), QualityMetric)
+    True
+    >>> CellCount().measure(agglo.samples.squares(2), np.array([0, 0, 0, 1]))
+    array([3., 1.])
+    """
+
+    better: Literal["high", "low"]
+    bounds: tuple[float, float]
+    homogeneity: int
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Return the value of each agglomerate, shape ``(k,)`` for labels ``0..k-1``."""
+
+
+@runtime_checkable
+class IncrementalMetric(Protocol):
+    """Optional: a metric that can tell what a move would change, so that refiners can optimise it.
+
+    Its objective is the sum of the values over all parts, in the direction of ``better``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.protocols import IncrementalMetric
+    >>> class SquaredCount:
+    ...     def changes(self, graph, labels, cells, parts):
+    ...         count, old = np.bincount(labels), labels[cells]
+    ...         return np.where(old == parts, 0.0, 2.0 * (count[parts] - count[old] + 1))
+    >>> isinstance(SquaredCount(), IncrementalMetric)
+    True
+    >>> labels = np.array([0, 0, 0, 1])
+    >>> SquaredCount().changes(agglo.samples.squares(2).graph, labels, np.array([2, 3]), np.array([1, 0]))
+    array([-2.,  6.])
+    """
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Return by how much the sum of values changes ``(q,)`` if cell i alone moves to part i.
+
+        ``labels (n,)`` number the parts of all blocks, 0..k-1; ``cells`` and ``parts`` are ``(q,)``.
+        """
+
+
+@runtime_checkable
+class Section(Protocol):
+    """A section of the report; where its fragment is empty it is left out.
+
+    Examples
+    --------
+    >>> from agglo_core.protocols import Section
+    >>> class Size:
+    ...     title = "Size"
+    ...
+    ...     def html(self, mesh, runs):
+    ...         return f"<p>{mesh.n_cells} cells</p>"
+    >>> isinstance(Size(), Section), Size().html(agglo.samples.squares(2), [])
+    (True, '<p>4 cells</p>')
+    """
+
+    title: str
+
+    def html(self, mesh: Mesh, runs: Sequence[Any]) -> str:
+        """Return a fragment of HTML about the runs (:class:`agglo_core.measure.RunResult`) on a mesh."""
