@@ -7,6 +7,8 @@ pieces share a tag, and no graph is made for a piece. What costs time is the cut
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from agglo_core.kernels.compiling import ONE, helper, kernel
@@ -70,7 +72,8 @@ def piece_room(m, marks):
 def units_of(centroids, weights):
     """Factors that make lengths and weights of order 1; and which cells ``(n,)`` are a sample of all.
 
-    These are the chosen ones and the heavy ones. No sample ``(0,)`` if the weights are not spread enough.
+    Factors are powers of two: digits of what is scaled do not depend on what else there is. The sample is
+    the chosen cells and the heavy ones; there is none ``(0,)`` if the weights are not spread enough.
     """
     extent, total = 0.0, 0.0
     for k in range(centroids.shape[1]):
@@ -80,12 +83,14 @@ def units_of(centroids, weights):
         extent = max(extent, high - low)
     for i in range(len(weights)):
         total += weights[i]
-    length, weight = 1.0 / extent if extent > 0.0 else 1.0, len(weights) / total if total > 0.0 else 1.0
+    mean = total / len(weights)
+    length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, -math.frexp(mean)[1])
+    bands = _BANDS / mean if mean > 0.0 else 0.0
     uneven, sample = 0, np.empty(len(weights), np.uint8)
     for start in range(0, len(weights), _RUN):
         count = 0
         for i in range(start, int(min(start + _RUN, len(weights)))):
-            chosen = is_chosen(weights[i], _BANDS * weight)
+            chosen = is_chosen(weights[i], bands)
             count += chosen
             sample[i] = chosen | (weights[i] * weight > HEAVY)
         uneven += not 0 < count < 3 * _RUN // SAMPLED
