@@ -1,7 +1,6 @@
 """The one module plugin authors import from: everything a component, a command or a declaration needs.
 
-Names are imported when first used, so that ``from agglo_core.authoring import hookimpl`` is light. They are
-kept from version to version; other modules may move. Our own plugins import from nowhere else.
+Names are imported when first used, and kept from version to version. Our own plugins import nothing else.
 """
 
 from __future__ import annotations
@@ -67,7 +66,8 @@ if TYPE_CHECKING:
     from agglo_core.io.system_files import read_system, write_system
     from agglo_core.kernels import helper, kernel, piece_driver, piece_frames, piece_splits, piece_sweeps
     from agglo_core.kernels.axes import half_circle, halvings, planar_frame, turned
-    from agglo_core.kernels.thresholds import NO_CUT, axes_block, centre_block, scan_thresholds
+    from agglo_core.kernels.centring import centre_block
+    from agglo_core.kernels.thresholds import NO_CUT, axes_block, scan_thresholds
     from agglo_core.measure import RunResult, quality
     from agglo_core.mesh import Mesh
     from agglo_core.multigrid.krylov import pcg, pcg_columns
@@ -130,7 +130,8 @@ problems.real_system: symmetric_system
 progress: Listener Progress Tell labelled phase to_nobody
 kernels: helper kernel
 kernels.axes: half_circle halvings planar_frame turned
-kernels.thresholds: NO_CUT axes_block centre_block scan_thresholds
+kernels.centring: centre_block
+kernels.thresholds: NO_CUT axes_block scan_thresholds
 agglomeration: Pipeline agglomerate
 measure: RunResult quality
 io: check_writable read read_hierarchy write
@@ -145,7 +146,6 @@ cli.number_types: Number
 cli.tables: print_lines print_table
 threads: over_ranges
 """
-"""Modules of the core, and the names taken from each."""
 _LINES = (line.partition(":") for line in _TABLE.strip().splitlines())
 _HOME = MappingProxyType({name: module for module, _, names in _LINES for name in names.split()})
 _PIECES = dict.fromkeys(("piece_driver", "piece_frames", "piece_splits", "piece_sweeps"), "kernels.")

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-HEAVY = 4.0  # means: cells of more weight are in every sample
+HEAVY = 4.0  # in units of weight, half a mean to a mean: heavier cells are in every sample
 SAMPLED = np.int64(8)
 _RUN = 64  # successive cells to look at
 _BANDS = 87.7  # in the mean weight, which is inside one
@@ -84,7 +84,7 @@ def units_of(centroids, weights):
     for i in range(len(weights)):
         total += weights[i]
     mean = total / len(weights)
-    length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, -math.frexp(mean)[1])
+    length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, 1 - math.frexp(mean)[1])
     bands = _BANDS / mean if mean > 0.0 else 0.0
     uneven, sample = 0, np.empty(len(weights), np.uint8)
     for start in range(0, len(weights), _RUN):
