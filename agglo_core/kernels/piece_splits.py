@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 
-HEAVY = 4.0  # in units of weight, half a mean to a mean: heavier cells are in every sample
+HEAVY = 4.0  # means: cells of more weight are in every sample
 SAMPLED = np.int64(8)
 _RUN = 64  # successive cells to look at
 _BANDS = 87.7  # in the mean weight, which is inside one
@@ -73,7 +73,7 @@ def units_of(centroids, weights):
     """Factors that make lengths and weights of order 1; and which cells ``(n,)`` are a sample of all.
 
     Factors are powers of two: digits of what is scaled do not depend on what else there is. The sample is
-    the chosen cells and the heavy ones; there is none ``(0,)`` if the weights are not spread enough.
+    the chosen cells (1) and the heavy ones (2); there is none ``(0,)`` if the weights are not spread enough.
     """
     extent, total = 0.0, 0.0
     for k in range(centroids.shape[1]):
@@ -84,7 +84,7 @@ def units_of(centroids, weights):
     for i in range(len(weights)):
         total += weights[i]
     mean = total / len(weights)
-    length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, 1 - math.frexp(mean)[1])
+    length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, -math.frexp(mean)[1])
     bands = _BANDS / mean if mean > 0.0 else 0.0
     uneven, sample = 0, np.empty(len(weights), np.uint8)
     for start in range(0, len(weights), _RUN):
@@ -92,7 +92,7 @@ def units_of(centroids, weights):
         for i in range(start, int(min(start + _RUN, len(weights)))):
             chosen = is_chosen(weights[i], bands)
             count += chosen
-            sample[i] = chosen | (weights[i] * weight > HEAVY)
+            sample[i] = 2 if weights[i] > HEAVY * mean else chosen
         uneven += not 0 < count < 3 * _RUN // SAMPLED
     spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
     return length, weight, sample if spread else sample[:0]

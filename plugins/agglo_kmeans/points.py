@@ -45,7 +45,7 @@ def _sampled(cells, lo, hi, sample, chosen):
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
         chosen[m] = i  # no branch: it would be mispredicted
-        m += np.uint64(sample[i])
+        m += np.uint64(sample[i] > 0)
     return np.int64(m)
 
 
@@ -104,7 +104,7 @@ def load_points(cells, lo, hi, centroids, weights, units, room):
     extent = _gather(cells, lo, n, centroids, weights, units, points)
     if boost > one:
         for k in range(n):
-            w[k] *= boost if w[k] <= piece_splits.HEAVY else one
+            w[k] *= boost if units[2][np.uint32(cells[k])] < 2 else one
     total, cx, cy, cz = _first_moments(x, y, z, w, n)
     if not total > 1e-30:  # no weight in single precision: all alike
         total, cx, cy, cz = float(n), 0.0, 0.0, 0.0
