@@ -25,7 +25,7 @@ class Census(NamedTuple):
 
     nodes: Int
     alone: Int  # nodes without neighbours, here or elsewhere
-    components: Int  # of the other nodes
+    open: Int  # components with neighbours in other domains
     fewest: Int  # parts there must be, those alone included
     mass: Float  # of the nodes that are not alone
     estimates: Float  # (domains, goals): parts of each goal of a size
@@ -37,8 +37,8 @@ class Census(NamedTuple):
 
     @property
     def scattered(self) -> int:
-        """Components that only the borders of domains make."""
-        return int(self.components.sum()) - self.domains
+        """Pieces that only the borders of domains make, beyond one for each."""
+        return int(np.maximum(self.open - 1, 0).sum())
 
     def expected(self, goal: Goal, place: int) -> float:
         """How many parts the goal number ``place`` will have."""
@@ -54,14 +54,14 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
     leading_out[domain.links.node[~domain.links.barred]] = True
     alone = (np.diff(graph.indptr) == 0) & ~leading_out
     components = graph.components()
-    fewest = count = int(components.max()) + 1
+    fewest = int(components.max()) + 1
     for member in bounds:
         fewest = max(fewest, member.tool.counting(domain.cells).fewest(graph, components))
     sizes = [float(goal.estimate(graph)) if isinstance(goal, SizeGoal) else 0.0 for goal in goals]
     return [
         domain.n,
         int(alone.sum()),
-        count - int(alone.sum()),
+        len(np.unique(components[leading_out])),
         fewest,
         float(graph.mass[~alone].sum()),
         *sizes,
@@ -71,8 +71,8 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
 def census_of(rows: Sequence[Sequence[float]]) -> Census:
     """The census from the rows of all domains."""
     table = np.array(rows)
-    nodes, alone, components, fewest = (frozen_int(column) for column in table[:, :4].T)
-    return Census(nodes, alone, components, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
+    nodes, alone, open_, fewest = (frozen_int(column) for column in table[:, :4].T)
+    return Census(nodes, alone, open_, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
 
 
 def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:

@@ -17,6 +17,7 @@ from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.distributed_rules import Kept, kept_rules, with_ghosts
 from agglo_core.distributed.first_domains import first_domains
 from agglo_core.distributed.stages import Return, Stage, moved
+from agglo_core.errors import OptionError
 from agglo_core.registry import Registry
 
 __all__ = ["Beginning", "Start", "started"]
@@ -40,6 +41,8 @@ class Start:
 
     def in_blocks(self, block_cells: int) -> Beginning:
         """Domains are blocks by coordinates, whatever the rank of their cells."""
+        if not block_cells >= 1:
+            raise OptionError(f"block_cells must be at least 1, given {block_cells!r}")
         cells, ranks = self.cells, self.cells.ranks
         depth = max(0, int(np.ceil(np.log2(self.mesh.n_cells / block_cells))))
         own = cells.graph.centroids[cells.own]
