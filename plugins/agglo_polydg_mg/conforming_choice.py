@@ -13,6 +13,8 @@ __all__ = ["Difficulty", "difficulty", "strong_pairs"]
 
 _STRONG = 3.0
 _BAD = 0.06
+_UNEASY = 0.01
+"""The part of strong faces from which high degrees converge faster on vertex patches, at no more cost."""
 _JOINED = 2.0
 """Cells are smoothed together if the penalty between them is this many times the smallest of one of them."""
 _WEAK = 0.1
@@ -71,7 +73,8 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     A face is strong if its penalty is more than 3 times the smallest of one of its cells; a mesh with more
     than 6 % strong inner faces is bad (slivers, boundary layers).
 
-    * Bad meshes: groups of cells; from degree 2 on vertex patches.
+    * Bad meshes: groups of cells; from degree 2 on vertex patches, and from degree 3 on wherever more than
+      1 % of the inner faces are strong.
     * Polygons of more than 4 faces: no bubbles unless the mesh is bad, there are too many; from degree 3 on
       vertex patches.
     * Layers of flat triangles or quadrilaterals: classical levels, guided by the couplings in the cells.
@@ -111,7 +114,7 @@ def difficulty(mesh: Mesh, sigma: Float, kappa: Float, degree: int) -> Difficult
     contrast = float(kappa.max() / kappa.min())
     easy = degree == 1 and not (bad or layers) and contrast <= _SMOOTH
     smoother: Literal["cells", "groups", "patches"] = "cells"
-    if bad or (polygons and degree > 2):
+    if bad or (degree > 2 and (polygons or strong > _UNEASY)):
         smoother = "patches" if degree > 1 else "groups"
     dtype = np.float64 if contrast > _CONTRAST else np.float32
     reason = f"{100 * strong:.0f} % strong faces, at most {faces} faces a cell"

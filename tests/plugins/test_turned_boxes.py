@@ -124,7 +124,7 @@ def test_layers_athwart_are_solved_as_those_along_the_axes(degree: int) -> None:
 
 @pytest.mark.parametrize("degree", [4, 5, 6])
 def test_high_degrees_on_triangles_of_random_shape(degree: int) -> None:
-    mesh = samples.random_triangles(100, seed=SEED)
-    found = solved(mesh, degree)
-    assert found.converged
-    assert found.iterations <= 18
+    for seed in (SEED, 600612):  # the second has just under 6 % strong faces at degree 5
+        found = solved(samples.random_triangles(100, seed=seed), degree)
+        assert found.converged
+        assert found.iterations <= 8
