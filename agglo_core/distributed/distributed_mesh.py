@@ -18,6 +18,7 @@ from agglo_core.distributed.local_cells import FaceTags, across_ranks
 from agglo_core.distributed.mesh_laws import check_laws
 from agglo_core.distributed.moving import check_bounds, check_destinations, moved
 from agglo_core.distributed.sharing import scattered
+from agglo_core.distributed.touching_ranks import refuse_hanging_vertices
 from agglo_core.distributed.whole_cells import WholeCells, joined
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
@@ -115,6 +116,7 @@ class DistributedMesh(CellValues):
         cell_tags: Mapping[str, ArrayLike] | None = None,
         face_tags: FaceTags | None = None,
         weak: bool = False,
+        allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
         """Mesh from the cells that each rank holds; neighbours on other ranks are found by their points.
@@ -139,6 +141,10 @@ class DistributedMesh(CellValues):
             between two ranks one of them or both may say it.
         weak : bool
             As in :meth:`Mesh.from_polygons`: plane cells may have bridges to holes.
+        allow_gaps : bool
+            Whether outer faces that lie on one another are meant to be apart, as at fractures. Otherwise they
+            are refused if they have points in common, such as at vertices that hang on a face, on one rank
+            or between two, and told by a warning if not. Unlike :meth:`Mesh.conforming` nothing is joined.
         name : str
 
         Raises
@@ -147,12 +153,7 @@ class DistributedMesh(CellValues):
             For a cell that is faulty by itself, with its number on this rank (on other ranks RankError);
             on all ranks, naming ranks and cells: cell ids that are given twice or missing, a point at two
             places, three cells at a face, cells of two ranks that lie on the same side of a face, ranks
-            that differ in dimension or names of tags, no cells at all.
-
-        Notes
-        -----
-        Cells are neighbours if they have a face with the same points. Vertices that hang on a neighbour's
-        face are not looked for, as :meth:`Mesh.conforming` does.
+            that differ in dimension or names of tags, no cells at all, faces as said at ``allow_gaps``.
 
         Examples
         --------
@@ -165,7 +166,7 @@ class DistributedMesh(CellValues):
         with ranks.together():
             ids = whole_numbers(point_ids, "point_ids")
         given = given_cells(points, cells, ids, cell_ids, cell_tags, ranks, weak=weak, name=name)
-        return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
+        return cls._given(ranks, across_ranks(given, face_tags, ranks), allow_gaps, name)
 
     @classmethod
     def from_pieces(
@@ -178,6 +179,7 @@ class DistributedMesh(CellValues):
         cell_tags: Mapping[str, ArrayLike] | None = None,
         face_tags: FaceTags | None = None,
         weak: bool = False,
+        allow_gaps: bool = False,
         name: str = "",
     ) -> DistributedMesh:
         """As :meth:`from_local`, for points without global ids: those at exactly the same place are one.
@@ -190,7 +192,13 @@ class DistributedMesh(CellValues):
         """
         ranks = ranks or Ranks()
         given = given_cells(points, cells, None, cell_ids, cell_tags, ranks, weak=weak, name=name)
-        return cls._with_ghosts(ranks, across_ranks(given, face_tags, ranks), name)
+        return cls._given(ranks, across_ranks(given, face_tags, ranks), allow_gaps, name)
+
+    @classmethod
+    def _given(cls, ranks: Ranks, own: WholeCells, allow_gaps: bool, name: str) -> DistributedMesh:
+        if not allow_gaps:
+            refuse_hanging_vertices(own, ranks)
+        return cls._with_ghosts(ranks, own, name)
 
     @classmethod
     def _with_ghosts(cls, ranks: Ranks, own: WholeCells, name: str) -> DistributedMesh:

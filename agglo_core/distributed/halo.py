@@ -12,7 +12,7 @@ from agglo_core.distributed.whole_cells import WholeCells, distinct, parcels, pl
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["LocalMesh", "all_cells", "common_origin", "ghosts", "local_mesh", "own_cells"]
+__all__ = ["LocalMesh", "all_cells", "common_origin", "faces_of", "ghosts", "local_mesh", "own_cells"]
 
 
 class LocalMesh(NamedTuple):
@@ -30,7 +30,7 @@ def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
     cells = places(own.face_cells[border, one], own.cells)
     near = _near(own, distinct(cells))
     to, where = sides[border, 1 - one], places(own.cells[cells], near.cells)
-    rows, ends = _faces_of(near)
+    rows, ends = faces_of(near)
     offsets, entries = gather(ends, where)
     faces = frozen_int(np.repeat(to, np.diff(offsets))), frozen_int(rows[entries])
     return list(ranks.exchanged(parcels(near, (to, where), faces)).values())
@@ -44,7 +44,7 @@ def _near(own: WholeCells, cells: Int) -> WholeCells:
     return taken(own, cells, frozen_int(np.flatnonzero(faces)))
 
 
-def _faces_of(whole: WholeCells) -> tuple[Int, Int]:
+def faces_of(whole: WholeCells) -> tuple[Int, Int]:
     """Faces cell by cell, and where those of each cell begin ``(n + 1,)``."""
     sides = places(whole.face_cells, whole.cells).ravel()
     order = np.argsort(sides, kind="stable")

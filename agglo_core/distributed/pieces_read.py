@@ -53,7 +53,7 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
     tags = [name for name in facts[0].cell_tags if all(name in each.cell_tags for each in facts)]
     with ranks.together(), naming(file):
         usual = _common(facts)
-        given = _given(own, facts, tags, usual)
+        given = _given(own, facts, tags, usual) | {"allow_gaps": allow_gaps}
     if all(each.point_ids for each in facts):
         mesh = DistributedMesh.from_local(ranks, **given)
     else:

@@ -13,7 +13,7 @@ from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
 
-__all__ = ["TOLERANCE", "Joined", "join_outer_faces", "warn_of_gaps"]
+__all__ = ["TOLERANCE", "Joined", "join_outer_faces", "reach", "warn_of_gaps"]
 
 _log = logging.getLogger("agglo")
 
@@ -103,9 +103,9 @@ def _contacts(mesh: Derived, tolerance: float) -> tuple[Outer, Contacts]:
     pairs = facing_pairs(outer)
     owner = mesh.face_cells[outer.faces, 0]
     pairs = frozen_int(pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]])
-    contacts = find_contacts(outer, pairs, _reach(mesh, outer, pairs, tolerance))
+    contacts = find_contacts(outer, pairs, reach(mesh, outer, pairs, tolerance))
     if len(pairs) and tolerance < _NEAR:
-        near = find_contacts(outer, pairs, _reach(mesh, outer, pairs, _NEAR)).pairs
+        near = find_contacts(outer, pairs, reach(mesh, outer, pairs, _NEAR)).pairs
         near = near[~_among(near, contacts.pairs, len(owner))]
         if len(near):
             _log.warning("%s almost: the domain has a gap there. %s", _in_words(owner[near]), _NARROW)
@@ -118,7 +118,7 @@ def _in_words(cells: Int) -> str:
     return f"{len(cells)} pairs of outer faces, such as of cells {first} and {second}, lie on one another"
 
 
-def _reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
+def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     """How far apart two faces may be to lie on one another: a length for each pair."""
     if not len(pairs):
         return frozen_float([])

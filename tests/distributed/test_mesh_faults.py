@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -88,6 +89,44 @@ def given_cells(ranks: Ranks) -> None:
         r"cell 0 \(rank 0\) and cell 1 \(rank 1\) lie on the same side of a face",
         on(1, points=[[1, 0], [0.5, 0.5], [1, 1]], cells=[[0, 1, 2]], point_ids=[1, 30, 11]),
     )
+
+
+def hanging(ranks: Ranks) -> None:
+    """Faces that lie on one another without being the same: vertices in the middle of a neighbour's face."""
+
+    def given(points: Any, cells: Any, **more: Any) -> Callable[[], DistributedMesh]:
+        own = [cell for number, cell in enumerate(cells) if number % ranks.size == ranks.rank]
+        ids = np.arange(len(points))
+        return lambda: DistributedMesh.from_local(ranks, points, own, ids, **more)
+
+    message = r"faces of cell \d \(rank \d\) and cell \d \(rank \d\) lie on one another, but"
+    plane = [*SQUARE, [2, 0], [2, 0.5], [1, 0.5], [2, 1]]
+    small = [[1, 4, 5, 6], [6, 5, 7, 2]]
+    refused(ranks, None, message, given(plane, [[0, 1, 2, 3], *small]))
+    assert (
+        given(plane, [[0, 1, 6, 2, 3], *small])().local.face_cells.min(axis=1).max() >= 0
+    )  # it has that point
+    apart = given(plane, [[0, 1, 2, 3], *small], allow_gaps=True)()
+    assert len(apart.local.face_cells) == [4, 7, 7][ranks.rank]
+    solid = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [0, 0, -1]]
+    whole = [[0, 1, 3, 2], [0, 4, 1], [1, 4, 3], [3, 4, 2], [2, 4, 0]]  # a pyramid upon two tetrahedra
+    halves = [[[0, 1, 3], [0, 5, 1], [1, 5, 3], [3, 5, 0]], [[0, 3, 2], [0, 3, 5], [3, 2, 5], [2, 0, 5]]]
+    refused(ranks, None, message, given(solid, [whole, *halves]))
+    cut = [[0, 1, 3], [0, 3, 2], *whole[1:]]
+    assert given(solid, [cut, *halves])().n_cells == 3
+
+
+def touching(ranks: Ranks) -> list[str]:
+    """What is said of bodies that touch, with points of their own."""
+    told: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]
+    logging.getLogger("agglo").addHandler(handler)
+    mine = strip(ranks.rank) | {"point_ids": np.arange(4) + 4 * ranks.rank}
+    mesh = DistributedMesh.from_local(ranks, **mine)
+    assert len(mesh.global_ids) == 1
+    assert DistributedMesh.from_local(ranks, **mine, allow_gaps=True).n_cells == 3
+    return told
 
 
 def tagged(ranks: Ranks, values: list[int]) -> DistributedMesh:
@@ -208,13 +247,19 @@ def scattered(ranks: Ranks) -> DistributedMesh:
     return DistributedMesh.scatter(whole if ranks.rank == 0 else None, ranks)
 
 
-def refuse_all() -> None:
+def refuse_all() -> list[str]:
     ranks = Ranks()
     given_cells(ranks)
+    hanging(ranks)
     faces(ranks)
     values(ranks, scattered(ranks))
     laws(ranks, scattered(ranks))
+    return touching(ranks)
 
 
 def test_what_is_wrong_on_one_rank_is_told_on_all() -> None:
-    on_ranks(3, refuse_all)
+    warnings = on_ranks(3, refuse_all)
+    assert [len(each) for each in warnings] == [1, 0, 0]
+    assert warnings[0][0].startswith(
+        "outer faces, such as of cell 0 (rank 0) and cell 1 (rank 1), lie on one"
+    )
