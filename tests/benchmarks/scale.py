@@ -7,6 +7,9 @@ and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seco
 the counts, kernels compiled; ranks wait for one another in loops, so more ranks than cores cost more than
 they work. ``same`` tells whether the labels of ``independent_of_ranks`` are those of one rank. Then weak
 scaling, as many cells on each rank, and a model fitted to both: seconds, messages and bytes of a rank.
+
+Where borders of ranks lie changes parts as another seed does, so first shapes on ``--seeds`` meshes of a
+tenth of the triangles each: means, and the standard error of a difference to one rank on the same meshes.
 """
 
 from __future__ import annotations
@@ -113,19 +116,48 @@ def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
     }
 
 
-def launched(file: Path, size: int, full: bool) -> list[dict[str, Any]]:
-    """The results of all ranks."""
+def shapes_on_rank(cells: int, seeds: int) -> None:
+    """UF and CR of the finest level by counts, CR by sizes, mesh by mesh; rank 0 prints them as JSON."""
+    ranks = Ranks()
+    rows = []
+    for seed in range(1, seeds + 1):
+        whole = samples.random_triangles(cells // 2, seed=seed) if ranks.rank == 0 else None
+        mesh = DistributedMesh.scatter(whole, ranks, method="coordinates")
+        found = agglomerate(mesh, COUNTS).quality(0, ["UF", "CR"])
+        sized = agglomerate(mesh, SIZES)
+        rows.append([found["UF"], found["CR"], sized.quality(0, ["CR"])["CR"], sized.parts[0]])
+    if ranks.rank == 0:
+        print("RESULT" + json.dumps(rows), flush=True)
+
+
+def shapes(cells: int, seeds: int, sizes: Sequence[int]) -> None:
+    """Means over fresh meshes, and how they differ from one rank."""
+    print(f"\n{seeds} meshes of {cells:,} triangles: mean (difference to {sizes[0]} ± standard error)")
+    print("ranks              UF                     CR               sizes: CR            parts")
+    first = None
+    for size in sizes:
+        rows = np.array(launched(size, ["--shapes-of", str(cells), "--seeds", str(seeds)]))
+        first = rows if first is None else first
+        off = rows - first
+        error = off.std(axis=0, ddof=1) / np.sqrt(seeds)
+        told = [f"{rows[:, k].mean():.3f} ({off[:, k].mean():+.4f} ± {error[k]:.4f})" for k in range(3)] + [
+            f"{rows[:, 3].mean():8.0f}"
+        ]
+        print(f"{size:5}  " + "  ".join(told), flush=True)
+
+
+def launched(size: int, arguments: Sequence[str]) -> Any:
+    """What rank 0 of so many printed."""
     own = Path(sys.executable).parent / "mpiexec"
     mpiexec = str(own) if own.exists() else shutil.which("mpiexec")
     if mpiexec is None:
         raise SystemExit("there is no mpiexec: pip install 'agglo[mpi]'")
-    command = [mpiexec, "-n", str(size), sys.executable, "-m", "mpi4py", __file__, "--rank-of", str(file)]
-    done = subprocess.run(command + ["--full"] * full, capture_output=True, text=True, check=False)
+    command = [mpiexec, "-n", str(size), sys.executable, "-m", "mpi4py", __file__, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = [line for line in done.stdout.splitlines() if line.startswith("RESULT")]
     if done.returncode or not lines:
         raise SystemExit(done.stdout + done.stderr)
-    results: list[dict[str, Any]] = json.loads(lines[0].removeprefix("RESULT"))
-    return results
+    return json.loads(lines[0].removeprefix("RESULT"))
 
 
 def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[list[dict[str, Any]]]:
@@ -137,7 +169,7 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
     print(heads + "   kB sent  halo kB  B/cell")
     every = []
     for size in sizes:
-        ranks = launched(file, size, full=True)
+        ranks = launched(size, ["--rank-of", str(file), "--full"])
         every.append(ranks)
         first = ranks[0]
         row = {key: max(each[key] for each in ranks) for key in ("seconds", "messages", "bytes", "halo")}
@@ -161,7 +193,7 @@ def weak(cells: int, sizes: Sequence[int], folder: Path) -> list[list[dict[str, 
     for size in sizes:
         file = folder / f"weak{size}.npz"
         agglo.write(file, MESHES["triangles"](cells * size))
-        ranks = launched(file, size, full=False)
+        ranks = launched(size, ["--rank-of", str(file)])
         every.append(ranks)
         row = {key: max(each[key] for each in ranks) for key in ("seconds", "messages", "bytes")}
         print(f"{size:5} {row['seconds']:8.2f} {row['messages']:9} {row['bytes'] / 1e3:9.1f}", flush=True)
@@ -202,12 +234,18 @@ def main() -> None:
     parser.add_argument("meshes", nargs="*", default=["triangles", "voronoi", "tetrahedra"])
     parser.add_argument("--cells", type=int, default=1_000_000, help="tetrahedra: three tenths of it")
     parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3, 4])
+    parser.add_argument("--seeds", type=int, default=12, help="meshes whose shapes are compared")
+    parser.add_argument("--shapes-of", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--rank-of", help=argparse.SUPPRESS)
     parser.add_argument("--full", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.rank_of:
         on_rank(options.rank_of, options.full)
         return
+    if options.shapes_of:
+        shapes_on_rank(options.shapes_of, options.seeds)
+        return
+    shapes(options.cells // 10, options.seeds, options.ranks)
     with tempfile.TemporaryDirectory() as name:
         runs: list[list[dict[str, Any]]] = []
         for mesh in options.meshes:
