@@ -190,7 +190,7 @@ def refused(*cases: dict[str, Any]) -> list[str]:
 
 def test_many_bodies_are_agglomerated_where_they_lie() -> None:
     """Bodies that are whole on a rank are not taken for pieces that a border has made."""
-    bodies = samples.squares(24).with_tags(body=lambda x: (8 * x).astype(int) @ [8, 1])
+    bodies = samples.squares(80).with_tags(body=lambda x: (8 * x).astype(int) @ [8, 1])
     levels, moved = on_ranks(2, bytes_of_bodies, bodies)[0]
     assert levels.max() + 1 == 64
     assert len(np.unique(np.stack((levels, bodies.cell_tags["body"])), axis=1)[0]) == 64
@@ -199,7 +199,7 @@ def test_many_bodies_are_agglomerated_where_they_lie() -> None:
 
 def bytes_of_bodies(mesh: Mesh) -> tuple[NDArray[Any], int]:
     whole = shared(mesh)
-    made = agglomerate(whole, Pipeline(regions="body", h_star=1.0))
+    made = agglomerate(whole, Pipeline(regions="body", h_star=0.18))
     return whole.gather(made.levels[0]), made.statistics["bytes"]
 
 
