@@ -15,17 +15,16 @@ from agglo_core.authoring import (
     Int,
     Mesh,
     OptionError,
-    Patches,
     Registry,
     default,
     distributed,
     frozen_float,
     frozen_int,
-    multigrid,
 )
 from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
 from agglo_petsc.ksp_history import solve
 from agglo_petsc.label_levels import exponents, monomial
+from agglo_petsc.patches_across import patches_across
 from agglo_petsc.pcmg import Smoother, setup
 from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
 
@@ -85,15 +84,15 @@ def solve_across(
 ) -> AcrossRanks:
     """Solve −∇·(κ∇u) = f on a distributed mesh with PETSc's conjugate gradients and our levels; collective.
 
-    Each rank assembles the rows of its cells, with the sharp penalty. Levels are those of the hierarchy whose
-    parts lie on the rank of their cells, the finest ones; the coarsest of them is solved directly.
+    Each rank assembles the rows of its cells, with the sharp penalty. Levels are those of the hierarchy, also
+    those on fewer ranks: the others have no rows there. The coarsest is solved directly.
 
     Parameters
     ----------
     problem : Diffusion
         Data are numbers, functions, or given by tag; arrays of cells are not.
     hierarchy : DistributedHierarchy
-        Of the mesh, nested, made where the cells lie (without ``independent_of_ranks``).
+        Of the mesh, nested.
     degree : int
         Of the polynomials in each cell.
     tolerance, max_iterations
@@ -106,7 +105,7 @@ def solve_across(
     Raises
     ------
     OptionError
-        If no level has its parts where their cells are, or problem and mesh do not fit.
+        If the hierarchy is not nested, or problem and mesh do not fit.
     RankError
         For what fails on another rank.
     """
@@ -169,36 +168,19 @@ def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
 def _levels(
     A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, *, patches: bool
 ) -> PetscLevels:
-    """The levels whose parts are on the ranks of their cells."""
-    ranks = hierarchy.mesh.ranks
-    aggregates: list[Int] = []
-    for level, (labels, bounds) in enumerate(zip(hierarchy.levels, hierarchy.bounds, strict=True)):
-        here = (labels >= bounds[ranks.rank]) & (labels < bounds[ranks.rank + 1])
-        if not all(ranks.gathered(bool(here.all()))):
-            break
-        aggregates.append(labels if level == 0 else hierarchy.parents(level - 1))
-    if not aggregates:
-        raise OptionError(
-            "no level has its parts on the ranks of their cells: agglomerate without independent_of_ranks, "
-            "to 16 parts on each rank or more"
-        )
-    found = [_patches(rows, hierarchy, level) for level in range(len(aggregates))] if patches else None
-    offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
-    return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found)
-
-
-def _patches(rows: _Rows, hierarchy: distributed.DistributedHierarchy, level: int) -> Patches | None:
-    """Vertex patches of the mesh, or of the level below, that hold parts of this rank; in 2-D."""
+    """All levels; their parts may lie on other ranks than the cells."""
     mesh = hierarchy.mesh
-    if mesh.local.dim == 3:
-        return None  # their matrices are large there
-    numbers = rows.number if level == 0 else frozen_int(mesh.exchange(hierarchy.levels[level - 1]))
-    with mesh.ranks.together():
-        names, labels = np.unique(numbers, return_inverse=True)
-        if level == 0:
-            names, labels = numbers, None
-        patches = multigrid.vertex_patches(mesh.local, labels)
-        return Patches(patches.offsets, frozen_int(names[patches.parts]))
+    rank = mesh.ranks.rank
+    aggregates = [hierarchy.levels[0], *(hierarchy.parents(k) for k in range(len(hierarchy.levels) - 1))]
+    owned = [int(bounds[rank + 1] - bounds[rank]) for bounds in hierarchy.bounds]
+    found = None
+    if patches and mesh.local.dim == 2:  # in space their matrices are large
+        numbers = [rows.number, *(frozen_int(mesh.exchange(each)) for each in hierarchy.levels[:-1])]
+        cells = np.concatenate(([0], np.cumsum(mesh.ranks.gathered(len(mesh.own)))))
+        bounds = [frozen_int(cells), *hierarchy.bounds[:-1]]
+        found = [patches_across(mesh, *each) for each in zip(numbers, bounds, strict=True)]
+    offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
+    return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found, owned=owned)
 
 
 def _unknowns(cells: Int, width: int) -> Int:
