@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from agglo_core.authoring import (
     Discretisation,
     Float,
     Int,
+    Listener,
     Mesh,
     OptionError,
     Registry,
@@ -25,10 +27,12 @@ from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
 from agglo_petsc.ksp_history import solve
 from agglo_petsc.label_levels import exponents, monomial
 from agglo_petsc.patches_across import patches_across
-from agglo_petsc.pcmg import Smoother, setup
+from agglo_petsc.pcmg import Smoother, chosen_smoother, setup
+from agglo_petsc.pcmg_report import level_sizes, memory_of
 from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
+from agglo_petsc.phase_times import PhaseTimes
 
-__all__ = ["AcrossRanks", "solve_across"]
+__all__ = ["AcrossRanks", "solve_across", "solved_across"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,22 @@ class AcrossRanks:
         On all ranks.
     levels : int
         How many levels there are, the mesh included.
+    sizes : sequence of (int, int)
+        Unknowns and stored entries of each level, finest first.
+    relative_residual : float
+        True, in the 2-norm.
+    energy_error : float, optional
+        Estimate, relative.
+    tests : sequence of str
+        Which are passed.
+    energy : float
+        The work of source and fluxes.
+    memory : int
+        Bytes of matrices, prolongations and smoothers on all ranks.
+    seconds : mapping
+        Of the slowest rank, by phase.
+    choice : str
+        What the levels are.
     """
 
     x: Float
@@ -58,6 +78,14 @@ class AcrossRanks:
     reason: str
     unknowns: int
     levels: int
+    sizes: Sequence[tuple[int, int]]
+    relative_residual: float
+    energy_error: float | None
+    tests: Sequence[str]
+    energy: float
+    memory: int
+    seconds: Mapping[str, float]
+    choice: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +94,7 @@ class _Rows:
 
     A: Any
     b: Float
+    load: Float
     near_null: Float
     number: Int  # of each local cell, ghosts too
     width: int
@@ -109,19 +138,48 @@ def solve_across(
     RankError
         For what fails on another rank.
     """
-    mesh, PETSc = hierarchy.mesh, petsc()
     known = default() if registry is None else registry
     how = known.build("solver", "polydg_mg", degree=degree).discretisation
-    rows = _assembled(problem, mesh, how, degree)
+    options: Any = {"smoother": smoother, "petsc_options": petsc_options}
+    return solved_across(
+        problem, hierarchy, how, degree, tolerance=tolerance, max_iterations=max_iterations, options=options
+    )
+
+
+def solved_across(
+    problem: Diffusion,
+    hierarchy: distributed.DistributedHierarchy,
+    how: Discretisation,
+    degree: int,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    options: Mapping[str, Any],
+    levels: int | None = None,
+    progress: Listener | None = None,
+) -> AcrossRanks:
+    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.pcmg.setup`."""
+    mesh, PETSc, watch = hierarchy.mesh, petsc(), PhaseTimes(progress)
+    if levels is not None and levels > len(hierarchy.levels) + 1:
+        raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
+    with watch("assemble", "assembling"):
+        rows = _assembled(problem, mesh, how, degree)
     comm = PETSc.Comm(mesh.ranks.comm)
-    A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
-    levels = _levels(A, rows, hierarchy, patches=smoother not in ("blocks", "sor"))
-    ksp = PETSc.KSP().create(comm)
-    ksp.setOptionsPrefix("agglo_across_")
-    ksp.setOperators(A)
-    ksp.setType("cg")
-    setup(ksp, levels, smoother=smoother, petsc_options=petsc_options)
-    history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
+    with watch("setup", "setting up the levels"):
+        A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
+        count = len(hierarchy.levels) if levels is None else levels - 1
+        patches = options["smoother"] not in ("blocks", "sor")
+        found = _levels(A, rows, hierarchy, count, patches=patches)
+        ksp = PETSc.KSP().create(comm)
+        ksp.setOptionsPrefix("agglo_across_")
+        ksp.setOperators(A)
+        ksp.setType("cg")
+        setup(ksp, found, **options)
+    with watch("solve", "solving"):
+        history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
+    ranks, sizes = mesh.ranks, level_sizes(ksp)
+    smoother = chosen_smoother(found) if options["smoother"] == "auto" else options["smoother"]
+    on = "one rank" if ranks.size == 1 else f"{ranks.size} ranks"
     return AcrossRanks(
         x=frozen_float(history.x),
         iterations=len(history.residuals) - 1,
@@ -129,7 +187,15 @@ def solve_across(
         converged=history.converged,
         reason=history.reason,
         unknowns=A.getSize()[0],
-        levels=len(levels.prolongations) + 1,
+        levels=len(sizes),
+        sizes=sizes,
+        relative_residual=float(history.relative_residual),
+        energy_error=history.energy_error,
+        tests=history.tests,
+        energy=ranks.summed(float(rows.load @ history.x)),
+        memory=memory_of(ksp),
+        seconds={name: ranks.largest(each) for name, each in watch.wall.items()},
+        choice=f"{count} levels of agglomerates, {smoother}, PETSc on {on}, each with its own cells",
     )
 
 
@@ -157,7 +223,9 @@ def _assembled(
         near = np.stack([how.project(wide, each)[entries] for each in fields], axis=1)
         shape = (len(entries), mesh.n_cells * width)
         given = sparse.csr_array((A.data, columns, A.indptr), shape=shape)
-        return _Rows(given, frozen_float(system.b[entries]), frozen_float(near), number, width)
+        load = how.load(problem, wide, system.b)[entries]
+        b, near_null = frozen_float(system.b[entries]), frozen_float(near)
+        return _Rows(given, b, frozen_float(load), near_null, number, width)
 
 
 def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
@@ -166,18 +234,18 @@ def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
 
 
 def _levels(
-    A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, *, patches: bool
+    A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, count: int, *, patches: bool
 ) -> PetscLevels:
-    """All levels; their parts may lie on other ranks than the cells."""
+    """The finest levels, so many; their parts may lie on other ranks than the cells."""
     mesh = hierarchy.mesh
     rank = mesh.ranks.rank
-    aggregates = [hierarchy.levels[0], *(hierarchy.parents(k) for k in range(len(hierarchy.levels) - 1))]
-    owned = [int(bounds[rank + 1] - bounds[rank]) for bounds in hierarchy.bounds]
+    aggregates = [hierarchy.parents(k - 1) if k else hierarchy.levels[0] for k in range(count)]
+    owned = [int(bounds[rank + 1] - bounds[rank]) for bounds in hierarchy.bounds[:count]]
     found = None
     if patches and mesh.local.dim == 2:  # in space their matrices are large
-        numbers = [rows.number, *(frozen_int(mesh.exchange(each)) for each in hierarchy.levels[:-1])]
+        numbers = [rows.number, *(frozen_int(mesh.exchange(each)) for each in hierarchy.levels[: count - 1])]
         cells = np.concatenate(([0], np.cumsum(mesh.ranks.gathered(len(mesh.own)))))
-        bounds = [frozen_int(cells), *hierarchy.bounds[:-1]]
+        bounds = [frozen_int(cells), *hierarchy.bounds[: count - 1]]
         found = [patches_across(mesh, *each) for each in zip(numbers, bounds, strict=True)]
     offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
     return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found, owned=owned)
