@@ -7,6 +7,8 @@ and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seco
 the counts, kernels compiled; ranks wait for one another in loops, so more ranks than cores cost more than
 they work. ``same`` tells whether the labels of ``independent_of_ranks`` are those of one rank. Then weak
 scaling, as many cells on each rank, and a model fitted to both: seconds, messages and bytes of a rank.
+Below each run is what the rank that sends most sends for each level, finest first: messages, kB; for
+a level on fewer ranks the graph that goes there, and the labels that come back, are in it.
 """
 
 from __future__ import annotations
@@ -76,6 +78,7 @@ def on_rank(file: str, full: bool) -> None:
         "seconds": seconds,
         "messages": made.statistics["messages"],
         "bytes": made.statistics["bytes"],
+        "by_level": made.statistics["sent_by_level"],
         "memory": arrays_of(mesh, mesh.local, mesh.local.graph),
     }
     before = ranks.traffic.bytes
@@ -151,6 +154,12 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
             f"{row['bytes'] / 1e3:9.1f} {row['halo'] / 1e3:8.1f} {memory:7.0f}",
             flush=True,
         )
+        for level in range(len(first["by_level"])):
+            most = {key: max(each["by_level"][level][key] for each in ranks) for key in ("messages", "bytes")}
+            print(
+                f"{'':6}level {level}: {most['messages']:6} messages {most['bytes'] / 1e3:9.1f} kB",
+                flush=True,
+            )
     return every
 
 
