@@ -14,6 +14,7 @@ from agglo_core.cli.completing import meshes, names
 from agglo_core.cli.console import explain_compilation, print_json
 from agglo_core.cli.number_types import Number
 from agglo_core.cli.outputs import Outputs, check_picture
+from agglo_core.cli.ranks_solve import NOT_CONVERGED, solve_on_ranks, solves_across
 from agglo_core.cli.runs import watched
 from agglo_core.cli.solve_outputs import (
     check_more,
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 __all__ = ["solve"]
 
-_NOT_CONVERGED = 3
 _COLUMNS = 80
 
 
@@ -103,17 +103,10 @@ def solve(
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = built_solver(solver, _given(options))
-    _refuse_one_process(
-        tool,
-        solver,
-        {
-            "-o": output,
-            "--plot": plot,
-            "--plot-convergence": history,
-            "--report": report,
-            "--write-system": system_file,
-        },
-    )
+    files = {"-o": output, "--plot": plot, "--plot-convergence": history, "--report": report}
+    _refuse_one_process(tool, solver, files | {"--write-system": system_file})
+    if solves_across(tool):
+        return solve_on_ranks(source, solver, tool, problem, agglomeration, as_json=as_json)
     _check_files(output, plot, system_file, tool, solver)
     check_more(history, report)
     explain_compilation()
@@ -159,19 +152,16 @@ def solve(
             draw_history(outputs, history, f"{mesh.name or source}, {problem}", {solver: solution}, progress)
         if report is not None:
             report_solution(outputs, report, mesh, made, f"problem {problem}", {solver: data}, progress)
-    return outputs.finish(listed=not as_json) or (0 if solution.converged else _NOT_CONVERGED)
+    return outputs.finish(listed=not as_json) or (0 if solution.converged else NOT_CONVERGED)
 
 
 def _refuse_one_process(tool: object, solver: str, files: Mapping[str, Path | None]) -> None:
     """Several ranks solve one problem with a solver that shares it out, as it says itself."""
     if launched() is None:
         return
-    if getattr(tool, "ranks", "one") != "world":
-        refuse_on_ranks(
-            f"the solver {solver}",
-            "one that shares the problem out has an option of its own for it, as petsc_mg:ranks=world",
-        )
-    refuse_files(files)
+    if getattr(tool, "ranks", "one") != "world" and not solves_across(tool):
+        refuse_on_ranks(f"the solver {solver}", "petsc_mg shares meshes out among processes")
+    refuse_files(files, "solve in one process for it")
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from agglo_core.progress import phase
 if TYPE_CHECKING:
     from agglo_core.distributed import DistributedHierarchy, DistributedMesh, Ranks
 
-__all__ = ["is_of_ranks", "run_on_ranks"]
+__all__ = ["agglomerated", "is_of_ranks", "run_on_ranks", "shared_mesh", "warm_up_in_turn"]
 
 
 def is_of_ranks(output: Path | None, independent: bool) -> bool:
@@ -83,10 +83,10 @@ def run_on_ranks(
     first = ranks.rank == 0
     with watched(quiet or not first) as progress:
         with phase(progress, "reading", source):
-            mesh = _mesh(source, ranks)
+            mesh = shared_mesh(source, ranks)
         with phase(progress, "loading"):
-            _warm_up_in_turn(given, ranks)
-        hierarchy, seconds = _agglomerated(mesh, given, independent, progress)
+            warm_up_in_turn(given, ranks)
+        hierarchy, seconds = agglomerated(mesh, given, independent, progress)
         with phase(progress, "measuring"):
             _ = mesh.h  # is asked of all ranks together, and told by one
             levels = _levels(hierarchy, RATIOS if metrics is None else metrics)
@@ -101,7 +101,7 @@ def run_on_ranks(
     return 0
 
 
-def _mesh(source: str, ranks: Ranks) -> DistributedMesh:
+def shared_mesh(source: str, ranks: Ranks) -> DistributedMesh:
     """Pieces are read by the ranks that have them; any other file, or a sample, by rank 0."""
     from agglo_core.distributed import DistributedMesh, read
 
@@ -112,7 +112,7 @@ def _mesh(source: str, ranks: Ranks) -> DistributedMesh:
     return DistributedMesh.scatter(whole, ranks)
 
 
-def _warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
+def warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
     """Let rank 0 compile what the others then find on disk."""
     with ranks.together():
         try:
@@ -124,7 +124,7 @@ def _warm_up_in_turn(given: Mapping[str, Any], ranks: Ranks) -> None:
             warm_up(given)
 
 
-def _agglomerated(
+def agglomerated(
     mesh: DistributedMesh, given: Mapping[str, Any], independent: bool, progress: Any
 ) -> tuple[DistributedHierarchy, float]:
     """The hierarchy, and seconds until the last rank had it."""

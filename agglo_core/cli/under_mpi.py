@@ -64,13 +64,15 @@ def refuse_on_ranks(what: str, instead: str) -> None:
         )
 
 
-def refuse_files(files: Mapping[str, Path | None]) -> None:
+def refuse_files(
+    files: Mapping[str, Path | None],
+    instead: str = "write it with -o NAME.pvtu and look at it in one process",
+) -> None:
     """Raise OptionError for files, by the option that asks for them, which no run on several ranks makes."""
     asked = [option for option, file in files.items() if file is not None]
     if asked:
         raise OptionError(
-            f"{' and '.join(asked)} cannot be had of a mesh that lies on several processes; "
-            "write it with -o NAME.pvtu and look at it in one process"
+            f"{' and '.join(asked)} cannot be had of a mesh that lies on several processes; {instead}"
         )
 
 

@@ -82,6 +82,7 @@ def agglomerate(
         with ranks.together():
             run = given.new_run(known)
         with phase(listen, "agglomerating") as tell:
+            ranks.since_last()
             levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
         labels = [begun.of_own_cells(level.ids) for level in levels]
     statistics = _of_all_ranks(ranks, run)
@@ -95,7 +96,8 @@ def agglomerate(
         given.nested or len(levels) == 1,
         asdict(statistics)
         | {"bisector": short_name(given.bisector), "method": given.method}
-        | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes},
+        | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes}
+        | {"sent_by_level": [asdict(level.sent) for level in levels]},
     )
 
 

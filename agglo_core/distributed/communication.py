@@ -54,6 +54,12 @@ class Traffic:
     messages: int = 0
     bytes: int = 0
 
+    def __sub__(self, earlier: Traffic) -> Traffic:
+        return Traffic(self.messages - earlier.messages, self.bytes - earlier.bytes)
+
+    def __add__(self, other: Traffic) -> Traffic:
+        return Traffic(self.messages + other.messages, self.bytes + other.bytes)
+
 
 class Ranks:
     """The processes of a communicator of MPI.
@@ -88,6 +94,7 @@ class Ranks:
         self.rank: int = self.comm.Get_rank()
         self.size: int = self.comm.Get_size()
         self.traffic = Traffic()
+        self._told = Traffic()
 
     def __repr__(self) -> str:
         return f"Ranks(rank {self.rank} of {self.size})"
@@ -147,6 +154,12 @@ class Ranks:
         if self.rank in parcels:
             found[self.rank] = parcels[self.rank]
         return {rank: found[rank] for rank in sorted(found)}
+
+    def since_last(self) -> Traffic:
+        """What this rank has sent since this was last asked."""
+        sent = self.traffic - self._told
+        self._told += sent
+        return sent
 
     def meet(self) -> None:
         """Wait until all ranks are here, and leave the processor to them meanwhile.

@@ -39,7 +39,8 @@ class DistributedHierarchy:
         Whether each level is a coarsening of the one before.
     statistics : mapping
         How the run went: counts of all ranks, CPU seconds of the slowest one; ``messages`` and ``bytes`` that
-        this rank has sent.
+        this rank has sent, in ``sent_by_level`` those for each level, also to make its domains; the rest came
+        before the levels, or after.
 
     Examples
     --------

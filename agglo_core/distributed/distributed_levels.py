@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.communication import Traffic
 from agglo_core.distributed.domain import Domain
 from agglo_core.distributed.domain_run import DomainRun
 from agglo_core.distributed.shared_goals import Census, census_of, ready_goals, row_of
@@ -33,14 +34,15 @@ _FEW_NODES = 4096
 
 @dataclass(frozen=True)
 class Level:
-    """Parts of a level: their ids by own domain, node by node, and how ids are shared out."""
+    """Parts of a level: ids by own domain, node by node, how ids are shared out, what was sent for it."""
 
     ids: Mapping[int, Int]
     numbering: Numbering
+    sent: Traffic
 
-    def with_ids(self, ids: Mapping[int, Int]) -> Level:
-        """The same parts, told to other nodes."""
-        return replace(self, ids=ids)
+    def with_ids(self, ids: Mapping[int, Int], sent: Traffic | None = None) -> Level:
+        """The same parts, told to other nodes, for which so much more was ``sent``."""
+        return replace(self, ids=ids, sent=self.sent + (sent or Traffic()))
 
 
 def made_levels(
@@ -65,7 +67,11 @@ def made_levels(
     fewer, way = stage.halved()
     levels = made_levels(fewer, goals, maker, turn + 1, told)
     own = sorted(stage.domains)
-    return [level.with_ids(dict(zip(own, way.brought(level.ids), strict=True))) for level in levels]
+    back = []
+    for level in levels:
+        ids = dict(zip(own, way.brought(level.ids), strict=True))
+        back.append(level.with_ids(ids, stage.ranks.since_last()))
+    return back
 
 
 def _agglomerated(
@@ -86,7 +92,8 @@ def _agglomerated(
     for place in range(len(shares[0])):
         own = {number: each[place] for number, each in labels.items()}
         numbering = stage.numbered(own)
-        levels.append(Level({n: frozen_int(numbering.first[n] + each) for n, each in own.items()}, numbering))
+        ids = {n: frozen_int(numbering.first[n] + each) for n, each in own.items()}
+        levels.append(Level(ids, numbering, stage.ranks.since_last()))
     rest = goals[len(levels) :]
     if not rest:
         return levels

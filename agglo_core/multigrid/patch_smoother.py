@@ -36,8 +36,8 @@ _CUBICS = 10
 class _Inverses:
     """Patches of a matrix in blocks, and the inverse of the matrix on each: its lower half, or all of it."""
 
-    def __init__(self, A: Any, patches: Patches, dtype: Any, half: bool) -> None:
-        self.offsets, self.parts = _checked(A, patches)
+    def __init__(self, A: Any, patches: Patches, dtype: Any, *, half: bool, some: bool = False) -> None:
+        self.offsets, self.parts = _checked(A, patches, some)
         self.width = int(A.blocksize[0])
         rows = np.diff(self.offsets) * self.width
         sizes = rows * (rows + 1) // 2 if half else rows**2
@@ -61,8 +61,8 @@ class _Groups:
     Those from the last patch to the first have arrays of their own, which are read from their beginnings.
     """
 
-    def __init__(self, A: Any, patches: Patches, dtype: Any) -> None:
-        whole = _Inverses(A, patches, dtype, half=False)
+    def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
+        whole = _Inverses(A, patches, dtype, half=False, some=some)
         blocks, pattern = in_precision(A, dtype).data, _pattern(A)
         count = len(whole.offsets) - 1
         self.forwards, self.backwards = (
@@ -91,8 +91,8 @@ def _slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
 class _Factors:
     """Patches of a matrix in blocks, and the factors of the matrix on each."""
 
-    def __init__(self, A: Any, patches: Patches, dtype: Any) -> None:
-        self.offsets, parts = _checked(A, patches)
+    def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
+        self.offsets, parts = _checked(A, patches, some)
         width = int(A.blocksize[0])
         ordered, starts, below = patch_orders(self.offsets, parts, *_pattern(A))
         self.parts, self.starts, self.below = frozen_index(ordered), frozen_int(starts), frozen_index(below)
@@ -115,8 +115,8 @@ def _without_tiny(values: Real) -> Real:
     return frozen(values, values.dtype)
 
 
-def _checked(A: Any, patches: Patches) -> tuple[Int, Any]:
-    """Offsets and parts of patches that hold every part of a matrix, and no others."""
+def _checked(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
+    """Offsets and parts of patches that hold every part of a matrix, or ``some``, and no others."""
     offsets, parts, n_parts = (
         frozen_int(patches.offsets),
         frozen_index(patches.parts),
@@ -125,7 +125,7 @@ def _checked(A: Any, patches: Patches) -> tuple[Int, Any]:
     if len(parts) and (parts.min() < 0 or parts.max() >= n_parts):
         raise OptionError(f"patches hold part {parts.max()}; the matrix has blocks for {n_parts}")
     missing = np.flatnonzero(np.bincount(parts, minlength=n_parts) == 0)
-    if len(missing):
+    if len(missing) and not some:
         raise OptionError(f"part {missing[0]} of {n_parts} is in no patch: it would not be smoothed")
     return offsets, parts
 
@@ -147,6 +147,8 @@ class VertexPatches:
         Every part must be in one.
     dtype : numpy dtype
         Precision of sweeps; inverses and factors are computed in double precision.
+    some : bool
+        Whether parts may be in no patch: they stay as they are, and their rows are not looked at.
 
     Attributes
     ----------
@@ -170,18 +172,18 @@ class VertexPatches:
     ([1.0, 1.667, 1.333], [0.667, 0.0, 0.0])
     """
 
-    def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
+    def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64, *, some: bool = False) -> None:
         self.A = in_precision(A, dtype)
         width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
-        if len(patches.parts) == A.shape[0] // width:  # they do not overlap
-            groups = _Groups(A, patches, dtype)
+        if np.bincount(patches.parts, minlength=1).max() <= 1:  # they do not overlap
+            groups = _Groups(A, patches, dtype, some)
             first, again = group_sweeps(width if width <= UNROLLED else 0)
             self._first = partial(first, *groups.forwards)
             self._forwards, self._backwards = (
                 partial(again, *each) for each in (groups.forwards, groups.backwards)
             )
         else:
-            arrays = (*_Factors(A, patches, dtype).arrays, *_pattern(A), blocks.reshape(-1))
+            arrays = (*_Factors(A, patches, dtype, some).arrays, *_pattern(A), blocks.reshape(-1))
             again = partial(patch_sweep(width), *arrays)
             self._first, self._forwards, self._backwards = (partial(again, order=k) for k in (0, 1, -1))
 

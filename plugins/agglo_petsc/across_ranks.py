@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,23 +14,25 @@ from agglo_core.authoring import (
     Discretisation,
     Float,
     Int,
+    Listener,
     Mesh,
     OptionError,
-    Patches,
     Registry,
     default,
     distributed,
     frozen_float,
     frozen_int,
-    multigrid,
 )
 from agglo_petsc.aggregate_spaces import PetscLevels, aggregate_levels
 from agglo_petsc.ksp_history import solve
 from agglo_petsc.label_levels import exponents, monomial
-from agglo_petsc.pcmg import Smoother, setup
+from agglo_petsc.patches_across import patches_across
+from agglo_petsc.pcmg import Smoother, chosen_smoother, setup
+from agglo_petsc.pcmg_report import level_sizes, memory_of
 from agglo_petsc.petsc_matrices import mat_from_rows, petsc, vector
+from agglo_petsc.phase_times import PhaseTimes
 
-__all__ = ["AcrossRanks", "solve_across"]
+__all__ = ["AcrossRanks", "solve_across", "solved_across"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,22 @@ class AcrossRanks:
         On all ranks.
     levels : int
         How many levels there are, the mesh included.
+    sizes : sequence of (int, int)
+        Unknowns and stored entries of each level, finest first.
+    relative_residual : float
+        True, in the 2-norm.
+    energy_error : float, optional
+        Estimate, relative.
+    tests : sequence of str
+        Which are passed.
+    energy : float
+        The work of source and fluxes.
+    memory : int
+        Bytes of matrices, prolongations and smoothers on all ranks.
+    seconds : mapping
+        Of the slowest rank, by phase.
+    choice : str
+        What the levels are.
     """
 
     x: Float
@@ -59,6 +78,14 @@ class AcrossRanks:
     reason: str
     unknowns: int
     levels: int
+    sizes: Sequence[tuple[int, int]]
+    relative_residual: float
+    energy_error: float | None
+    tests: Sequence[str]
+    energy: float
+    memory: int
+    seconds: Mapping[str, float]
+    choice: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +94,7 @@ class _Rows:
 
     A: Any
     b: Float
+    load: Float
     near_null: Float
     number: Int  # of each local cell, ghosts too
     width: int
@@ -85,15 +113,15 @@ def solve_across(
 ) -> AcrossRanks:
     """Solve −∇·(κ∇u) = f on a distributed mesh with PETSc's conjugate gradients and our levels; collective.
 
-    Each rank assembles the rows of its cells, with the sharp penalty. Levels are those of the hierarchy whose
-    parts lie on the rank of their cells, the finest ones; the coarsest of them is solved directly.
+    Each rank assembles the rows of its cells, with the sharp penalty. Levels are those of the hierarchy, also
+    those on fewer ranks: the others have no rows there. The coarsest is solved directly.
 
     Parameters
     ----------
     problem : Diffusion
         Data are numbers, functions, or given by tag; arrays of cells are not.
     hierarchy : DistributedHierarchy
-        Of the mesh, nested, made where the cells lie (without ``independent_of_ranks``).
+        Of the mesh, nested.
     degree : int
         Of the polynomials in each cell.
     tolerance, max_iterations
@@ -106,23 +134,52 @@ def solve_across(
     Raises
     ------
     OptionError
-        If no level has its parts where their cells are, or problem and mesh do not fit.
+        If the hierarchy is not nested, or problem and mesh do not fit.
     RankError
         For what fails on another rank.
     """
-    mesh, PETSc = hierarchy.mesh, petsc()
     known = default() if registry is None else registry
     how = known.build("solver", "polydg_mg", degree=degree).discretisation
-    rows = _assembled(problem, mesh, how, degree)
+    options: Any = {"smoother": smoother, "petsc_options": petsc_options}
+    return solved_across(
+        problem, hierarchy, how, degree, tolerance=tolerance, max_iterations=max_iterations, options=options
+    )
+
+
+def solved_across(
+    problem: Diffusion,
+    hierarchy: distributed.DistributedHierarchy,
+    how: Discretisation,
+    degree: int,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    options: Mapping[str, Any],
+    levels: int | None = None,
+    progress: Listener | None = None,
+) -> AcrossRanks:
+    """As :func:`solve_across`, for any discretisation and options of :func:`~agglo_petsc.pcmg.setup`."""
+    mesh, PETSc, watch = hierarchy.mesh, petsc(), PhaseTimes(progress)
+    if levels is not None and levels > len(hierarchy.levels) + 1:
+        raise OptionError(f"levels = {levels} with the mesh; there are {len(hierarchy.levels) + 1}")
+    with watch("assemble", "assembling"):
+        rows = _assembled(problem, mesh, how, degree)
     comm = PETSc.Comm(mesh.ranks.comm)
-    A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
-    levels = _levels(A, rows, hierarchy, patches=smoother not in ("blocks", "sor"))
-    ksp = PETSc.KSP().create(comm)
-    ksp.setOptionsPrefix("agglo_across_")
-    ksp.setOperators(A)
-    ksp.setType("cg")
-    setup(ksp, levels, smoother=smoother, petsc_options=petsc_options)
-    history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
+    with watch("setup", "setting up the levels"):
+        A = mat_from_rows(rows.A, comm, len(rows.b), (rows.width, rows.width))
+        count = len(hierarchy.levels) if levels is None else levels - 1
+        patches = options["smoother"] not in ("blocks", "sor")
+        found = _levels(A, rows, hierarchy, count, patches=patches)
+        ksp = PETSc.KSP().create(comm)
+        ksp.setOptionsPrefix("agglo_across_")
+        ksp.setOperators(A)
+        ksp.setType("cg")
+        setup(ksp, found, **options)
+    with watch("solve", "solving"):
+        history = solve(ksp, vector(A, rows.b), tolerance=tolerance, max_iterations=max_iterations)
+    ranks, sizes = mesh.ranks, level_sizes(ksp)
+    smoother = chosen_smoother(found) if options["smoother"] == "auto" else options["smoother"]
+    on = "one rank" if ranks.size == 1 else f"{ranks.size} ranks"
     return AcrossRanks(
         x=frozen_float(history.x),
         iterations=len(history.residuals) - 1,
@@ -130,7 +187,15 @@ def solve_across(
         converged=history.converged,
         reason=history.reason,
         unknowns=A.getSize()[0],
-        levels=len(levels.prolongations) + 1,
+        levels=len(sizes),
+        sizes=sizes,
+        relative_residual=float(history.relative_residual),
+        energy_error=history.energy_error,
+        tests=history.tests,
+        energy=ranks.summed(float(rows.load @ history.x)),
+        memory=memory_of(ksp),
+        seconds={name: ranks.largest(each) for name, each in watch.wall.items()},
+        choice=f"{count} levels of agglomerates, {smoother}, PETSc on {on}, each with its own cells",
     )
 
 
@@ -158,7 +223,9 @@ def _assembled(
         near = np.stack([how.project(wide, each)[entries] for each in fields], axis=1)
         shape = (len(entries), mesh.n_cells * width)
         given = sparse.csr_array((A.data, columns, A.indptr), shape=shape)
-        return _Rows(given, frozen_float(system.b[entries]), frozen_float(near), number, width)
+        load = how.load(problem, wide, system.b)[entries]
+        b, near_null = frozen_float(system.b[entries]), frozen_float(near)
+        return _Rows(given, b, frozen_float(load), near_null, number, width)
 
 
 def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
@@ -167,38 +234,21 @@ def _field(powers: tuple[int, ...], mesh: Mesh, half: float) -> Any:
 
 
 def _levels(
-    A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, *, patches: bool
+    A: Any, rows: _Rows, hierarchy: distributed.DistributedHierarchy, count: int, *, patches: bool
 ) -> PetscLevels:
-    """The levels whose parts are on the ranks of their cells."""
-    ranks = hierarchy.mesh.ranks
-    aggregates: list[Int] = []
-    for level, (labels, bounds) in enumerate(zip(hierarchy.levels, hierarchy.bounds, strict=True)):
-        here = (labels >= bounds[ranks.rank]) & (labels < bounds[ranks.rank + 1])
-        if not all(ranks.gathered(bool(here.all()))):
-            break
-        aggregates.append(labels if level == 0 else hierarchy.parents(level - 1))
-    if not aggregates:
-        raise OptionError(
-            "no level has its parts on the ranks of their cells: agglomerate without independent_of_ranks, "
-            "to 16 parts on each rank or more"
-        )
-    found = [_patches(rows, hierarchy, level) for level in range(len(aggregates))] if patches else None
-    offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
-    return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found)
-
-
-def _patches(rows: _Rows, hierarchy: distributed.DistributedHierarchy, level: int) -> Patches | None:
-    """Vertex patches of the mesh, or of the level below, that hold parts of this rank; in 2-D."""
+    """The finest levels, so many; their parts may lie on other ranks than the cells."""
     mesh = hierarchy.mesh
-    if mesh.local.dim == 3:
-        return None  # their matrices are large there
-    numbers = rows.number if level == 0 else frozen_int(mesh.exchange(hierarchy.levels[level - 1]))
-    with mesh.ranks.together():
-        names, labels = np.unique(numbers, return_inverse=True)
-        if level == 0:
-            names, labels = numbers, None
-        patches = multigrid.vertex_patches(mesh.local, labels)
-        return Patches(patches.offsets, frozen_int(names[patches.parts]))
+    rank = mesh.ranks.rank
+    aggregates = [hierarchy.parents(k - 1) if k else hierarchy.levels[0] for k in range(count)]
+    owned = [int(bounds[rank + 1] - bounds[rank]) for bounds in hierarchy.bounds[:count]]
+    found = None
+    if patches and mesh.local.dim == 2:  # in space their matrices are large
+        numbers = [rows.number, *(frozen_int(mesh.exchange(each)) for each in hierarchy.levels[: count - 1])]
+        cells = np.concatenate(([0], np.cumsum(mesh.ranks.gathered(len(mesh.own)))))
+        bounds = [frozen_int(cells), *hierarchy.bounds[: count - 1]]
+        found = [patches_across(mesh, *each) for each in zip(numbers, bounds, strict=True)]
+    offsets = frozen_int(rows.width * np.arange(len(rows.b) // rows.width + 1))
+    return aggregate_levels(A, aggregates, rows.near_null, block_offsets=offsets, patches=found, owned=owned)
 
 
 def _unknowns(cells: Int, width: int) -> Int:

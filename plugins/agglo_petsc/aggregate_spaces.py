@@ -23,9 +23,9 @@ from agglo_core.authoring import (
     Patches,
     frozen_float,
     frozen_int,
-    tentative,
 )
-from agglo_petsc.jacobi_smoothing import jacobi_smoothed, own_columns
+from agglo_petsc.jacobi_smoothing import jacobi_smoothed
+from agglo_petsc.owned_bases import bases_where_owned
 from agglo_petsc.petsc_matrices import agree, mat_from_rows, petsc
 
 __all__ = ["PetscLevels", "aggregate_levels", "given_levels"]
@@ -94,6 +94,7 @@ def aggregate_levels(
     *,
     block_offsets: ArrayLike | None = None,
     patches: Sequence[Patches | None] | None = None,
+    owned: Sequence[int] | None = None,
     smooth: bool = True,
     damping: float = 4 / 3,
 ) -> PetscLevels:
@@ -105,8 +106,8 @@ def aggregate_levels(
         Symmetric and positive definite; each rank has the rows of its own parts, parts one after the other.
     aggregates : sequence of (own parts,) int
         Of each part of this rank the global number of its aggregate, −1 for none; then of each aggregate that
-        of the next level, and so on. An aggregate lies on one rank; numbers run on from rank to rank, as a
-        scan of their counts gives them: 0, 1, … on the first rank that has any.
+        of the next level, and so on. Numbers run on from rank to rank, as a scan of their counts gives them:
+        0, 1, … on the first rank that has any.
     near_null : (own unknowns, k) float, optional
         Vectors that A takes to nearly nothing. By default those of the matrix (``setNearNullSpace``) or,
         without any, constants: one vector for each unknown of a part.
@@ -115,6 +116,9 @@ def aggregate_levels(
         default parts have the block size of the matrix.
     patches : sequence of Patches, optional
         See :class:`PetscLevels`; one for each of ``aggregates``.
+    owned : sequence of int, optional
+        How many aggregates of each level this rank is to have, wherever their parts lie. By default an
+        aggregate lies on the rank of its parts, all of them.
     smooth : bool
         Whether a step of block Jacobi smooths the prolongations.
     damping : float
@@ -138,10 +142,10 @@ def aggregate_levels(
     comm = A.getComm()
     offsets, B, found, widths, made = *_start(A, block_offsets, near_null), [], [], []
     for level, given in enumerate(aggregates):
-        own, count = _numbered(comm, level, given, len(offsets) - 1)
-        start = tentative(np.repeat(own, np.diff(offsets)), count, B)
+        own, count = _numbered(comm, level, given, len(offsets) - 1, None if owned is None else owned[level])
+        start = bases_where_owned(comm, np.repeat(own, np.diff(offsets)), count, B)
         width, below = (_width(comm, each) for each in (offsets, start.offsets))
-        P = own_columns(comm, start.T, (width or 1, below or 1))
+        P = mat_from_rows(start.rows, comm, int(start.offsets[-1]), (width or 1, below or 1))
         if smooth:
             P = jacobi_smoothed(A, offsets, P, damping)
         found.append(P)
@@ -199,22 +203,25 @@ def _known(A: Any, n: int, offsets: Any) -> Any:
     return (np.arange(n)[:, None] % width == np.arange(width)).astype(float)
 
 
-def _numbered(comm: Any, level: int, given: ArrayLike, parts: int) -> tuple[Int, int]:
-    """Aggregate of each part counted on this rank, −1 for none, and how many there are."""
-    ids = np.asarray(given)
+def _numbered(comm: Any, level: int, given: ArrayLike, parts: int, owned: int | None) -> tuple[Int, int]:
+    """Aggregate of each part, −1 for none, and how many this rank is to have; checked on all ranks."""
+    ids, ranks = np.asarray(given), comm.tompi4py()
     fits = ids.shape == (parts,) and (ids.dtype.kind in "iu" or not parts)
     inside = np.unique(ids[ids >= 0]) if fits and parts else np.empty(0, np.int64)
-    first = int(sum(comm.tompi4py().allgather(len(inside))[: comm.getRank()]))
-    wrong = ""
+    count = len(inside) if owned is None else owned
+    counts = ranks.allgather(count)
+    first, total, wrong = sum(counts[: ranks.rank]), sum(counts), ""
     if not fits:
         wrong = f"aggregates[{level}] must be {parts} whole numbers, one for each part; given {given!r:.60}"
-    elif len(inside) and (inside[0] != first or inside[-1] != first + len(inside) - 1):
+    elif owned is not None and len(inside) and inside[-1] >= total:
+        wrong = f"aggregates[{level}] go to {inside[-1]}; the ranks have {total} of them in all"
+    elif owned is None and len(inside) and (inside[0] != first or inside[-1] != first + count - 1):
         wrong = (
             f"aggregates[{level}] are {inside[0]} to {inside[-1]} here; expected {first} to "
-            f"{first + len(inside) - 1}: an aggregate lies on one rank, and numbers run on from rank to rank"
+            f"{first + count - 1}: an aggregate lies on one rank, and numbers run on from rank to rank"
         )
     agree(comm, wrong)
-    return frozen_int(np.where(ids >= 0, ids - first, -1)), len(inside)
+    return frozen_int(np.where(ids >= 0, ids, -1) if len(ids) else np.empty(0)), int(count)
 
 
 def _width(comm: Any, offsets: Int) -> int | None:

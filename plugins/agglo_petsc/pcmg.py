@@ -36,7 +36,6 @@ CYCLES: Final = ("V", "W")
 _CHEBYSHEV: Final = {"mg_levels_ksp_type": "chebyshev", "mg_levels_esteig_ksp_type": "cg"}
 _BY_SMOOTHER: Final[dict[str, dict[str, str]]] = {
     "sweeps": {"mg_levels_ksp_type": "richardson", "mg_levels_ksp_max_it": "1"},
-    "hybrid": {**_CHEBYSHEV, "mg_levels_ksp_max_it": "1"},  # sweeps on several ranks
     "patches": {
         **_CHEBYSHEV,
         "mg_levels_ksp_max_it": "2",
@@ -108,8 +107,7 @@ def setup(
         _coarse(A.getComm(), coarse_solver, bool(levels.prolongations)),
     )
     if levels.prolongations:
-        among_ranks = chosen == "sweeps" and A.getComm().getSize() > 1
-        defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER["hybrid" if among_ranks else chosen]}
+        defaults |= {"pc_mg_galerkin": "both", **_BY_SMOOTHER[chosen]}
         _levels_of(ksp.getPC(), levels, chosen, cycle)
     with OptionDatabase(ksp.getOptionsPrefix() or "", defaults, given) as database:
         ksp.setFromOptions()
@@ -184,15 +182,10 @@ def _levels_of(pc: Any, levels: PetscLevels, smoother: str, cycle: Cycle) -> Non
         width, patches = levels.widths[at], levels.patches[at]
         if smoother == "sweeps":
             sweeps = LevelSweeps(patches, require_width(width, smoother))
-            smoothers = {"both": pc.getMGSmoother(count - at)}
-            if pc.getComm().getSize() == 1:
-                smoothers = {
-                    "forwards": pc.getMGSmootherDown(count - at),
-                    "backwards": pc.getMGSmootherUp(count - at),
-                }
-            for order, ksp in smoothers.items():
+            smoothers = (pc.getMGSmootherDown(count - at), pc.getMGSmootherUp(count - at))
+            for ksp, backwards in zip(smoothers, (False, True), strict=True):
                 ksp.getPC().setType("python")
-                ksp.getPC().setPythonContext(PatchSweeps(sweeps, order))
+                ksp.getPC().setPythonContext(PatchSweeps(sweeps, backwards=backwards))
         elif smoother == "patches":
             if patches is None:
                 raise OptionError(

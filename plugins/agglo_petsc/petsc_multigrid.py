@@ -12,6 +12,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
     Deferred,
+    Diffusion,
     Float,
     Hierarchy,
     Listener,
@@ -20,8 +21,10 @@ from agglo_core.authoring import (
     Registry,
     Solution,
     default,
+    distributed,
     limit_told,
 )
+from agglo_petsc.across_ranks import AcrossRanks, solved_across
 from agglo_petsc.ksp_history import solve, unsolved
 from agglo_petsc.level_choice import COARSENINGS, Coarsening, SystemOnRanks, on_ranks
 from agglo_petsc.option_database import parsed_options
@@ -175,6 +178,40 @@ class PetscMultigrid:
             choice=self._choice(there),
             grid_complexity=sum(n for n, _ in sizes) / sizes[0][0],
             operator_complexity=sum(entries for _, entries in sizes) / sizes[0][1],
+        )
+
+    def solve_across(
+        self,
+        problem: Problem,
+        hierarchy: distributed.DistributedHierarchy,
+        progress: Listener | None = None,
+    ) -> AcrossRanks:
+        """Solve on a mesh of which each rank has its own cells; all ranks call it together.
+
+        Raises
+        ------
+        OptionError
+            As :func:`~agglo_petsc.across_ranks.solve_across`; for a problem that is no ``Diffusion``.
+        """
+        if not isinstance(problem, Diffusion):
+            raise OptionError(f"a {problem.kind} problem cannot be had of a mesh that lies on several ranks")
+        if self.coarsening == "matrix":
+            raise OptionError("coarsening 'matrix' is for one rank; on several take 'agglomerates'")
+        return solved_across(
+            problem,
+            hierarchy,
+            self.discretisation,
+            self.degree,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            levels=self.levels,
+            progress=progress,
+            options={
+                "smoother": self.smoother,
+                "coarse_solver": self.coarse_solver,
+                "cycle": self.cycle,
+                "petsc_options": self.petsc_options,
+            },
         )
 
     def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:

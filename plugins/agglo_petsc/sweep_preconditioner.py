@@ -1,64 +1,140 @@
 """Our sweeps through patches as a preconditioner of PETSc: solves in turn, where PCASM solves all at once.
 
-On several ranks each sweeps through its own unknowns, and the ranks' corrections are added: the hybrid of
-A. H. Baker, R. D. Falgout, T. V. Kolev, U. M. Yang, "Multigrid smoothers for ultraparallel computing", SIAM
-J. Sci. Comput. 33 (2011). At the borders of ranks it goes up to twice too far, so Chebyshev's iteration,
-which knows how far, takes sweeps there and back.
+On several ranks the sweep is that of one rank in another order: first, all at once, through the patches that
+touch no other rank, then through those at the borders, the ranks that touch one another in turn. So it needs
+no damping, and takes about as many iterations on any number of ranks.
 """
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 
-from agglo_core.authoring import Float, Int, OptionError, Patches, frozen_int, multigrid
-from agglo_petsc.petsc_matrices import rows_of
+from agglo_core.authoring import Float, OptionError, Patches, frozen_int, multigrid
+from agglo_petsc.border_plan import border_plan, in_blocks
+from agglo_petsc.petsc_matrices import agree, rows_of
 
-__all__ = ["LevelSweeps", "PatchSweeps", "own_patches", "require_width"]
+__all__ = ["LevelSweeps", "PatchSweeps", "require_width"]
+
+_TAG = 7412  # of messages within a sweep
+_TRIES, _PAUSE = 100, 2e-5  # looks at whether a message has come, before there are seconds between them
+
+
+class _RankSweeps:
+    """The sweeps of one rank through the patches of a matrix; all of it is collective."""
+
+    def __init__(self, A: Any, patches: Patches | None, width: int) -> None:
+        self._comm, self._width = A.getComm().tompi4py(), width
+        own = in_blocks(rows_of(A), width)
+        starts = frozen_int(np.asarray(A.getOwnershipRanges()) // width)
+        agree(A.getComm(), _beyond(patches, int(starts[-1])))
+        self._plan = plan = border_plan(self._comm, own, starts, patches)
+        wrong, self._inner, self._outer = "", None, None
+        try:
+            if len(plan.inner):
+                beside = in_blocks(rows_of(A.getDiagonalBlock()), width)
+                self._inner = multigrid.VertexPatches(beside, plan.inner, some=True)
+            if len(plan.outer):
+                self._outer = multigrid.VertexPatches(plan.rows, plan.outer, some=True)
+        except np.linalg.LinAlgError as error:
+            wrong = str(error)
+        agree(A.getComm(), wrong)
+        self.memory = sum(_memory(each) for each in (self._inner, self._outer) if each is not None)
+
+    def forwards(self, b: Float) -> Float:
+        """The sweep from zero for a right-hand side ``(n_own,)``."""
+        x: Float = np.zeros(len(b)) if self._inner is None else np.asarray(self._inner.before(b)[0], float)
+        return self._through_borders(b, x, back=False)[: len(b)]
+
+    def backwards(self, b: Float) -> Float:
+        """Its transpose: the same in the opposite order."""
+        x = self._through_borders(b, np.zeros(len(b)), back=True)[: len(b)]
+        return x if self._inner is None else np.asarray(self._inner.after(b, x), np.float64)
+
+    def _through_borders(self, b: Float, x: Float, *, back: bool) -> Float:
+        """x on own parts and copies after the turns of all ranks."""
+        plan, comm, n = self._plan, self._comm, self._width
+        if comm.size == 1:
+            return x
+        known = np.zeros((2, plan.rows.shape[0] // n, n))
+        known[:, : len(b) // n] = b.reshape(-1, n), x.reshape(-1, n)
+        sent = [
+            comm.Isend(np.ascontiguousarray(known[:, each]), rank, _TAG) for rank, each in plan.copied.items()
+        ]
+        for rank, each in plan.copies.items():
+            known[:, each] = self._received(rank, (2, len(each), n))
+        there, mine = known[1], plan.colours[comm.rank]
+        turns = sorted(plan.tellers, key=lambda rank: (plan.colours[rank], rank), reverse=back)
+        before = [rank for rank in turns if (plan.colours[rank] > mine) == back and self._outer is not None]
+        for rank in before:
+            there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+        if self._outer is not None:
+            there[:] = self._outer.sweep(known[0].ravel(), there.ravel(), back=back).reshape(-1, n)
+            sent += [comm.Isend(there[each], rank, _TAG) for rank, each in plan.told.items()]
+        for rank in turns:
+            if rank not in before:
+                there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+        for each in sent:
+            each.Wait()
+        better: Float = there.ravel()
+        return better
+
+    def _received(self, rank: int, shape: tuple[int, ...]) -> Float:
+        found = np.empty(shape)
+        request, tries = self._comm.Irecv(found, rank, _TAG), 0
+        while not request.Test():  # MPI itself waits in a loop, without leaving the processor to others
+            time.sleep(0.0 if tries < _TRIES else _PAUSE)
+            tries += 1
+        return found
+
+
+def _beyond(patches: Patches | None, parts: int) -> str:
+    """What is wrong with the parts of patches; empty if nothing is."""
+    given = np.empty(0, np.int64) if patches is None else np.asarray(patches.parts)
+    least, most = int(given.min(initial=0)), int(given.max(initial=-1))
+    return f"patches hold parts {least} to {most}; there are {parts}" if least < 0 or most >= parts else ""
+
+
+def _memory(sweeps: Any) -> int:
+    level = multigrid.Level(sweeps.A, frozen_int([0]), smoother=sweeps)
+    return int(multigrid.LevelStack([level], np.copy).memory)
 
 
 class LevelSweeps:
     """The patches of a level on one rank, factorised again when its matrix has changed."""
 
     def __init__(self, patches: Patches | None, width: int) -> None:
-        self._patches, self._width, self._state, self._sweeps = patches, width, (0, -1), None
-        self.memory = 0
+        self._patches, self._width = patches, width
+        self._state: tuple[int, int] = (0, -1)
+        self._sweeps: _RankSweeps | None = None
 
-    def of(self, A: Any) -> Any:
-        """The sweeps through the unknowns of this rank, None if it has none."""
+    @property
+    def memory(self) -> int:
+        """Bytes of factors and matrices on this rank."""
+        return 0 if self._sweeps is None else self._sweeps.memory
+
+    def of(self, A: Any) -> _RankSweeps:
+        """The sweeps through the patches of this rank; collective."""
         state = (A.handle, A.stateGet())
-        if state != self._state:
-            self._state = state
-            self._sweeps = self._made(A) if A.getLocalSize()[0] else None
+        if self._sweeps is None or state != self._state:
+            self._sweeps, self._state = _RankSweeps(A, self._patches, self._width), state
         return self._sweeps
-
-    def _made(self, A: Any) -> Any:
-        own, width = rows_of(A.getDiagonalBlock()), self._width
-        first, last = (each // width for each in A.getOwnershipRange())
-        blocks = sparse.bsr_array(own, blocksize=(width, width))
-        blocks.sort_indices()
-        sweeps = multigrid.VertexPatches(blocks, own_patches(self._patches, first, last))
-        self.memory = multigrid.LevelStack(
-            [multigrid.Level(blocks, frozen_int([0]), smoother=sweeps)], np.copy
-        ).memory
-        return sweeps
 
 
 class PatchSweeps:
-    """Context of a ``PC`` of type ``python``: a sweep forwards, one backwards, or both.
+    """Context of a ``PC`` of type ``python``: a sweep forwards, or backwards.
 
     Parameters
     ----------
     level : LevelSweeps
-    order : {"forwards", "backwards", "both"}
+    backwards : bool
         Backwards is the transpose of forwards: what smooths after the correction if the other one did before.
-        Both are symmetric.
     """
 
-    def __init__(self, level: LevelSweeps, order: str) -> None:
-        self.level, self._order = level, order
+    def __init__(self, level: LevelSweeps, *, backwards: bool) -> None:
+        self.level, self._backwards = level, backwards
 
     def setUp(self, pc: Any) -> None:  # PETSc's name
         """Factorise the patches, unless that has been done for this matrix."""
@@ -66,49 +142,16 @@ class PatchSweeps:
 
     def apply(self, pc: Any, x: Any, y: Any) -> None:
         """Set y to the sweep from zero for the right-hand side x."""
-        self._sweep(pc, x, y, self._order)
+        self._sweep(pc, x, y, backwards=self._backwards)
 
     def applyTranspose(self, pc: Any, x: Any, y: Any) -> None:  # PETSc's name
         """The same in the other order."""
-        self._sweep(pc, x, y, _TRANSPOSED[self._order])
+        self._sweep(pc, x, y, backwards=not self._backwards)
 
-    def _sweep(self, pc: Any, x: Any, y: Any, order: str) -> None:
+    def _sweep(self, pc: Any, x: Any, y: Any, *, backwards: bool) -> None:
         sweeps = self.level.of(pc.getOperators()[1])
-        if sweeps is None:
-            return
         b: Float = np.array(x.getArray(readonly=True))
-        start = np.zeros(len(b)) if order == "backwards" else sweeps.before(b)[0]
-        y.setArray(start if order == "forwards" else sweeps.after(b, start))
-
-
-_TRANSPOSED = {"forwards": "backwards", "backwards": "forwards", "both": "both"}
-
-
-def own_patches(patches: Patches | None, first: int, last: int) -> Patches:
-    """Patches cut down to the parts ``first:last`` of this rank, and counted from there.
-
-    Parts that are in none, and all without patches, are patches of their own. Empty ones are left out.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> cut = own_patches(Patches(np.array([0, 2, 4]), np.array([0, 1, 1, 2])), 1, 4)
-    >>> cut.offsets.tolist(), cut.parts.tolist()
-    ([0, 1, 3, 4], [0, 0, 1, 2])
-    """
-    offsets, parts = (np.zeros(1, np.int64),) * 2 if patches is None else (patches.offsets, patches.parts)
-    parts = np.empty(0, np.int64) if patches is None else np.asarray(parts)
-    group = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
-    inside = (parts >= first) & (parts < last)
-    group, parts = group[inside], parts[inside] - first
-    alone = np.flatnonzero(np.bincount(parts, minlength=last - first) == 0)
-    sizes = np.bincount(group)
-    sizes = np.concatenate((sizes[sizes > 0], np.ones(len(alone), np.int64)))
-    return Patches(_starts(sizes), frozen_int(np.concatenate((parts, alone))))
-
-
-def _starts(sizes: Any) -> Int:
-    return frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+        y.setArray(sweeps.backwards(b) if backwards else sweeps.forwards(b))
 
 
 def require_width(width: int | None, smoother: str) -> int:

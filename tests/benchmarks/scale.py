@@ -7,6 +7,8 @@ and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seco
 the counts, kernels compiled; ranks wait for one another in loops, so more ranks than cores cost more than
 they work. ``same`` tells whether the labels of ``independent_of_ranks`` are those of one rank. Then weak
 scaling, as many cells on each rank, and a model fitted to both: seconds, messages and bytes of a rank.
+Below each run is what the rank that sends most sends for each level, finest first: messages, kB; for
+a level on fewer ranks the graph that goes there, and the labels that come back, are in it.
 
 Where borders of ranks lie changes parts as another seed does, so first shapes on ``--seeds`` meshes of a
 tenth of the triangles each: means, and the standard error of a difference to one rank on the same meshes.
@@ -79,6 +81,7 @@ def on_rank(file: str, full: bool) -> None:
         "seconds": seconds,
         "messages": made.statistics["messages"],
         "bytes": made.statistics["bytes"],
+        "by_level": made.statistics["sent_by_level"],
         "memory": arrays_of(mesh, mesh.local, mesh.local.graph),
     }
     before = ranks.traffic.bytes
@@ -102,6 +105,8 @@ def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
         q["max_diameter"] <= t["h_star"] * (1 + 1e-9) for q, t in zip(sizes, sized.targets, strict=True)
     )
     free = agglomerate(mesh, COUNTS, independent_of_ranks=True)
+    free_sized = agglomerate(mesh, SIZES, independent_of_ranks=True)
+    alike = free.quality(0, ["UF", "CR"])
     connected = min(found["connected"], *(q["connected"] for q in sizes))
     return {
         "parts": made.parts,
@@ -111,8 +116,8 @@ def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
         "sized": sized.parts,
         "sized CR": sizes[0]["CR"],
         "connected": connected,
-        "free CR": free.quality(0, ["CR"])["CR"],
-        "labels": digest(mesh, free.levels),
+        "free": [alike["UF"], alike["CR"], free_sized.quality(0, ["CR"])["CR"], free_sized.parts[0]],
+        "labels": digest(mesh, [*free.levels, *free_sized.levels]),
     }
 
 
@@ -183,6 +188,14 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
             f"{row['bytes'] / 1e3:9.1f} {row['halo'] / 1e3:8.1f} {memory:7.0f}",
             flush=True,
         )
+        for level in range(len(first["by_level"])):
+            most = {key: max(each["by_level"][level][key] for each in ranks) for key in ("messages", "bytes")}
+            print(
+                f"{'':6}level {level}: {most['messages']:6} messages {most['bytes'] / 1e3:9.1f} kB",
+                flush=True,
+            )
+    UF, CR, sized, parts = every[0][0]["free"]
+    print(f" free {'':17}{UF:6.3f} {CR:5.3f} {'':33}{parts:6,} {sized:6.3f}   (independent_of_ranks)")
     return every
 
 

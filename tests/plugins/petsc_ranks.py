@@ -15,11 +15,15 @@ from scipy import sparse
 
 import agglo_core as agglo
 import agglo_petsc
+from agglo_core.arrays import frozen_int
 from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
 from agglo_core.errors import OptionError
-from agglo_core.problems import Diffusion, Linear
+from agglo_core.multigrid import vertex_patches
+from agglo_core.problems import Diffusion, Linear, Patches
 from agglo_core.registry import default
+from agglo_petsc.patches_across import patches_across
 from agglo_petsc.petsc_matrices import petsc, vector
+from agglo_petsc.sweep_preconditioner import LevelSweeps
 
 COMM = MPI.COMM_WORLD
 PETSc = petsc()
@@ -93,20 +97,79 @@ def wrong() -> list[str]:
     return told if COMM.allgather(told) == [told] * COMM.size else ["ranks differ"]
 
 
-def across() -> list[float]:
-    """A mesh that no rank has whole: iterations on one rank and on all, the largest difference of x."""
-    mesh = agglo.samples.voronoi(400, seed=32)
-    found = []
+def across() -> dict[str, list[float]]:
+    """A mesh that no rank has whole, coarse levels on one rank: iterations, the gap, levels."""
+    mesh = agglo.samples.voronoi(600, seed=32)
+    found: dict[str, list[tuple[int, object, int]]] = {}
     for ranks in (Ranks(MPI.COMM_SELF), Ranks()):
         whole = DistributedMesh.scatter(mesh if ranks.rank == 0 else None, ranks)
-        hierarchy = agglomerate(whole, agglo.Pipeline(cells_per_part=(8, 64), **STRAIGHT))
-        there = agglo_petsc.solve_across(
-            Diffusion(source=8.0), hierarchy, degree=2, tolerance=1e-8, smoother="blocks"
+        hierarchy = agglomerate(whole, agglo.Pipeline(n_parts=(75, 12, 3), **STRAIGHT))
+        for smoother in ("sweeps", "patches", "blocks"):
+            there = agglo_petsc.solve_across(
+                Diffusion(source=8.0), hierarchy, degree=1, tolerance=1e-8, smoother=smoother
+            )
+            assert there.converged
+            x = whole.gather(there.x.reshape(len(whole.own), -1))
+            found.setdefault(smoother, []).append((there.iterations, x, there.levels))
+    return {
+        name: [i, j, float(np.abs(x - y).max() / np.abs(x).max()), levels]
+        for name, ((i, x, _), (j, y, levels)) in found.items()
+    }
+
+
+def sweep() -> list[float]:
+    """A sweep beside the product of projections in the order planned, and its transpose: largest gaps."""
+    mesh = agglo.samples.squares(8)
+    whole = sparse.csr_array(mesh.graph.to_scipy() * -1.0 + sparse.diags_array(np.full(64, 5.0)))
+    starts = np.linspace(0, 64, COMM.size + 1).astype(int)
+    mine = slice(starts[COMM.rank], starts[COMM.rank + 1])
+    A = agglo_petsc.mat_from_rows(whole[mine], PETSc.COMM_WORLD, mine.stop - mine.start)
+    patches = vertex_patches(mesh)
+    lists = [
+        each for each in np.split(patches.parts, patches.offsets[1:-1]) if mine.start <= each[0] < mine.stop
+    ]
+    ends = np.concatenate(([0], np.cumsum([len(each) for each in lists])))
+    sweeps = LevelSweeps(Patches(frozen_int(ends), frozen_int(np.concatenate(lists))), 1).of(A)
+    b = np.random.default_rng(5).standard_normal((2, 64))
+    forwards, backwards = (
+        np.concatenate(COMM.allgather(how(b[k, mine])))
+        for k, how in enumerate((sweeps.forwards, sweeps.backwards))
+    )
+    x = np.zeros(64)
+    for patch in _in_order(lists, whole, starts):
+        x[patch] += np.linalg.solve(whole.toarray()[np.ix_(patch, patch)], (b[0] - whole @ x)[patch])
+    mirrored = abs(float(forwards @ b[1] - backwards @ b[0])) / float(np.linalg.norm(forwards))
+    return [float(np.abs(forwards - x).max()), mirrored]
+
+
+def _in_order(lists: list[object], whole: object, starts: object) -> list[object]:
+    """All patches of all ranks: those away from borders, then those of even ranks, of odd ones."""
+    owner = np.searchsorted(starts, np.arange(64), side="right") - 1
+    alone = [int(np.ptp(owner[(abs(whole) @ np.isin(np.arange(64), each)) > 0])) == 0 for each in lists]
+    every = COMM.allgather((lists, alone))
+    turns = [*every[::2], *every[1::2]]  # ranks lie in a row
+    inner = [p for these, own in every for p, free in zip(these, own, strict=True) if free]
+    return inner + [p for these, own in turns for p, free in zip(these, own, strict=True) if not free]
+
+
+def patches() -> list[bool]:
+    """Whether patches of a mesh on ranks are those of the whole one: of cells, of agglomerates."""
+    mesh, found = agglo.samples.squares(12), []
+    whole = DistributedMesh.scatter(mesh if COMM.rank == 0 else None, Ranks())
+    labels = np.arange(144) // 12 // 3 * 4 + np.arange(144) % 12 // 3  # blocks of 3 by 3
+    for parts, count in ((np.arange(144), 144), (labels, 16)):
+        bounds = np.minimum(np.arange(COMM.size + 1) * 20, count)  # the last rank has the rest
+        bounds[-1] = count
+        mine = patches_across(whole, frozen_int(parts[whole.global_ids]), frozen_int(bounds))
+        every = [tuple(p) for each in COMM.allgather(_lists(mine)) for p in each]
+        found.append(
+            sorted(every) == sorted(map(tuple, _lists(vertex_patches(mesh, None if count == 144 else parts))))
         )
-        assert there.converged
-        found.append((there.iterations, whole.gather(there.x.reshape(len(whole.own), -1))))
-    (one, x), (all_, y) = found
-    return [one, all_, float(np.abs(x - y).max() / np.abs(x).max())]
+    return found
+
+
+def _lists(patches: Patches) -> list[list[int]]:
+    return [sorted(each.tolist()) for each in np.split(patches.parts, patches.offsets[1:-1]) if len(each)]
 
 
 def dolfinx_poisson() -> list[float]:
@@ -137,7 +200,7 @@ def dolfinx_poisson() -> list[float]:
 
 
 if __name__ == "__main__":
-    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong, across)}
+    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong, across, sweep, patches)}
     if find_spec("dolfinx"):
         asked["dolfinx_poisson"] = dolfinx_poisson
     answers = {name: ask() for name, ask in asked.items()}

@@ -12,11 +12,9 @@ import agglo_core as agglo
 import agglo_petsc
 from agglo_core import multigrid
 from agglo_core.errors import OptionError
-from agglo_core.problems import Patches
 from agglo_petsc.label_levels import exponents, monomial, nested_aggregates
 from agglo_petsc.option_database import parsed_options
 from agglo_petsc.row_shares import row_share, usable_levels
-from agglo_petsc.sweep_preconditioner import own_patches
 
 STRAIGHT = {"bisector": "coordinate", "refiners": (), "polish": False}  # little to compile
 
@@ -67,12 +65,6 @@ def test_levels_with_too_few_parts_for_the_ranks_are_left_out():
 def test_levels_that_are_not_nested_are_refused():
     with pytest.raises(OptionError, match="level 1 are not unions"):
         nested_aggregates([np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])])
-
-
-def test_patches_of_a_rank_hold_each_of_its_parts():
-    cut = own_patches(Patches(np.array([0, 3, 5]), np.array([0, 2, 5, 3, 9])), 2, 6)
-    assert [each.tolist() for each in np.split(cut.parts, cut.offsets[1:-1])] == [[0, 3], [1], [2]]
-    assert own_patches(None, 4, 7).offsets.tolist() == [0, 1, 2, 3]
 
 
 def test_options_are_parsed_as_petsc_writes_them():

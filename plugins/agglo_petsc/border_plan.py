@@ -1,0 +1,202 @@
+"""Patches at the borders of ranks: whose turn it is, which rows they need, who is told what they change.
+
+Ranks with patches that touch one another take turns, by colours: M. F. Adams, "A distributed memory
+unstructured Gauss-Seidel algorithm for multigrid smoothers", Proc. SC 2001. Patches farther from the borders
+touch nothing of other ranks: all ranks sweep through theirs at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Int, Patches, frozen_int
+from agglo_petsc.rank_messages import by_owner, swapped
+
+__all__ = ["BorderPlan", "border_plan", "in_blocks"]
+
+_EMPTY = frozen_int(np.empty(0, np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class BorderPlan:
+    """What a rank has to know for sweeps through patches that others touch, too.
+
+    Its own parts come first, then copies of parts of other ranks, both by rising number.
+
+    Attributes
+    ----------
+    inner, outer : Patches
+        Those that touch no other rank, by own parts; the others, by own parts and copies.
+    rows : bsr
+        The rows of all parts in ``outer``, square; those of other parts are empty.
+    copied, copies : mapping of rank to (m,) int
+        Own parts of which that rank has copies; copies of its parts.
+    told, tellers : mapping of rank to (m,) int
+        Parts in ``outer`` that the rank has, too; those that it changes.
+    colours : mapping of rank to int
+        Turns: of this rank, if it has such patches, and of all ``tellers``.
+    """
+
+    inner: Patches
+    outer: Patches
+    rows: Any
+    copied: Mapping[int, Int]
+    copies: Mapping[int, Int]
+    told: Mapping[int, Int]
+    tellers: Mapping[int, Int]
+    colours: Mapping[int, int]
+
+
+def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> BorderPlan:
+    """Plan sweeps through patches that are given by one rank each; collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    own : bsr
+        Rows of this rank, all columns, a block for each pair of parts.
+    starts : (ranks + 1,) int
+        Rank r has the parts ``starts[r]:starts[r + 1]``.
+    patches : Patches, optional
+        By numbers of all ranks. Parts in none of any rank are patches of their own.
+    """
+    first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
+    groups = _with_single_parts(comm, starts, patches)
+    inner, outer = _divided(groups, own, first, last)
+    changed = frozen_int(np.unique(outer.parts))
+    rows, ids = _rows_for(comm, own, starts, changed)
+    seen = np.unique(np.concatenate((ids, changed)))
+    away = frozen_int(seen[(seen < first) | (seen >= last)])
+
+    def here(parts: Int) -> Int:
+        """Places of parts among own ones and copies."""
+        inside = (parts >= first) & (parts < last)
+        return frozen_int(np.where(inside, parts - first, last - first + np.searchsorted(away, parts)))
+
+    asked = by_owner(away, starts)
+    copied = {rank: frozen_int(each - first) for rank, each in swapped(comm, asked).items()}
+    told, tellers = _tellers(comm, starts, changed, copied)
+    matrix = _square(rows, here(changed), here(ids), last - first + len(away), own.blocksize[0])
+    return BorderPlan(
+        inner=Patches(inner.offsets, frozen_int(inner.parts - first)),
+        outer=Patches(outer.offsets, here(frozen_int(outer.parts))),
+        rows=matrix,
+        copied=copied,
+        copies={rank: here(each) for rank, each in asked.items()},
+        told={rank: here(each) for rank, each in told.items()},
+        tellers={rank: here(each) for rank, each in tellers.items()},
+        colours=_colours(comm, sorted(told)),
+    )
+
+
+def in_blocks(rows: Any, width: int) -> Any:
+    """A CSR as BSR with square blocks, sorted."""
+    found = sparse.bsr_array(rows, blocksize=(width, width))
+    found.sort_indices()
+    return found
+
+
+def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patches:
+    """Patches of this rank, and its parts that are in no patch of any rank; empty ones are left out."""
+    first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
+    offsets, parts = (np.zeros(1, np.int64), _EMPTY) if patches is None else (patches.offsets, patches.parts)
+    held = swapped(comm, by_owner(frozen_int(np.unique(parts)), starts)).values()
+    alone = np.ones(last - first, bool)
+    for each in held:
+        alone[each - first] = False
+    sizes, single = np.diff(offsets), first + np.flatnonzero(alone)
+    sizes = np.concatenate((sizes[sizes > 0], np.ones(len(single), np.int64)))
+    return Patches(_starts(sizes), frozen_int(np.concatenate((parts, single))))
+
+
+def _divided(groups: Patches, own: Any, first: int, last: int) -> tuple[Patches, Patches]:
+    """Patches of own parts whose neighbours are all own, and the others."""
+    away = (own.indices < first) | (own.indices >= last)
+    coupled = np.zeros(last - first, bool)
+    coupled[np.repeat(np.arange(last - first), np.diff(own.indptr))[away]] = True
+    inside = (groups.parts >= first) & (groups.parts < last)
+    free = np.zeros(len(groups.parts), bool)
+    free[inside] = ~coupled[groups.parts[inside] - first]
+    group = np.repeat(np.arange(len(groups)), np.diff(groups.offsets))
+    inner = np.bincount(group[~free], minlength=len(groups)) == 0
+    return tuple(
+        Patches(_starts(np.diff(groups.offsets)[which]), frozen_int(groups.parts[which[group]]))
+        for which in (inner, ~inner)
+    )  # type: ignore[return-value]
+
+
+def _rows_for(comm: Any, own: Any, starts: Int, parts: Int) -> tuple[tuple[Any, Any, Any], Int]:
+    """Rows of parts of any ranks, own ones first: counts, columns, blocks; and the columns again."""
+    first, asked = int(starts[comm.rank]), by_owner(parts, starts)
+    mine = asked.pop(comm.rank, _EMPTY)
+    answers = {rank: _taken(own, frozen_int(each - first)) for rank, each in swapped(comm, asked).items()}
+    found = [_taken(own, frozen_int(mine - first)), *swapped(comm, answers).values()]
+    counts, columns, blocks = (np.concatenate(each) for each in zip(*found, strict=True))
+    return (counts, columns, blocks), frozen_int(columns)
+
+
+def _taken(rows: Any, which: Int) -> tuple[Any, Any, Any]:
+    """Some rows of a BSR: counts, columns, blocks."""
+    counts = np.diff(rows.indptr)[which]
+    ends = np.cumsum(counts)
+    total = int(ends[-1]) if len(ends) else 0
+    at = np.repeat(rows.indptr[which] - ends + counts, counts) + np.arange(total)
+    return counts, rows.indices[at], rows.data[at]
+
+
+def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width: int) -> Any:
+    """Rows at their places in a square BSR whose others are empty."""
+    counts, _, blocks = rows
+    order = np.argsort(places, kind="stable")  # own ones first, as the rows are
+    sizes = np.zeros(n, np.int64)
+    sizes[places[order]] = counts
+    arrays = blocks, np.array(columns), np.array(_starts(sizes))  # sorted in place
+    found = sparse.bsr_array(arrays, shape=(n * width, n * width))
+    found.sort_indices()
+    return found
+
+
+def _tellers(
+    comm: Any, starts: Int, changed: Int, copied: Mapping[int, Int]
+) -> tuple[dict[int, Int], dict[int, Int]]:
+    """Which of the parts that this rank changes others have, and which of its own and copies others change.
+
+    The owner of a part knows who has copies, and tells those who change it.
+    """
+    first, count = int(starts[comm.rank]), int(starts[comm.rank + 1] - starts[comm.rank])
+    writers = swapped(comm, by_owner(changed, starts))
+    holders = dict(copied) | {comm.rank: np.arange(count)}
+    has = {rank: np.isin(np.arange(count), each) for rank, each in holders.items()}
+    answers: dict[int, dict[int, Any]] = {}
+    for writer, parts in writers.items():
+        shared = {rank: parts[each[parts - first]] for rank, each in has.items() if rank != writer}
+        answers[writer] = {rank: each for rank, each in shared.items() if len(each)}
+    pieces: dict[int, list[Int]] = {}
+    for answer in swapped(comm, answers).values():
+        for rank, parts in answer.items():
+            pieces.setdefault(rank, []).append(parts)
+    told = {rank: frozen_int(np.concatenate(pieces[rank])) for rank in sorted(pieces)}
+    return told, swapped(comm, told)
+
+
+def _colours(comm: Any, touched: list[int]) -> dict[int, int]:
+    """Colour of each rank; of two of which one changes what the other has they differ."""
+    beside: list[set[int]] = [set() for _ in range(comm.size)]
+    for rank, others in enumerate(comm.allgather(touched)):
+        for other in others:
+            beside[rank].add(other)
+            beside[other].add(rank)
+    colours: dict[int, int] = {}
+    for rank, others in enumerate(beside):
+        taken = {colours[other] for other in others if other in colours}
+        colours[rank] = next(colour for colour in range(comm.size + 1) if colour not in taken)
+    return colours
+
+
+def _starts(sizes: Any) -> Int:
+    return frozen_int(np.concatenate(([0], np.cumsum(sizes))))

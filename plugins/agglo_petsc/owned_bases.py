@@ -1,0 +1,89 @@
+"""Bases of aggregates whose parts lie on several ranks: made where the aggregate is owned.
+
+Rows of the near-null vectors travel to the owner of their aggregate, rows of the prolongation back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Int, frozen_float, frozen_int, tentative
+from agglo_petsc.petsc_matrices import agree
+from agglo_petsc.rank_messages import swapped
+
+__all__ = ["OwnedBases", "bases_where_owned"]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnedBases:
+    """A tentative prolongation whose rows and columns are divided among ranks.
+
+    Attributes
+    ----------
+    rows : (n_own, m) csr
+        Rows of this rank, global columns.
+    offsets : (owned aggregates + 1,) int
+        Coarse unknowns of each aggregate that this rank has.
+    near_null : (owned columns, k) float
+        The near-null vectors on the coarse level.
+    """
+
+    rows: Any
+    offsets: Int
+    near_null: Float
+
+
+def bases_where_owned(comm: Any, holder: Any, count: int, near_null: Float) -> OwnedBases:
+    """Cut near-null vectors at aggregates; collective.
+
+    Parameters
+    ----------
+    comm : petsc4py.PETSc.Comm
+    holder : (n_own,) int
+        Global number of the aggregate of each unknown, −1 for none.
+    count : int
+        Aggregates of this rank; numbers run on from rank to rank.
+    near_null : (n_own, k) float
+
+    Raises
+    ------
+    OptionError
+        On all ranks, if an aggregate has no unknowns.
+    """
+    ranks = comm.tompi4py()
+    starts = np.concatenate(([0], np.cumsum(ranks.allgather(count))))
+    owner = np.where(holder < 0, -1, np.searchsorted(starts, holder, side="right") - 1)
+    sent = {rank: np.flatnonzero(owner == rank) for rank in np.unique(owner[owner >= 0]).tolist()}
+    arrived = swapped(ranks, {rank: (holder[rows], near_null[rows]) for rank, rows in sent.items()})
+    first = int(starts[ranks.rank])
+    ids = np.concatenate([np.empty(0, np.int64), *(each[0] for each in arrived.values())]) - first
+    values = np.concatenate([np.empty((0, near_null.shape[1])), *(each[1] for each in arrived.values())])
+    empty = np.flatnonzero(np.bincount(ids, minlength=count) == 0)
+    agree(comm, f"aggregate {first + empty[0]} has no part" if len(empty) else "")
+    made = tentative(frozen_int(ids), count, frozen_float(values))
+    before = int(sum(ranks.allgather(made.T.shape[1])[: ranks.rank]))
+    total = int(ranks.allreduce(made.T.shape[1]))
+    answers, at = {}, 0
+    for rank, (theirs, _) in arrived.items():
+        piece = made.T[at : at + len(theirs)]
+        answers[rank] = np.diff(piece.indptr), piece.indices + before, piece.data
+        at += len(theirs)
+    return OwnedBases(_rows(swapped(ranks, answers), sent, len(holder), total), made.offsets, made.near_null)
+
+
+def _rows(answers: Any, sent: Any, n: int, total: int) -> Any:
+    """Rows as they came back, at their places."""
+    places = [np.repeat(sent[rank], counts) for rank, (counts, _, _) in answers.items()]
+    rows, columns, data = (
+        np.concatenate([np.empty(0, kind), *each])
+        for kind, each in (
+            (np.int64, places),
+            (np.int64, [each[1] for each in answers.values()]),
+            (np.float64, [each[2] for each in answers.values()]),
+        )
+    )
+    return sparse.csr_array((data, (rows, columns)), shape=(n, total))

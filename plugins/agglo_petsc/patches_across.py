@@ -1,0 +1,133 @@
+"""Vertex patches of a distributed mesh: complete ones, each given by one rank."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigrid
+
+__all__ = ["patches_across"]
+
+_MOST = 64
+"""Parts of a patch; a vertex where more meet has none, as on one rank."""
+
+
+def patches_across(mesh: distributed.DistributedMesh, numbers: Int, bounds: Int) -> Patches:
+    """Patches around the vertices where parts meet; all ranks must call it.
+
+    They are those of :func:`agglo_core.multigrid.vertex_patches`, except that at the border of ranks vertices
+    that are close to one another do not share a patch.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    numbers : (local.n_cells,) int
+        Global number of the part of each cell, ghosts too.
+    bounds : (ranks + 1,) int
+        Rank r has the parts ``bounds[r]:bounds[r + 1]``; it gives the patches whose lowest part that is.
+
+    Returns
+    -------
+    Patches
+        By global numbers of parts.
+    """
+    ranks = mesh.ranks
+    if ranks.size == 1 and mesh.n_cells == len(np.unique(numbers)):
+        return _numbered(multigrid.vertex_patches(mesh.local), numbers)
+    with ranks.together():
+        inside, border = _of_own_cells(mesh, numbers), _border_pairs(mesh, numbers)
+        to = border[0] % ranks.size
+        parcels = {rank: border[:, to == rank] for rank in np.unique(to).tolist()}
+    arrived = ranks.exchanged(parcels)
+    with ranks.together():
+        pairs = np.concatenate([np.empty((2, 0), np.int64), *arrived.values()], axis=1)
+        found = _joined([inside, _around_points(np.unique(pairs, axis=1))])
+        owners = np.searchsorted(bounds, found.parts[found.offsets[:-1]], side="right") - 1
+        given = {rank: _chosen(found, owners == rank) for rank in np.unique(owners).tolist()}
+    found = _joined(list(ranks.exchanged(given).values()))
+    with ranks.together():
+        return _without_contained(_ascending(found))
+
+
+def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
+    """Patches of the parts of own cells, complete where all cells around a vertex are own."""
+    marked = 2 * np.asarray(numbers) + (mesh.owners != mesh.ranks.rank)  # ghosts apart from own cells
+    if not len(marked):
+        return _joined([])
+    names, labels = np.unique(marked, return_inverse=True)
+    if len(names) == len(marked):  # cells are the parts
+        patches = _numbered(multigrid.vertex_patches(mesh.local), frozen_int(marked))
+    else:
+        patches = _numbered(multigrid.vertex_patches(mesh.local, frozen_int(labels)), frozen_int(names))
+    own = patches.parts % 2 == 0
+    group = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
+    sizes = np.bincount(group[own], minlength=len(patches))
+    cut = Patches(_starts(sizes), frozen_int(patches.parts[own] // 2))
+    return _chosen(cut, sizes > 1)
+
+
+def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
+    """Points of faces between ranks, by global ids, with the parts of the own cells around each."""
+    local = mesh.local
+    own = mesh.owners == mesh.ranks.rank
+    between = (local.face_cells[:, 1] >= 0) & (own[local.face_cells].sum(axis=1) == 1)
+    at_border = np.zeros(local.n_points, bool)
+    at_border[local.face_vertices[np.repeat(between, np.diff(local.face_offsets))]] = True
+    offsets, vertices = local.cell_vertices
+    cells = np.repeat(np.arange(local.n_cells), np.diff(offsets))
+    chosen = at_border[vertices] & own[cells]
+    return frozen_int(np.stack((mesh.point_ids[vertices[chosen]], numbers[cells[chosen]])))
+
+
+def _around_points(pairs: Any) -> Patches:
+    """The parts at each point, of pairs that are sorted."""
+    sizes = np.unique(pairs[0], return_counts=True)[1]
+    return _chosen(Patches(_starts(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
+
+
+def _ascending(patches: Patches) -> Patches:
+    """Parts of each patch by rising number, and patches part by part."""
+    sizes = np.diff(patches.offsets)
+    group = np.repeat(np.arange(len(patches)), sizes)
+    parts = patches.parts[np.lexsort((patches.parts, group))]
+    table = np.full((len(sizes), int(sizes.max(initial=1))), -1)
+    table[group, np.arange(len(parts)) - patches.offsets[group]] = parts
+    table = np.unique(table, axis=0)  # sorts them, too
+    inside = table >= 0
+    return Patches(_starts(inside.sum(axis=1)), frozen_int(table[inside]))
+
+
+def _without_contained(patches: Patches) -> Patches:
+    """Those of different patches that lie in no other."""
+    sizes = np.diff(patches.offsets)
+    columns = np.unique(patches.parts, return_inverse=True)[1]
+    shape = (len(sizes), int(columns.max(initial=-1)) + 1)
+    holds = sparse.csr_array((np.ones(len(columns)), columns, patches.offsets), shape=shape)
+    shared = sparse.coo_array(holds @ holds.T)
+    inside = (shared.data == sizes[shared.row]) & (shared.row != shared.col)
+    kept = np.ones(len(sizes), bool)
+    kept[shared.row[inside]] = False
+    return _chosen(patches, kept)
+
+
+def _numbered(patches: Patches, names: Int) -> Patches:
+    return Patches(patches.offsets, frozen_int(names[patches.parts]))
+
+
+def _chosen(patches: Patches, which: Any) -> Patches:
+    sizes = np.diff(patches.offsets)
+    return Patches(_starts(sizes[which]), frozen_int(patches.parts[np.repeat(which, sizes)]))
+
+
+def _joined(pieces: list[Patches]) -> Patches:
+    sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(each.offsets) for each in pieces)])
+    return Patches(
+        _starts(sizes), frozen_int(np.concatenate([np.empty(0, np.int64), *(each.parts for each in pieces)]))
+    )
+
+
+def _starts(sizes: Any) -> Int:
+    return frozen_int(np.concatenate(([0], np.cumsum(sizes))))

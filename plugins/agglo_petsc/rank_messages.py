@@ -1,0 +1,44 @@
+"""What the ranks of a communicator send one another while levels are set up: arrays, by rank."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+
+from agglo_core.authoring import Int, frozen_int
+
+__all__ = ["by_owner", "swapped"]
+
+T = TypeVar("T")
+
+
+def swapped(comm: Any, parcels: Mapping[int, T]) -> dict[int, T]:
+    """What other ranks, and this one, have for this one, by rising rank; collective.
+
+    Parameters
+    ----------
+    comm : mpi4py communicator
+    parcels : mapping of rank to object
+        What this rank has for others; None is nothing.
+    """
+    found = comm.alltoall([parcels.get(rank) for rank in range(comm.size)])
+    return {rank: each for rank, each in enumerate(found) if each is not None}
+
+
+def by_owner(ids: Int, starts: Int) -> dict[int, Int]:
+    """Rising ids by the rank that has them: rank r has ``starts[r]:starts[r + 1]``.
+
+    Examples
+    --------
+    >>> {rank: each.tolist() for rank, each in by_owner(np.array([1, 2, 7]), np.array([0, 2, 2, 8])).items()}
+    {0: [1], 2: [2, 7]}
+    """
+    ends = np.searchsorted(ids, starts)
+    return {
+        rank: frozen_int(ids[first:last])
+        for rank, (first, last) in enumerate(pairwise(ends.tolist()))
+        if last > first
+    }
