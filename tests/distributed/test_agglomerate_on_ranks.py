@@ -135,6 +135,7 @@ def test_agglomerates_in_between_keep_sizes_and_counts() -> None:
 
 
 def test_one_rank_makes_the_levels_of_one_machine() -> None:
+    pytest.importorskip("mpi4py")
     mesh = cracked()
     options: dict[str, Any] = {"n_parts": (120, 24), "regions": "mat"}
     made = agglomerate(shared(mesh), Pipeline(**options))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from on_ranks import on_ranks
 
 import agglo_core as agglo
@@ -28,4 +29,5 @@ def test_levels_on_fewer_ranks_are_those_that_send_graphs() -> None:
 
 
 def test_one_rank_sends_nothing() -> None:
+    pytest.importorskip("mpi4py")
     assert sent_for_three_levels() == ([{"messages": 0, "bytes": 0}] * 3, 0, 0)
