@@ -62,7 +62,13 @@ def solve_on_ranks(
         seen, _ = with_second_layer(mesh)  # what rows are assembled on: values of cells are of these
         with ranks.together():
             trusted = bool(agglomeration.get("allow_code"))
-            asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
+            try:
+                asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
+            except OptionError as error:
+                beside = "tables by tag must fit the cells of each rank" if ranks.size > 1 else ""
+                raise OptionError(
+                    f"{error}" + (f" (on rank {ranks.rank}; {beside})" if beside else "")
+                ) from error
         warm_up_in_turn(agglomeration, ranks)
         hierarchy, seconds = agglomerated(mesh, agglomeration, False, progress)
         with attributed(title, spare=(AggloError,)):
