@@ -22,7 +22,7 @@ class BlockProduct:
     """
 
     def __init__(self, A: Any) -> None:
-        self.shape = A.shape
+        self.shape, self.dtype = A.shape, A.dtype
         self._A = A
         self._arrays = frozen_index(A.indptr), frozen_index(A.indices), frozen_float(A.data).reshape(-1)
         self._kernel = block_product(int(A.blocksize[0]))
