@@ -29,7 +29,8 @@ def test_products_are_those_of_dense_matrices(width: int) -> None:
     np.testing.assert_allclose(block_matmat(A, P).toarray(), A.toarray() @ P.toarray(), atol=1e-12)
     coarse, dense = block_galerkin(A, P), P.toarray()
     np.testing.assert_allclose(coarse.toarray(), dense.T @ A.toarray() @ dense, atol=1e-11)
-    assert coarse.has_sorted_indices and coarse.blocksize == (width, width)
+    assert coarse.has_sorted_indices
+    assert coarse.blocksize == (width, width)
 
 
 def test_only_square_blocks_of_one_size_have_kernels() -> None:
