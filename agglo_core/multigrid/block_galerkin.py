@@ -31,8 +31,10 @@ def block_matmat(A: Any, P: Any) -> sparse.bsr_array:
 
 def block_galerkin(A: Any, P: Any) -> sparse.bsr_array:
     """Pᵀ A P, columns sorted."""
-    by_columns = block_columns(frozen_index(P.indptr), frozen_index(P.indices), P.shape[1] // P.blocksize[1])
-    found = _product(*(frozen_index(each) for each in by_columns), P, 1, block_matmat(A, P))
+    columns = P.shape[1] // P.blocksize[1]
+    pattern = block_columns(frozen_index(P.indptr), frozen_index(P.indices), columns)
+    starts, rows, places = (frozen_index(each) for each in pattern)
+    found = _product(starts, rows, places, P, 1, block_matmat(A, P))
     found.sort_indices()
     return found
 
