@@ -1,9 +1,10 @@
 """The default solver in space over the better method of PyAMG, in turn in one process.
 
-    python tests/benchmarks/solid_ratios.py [--meshes NAME ...] [--cells N ...] [--degrees P ...] [--repeats N]
+    python tests/benchmarks/solid_ratios.py [--meshes NAME ...] [--cells N ...] [--degrees P ...]
+                                            [--repeats N]
 
-CPU seconds of set-up and solve to 1e-10, one thread, best of the repeats, in which all take turns, so that what
-else the machine does matters least. PyAMG is smoothed aggregation of the matrix in blocks, and of single
+CPU seconds of set-up and solve to 1e-10, one thread, best of the repeats, in which all take
+turns, so that what else the machine does matters least. PyAMG is smoothed aggregation of the matrix in blocks, and of single
 unknowns, both with the constants.
 """
 
