@@ -4,8 +4,8 @@
                                             [--repeats N]
 
 CPU seconds of set-up and solve to 1e-10, one thread, best of the repeats, in which all take
-turns, so that what else the machine does matters least. PyAMG is smoothed aggregation of the matrix in blocks, and of single
-unknowns, both with the constants.
+turns, so that what else the machine does matters least. PyAMG is smoothed aggregation of
+the matrix in blocks, and of single unknowns, both with the constants.
 """
 
 from __future__ import annotations
