@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.kernels.block_vectors import add_dots
+from agglo_core.kernels.block_vectors import add_dots, add_product
 from agglo_core.kernels.compiling import kernel
 
 __all__ = [
@@ -23,102 +23,114 @@ __all__ = [
     "clear_tiny",
     "invert_blocks",
     "sweep_parts",
-    "wide_block_product",
 ]
 
-UNROLLED = 6
-"""Blocks up to this size have kernels of their own, 1.5 to 4 times as fast; larger ones share one."""
+UNROLLED = 16
+"""Blocks of 2 to so many unknowns have kernels of their own, 1.5 to 3 times as fast; others share one."""
 
 Sweep = Callable[..., Any]
 
 
 @cache
 def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
-    """Kernels ``(residual_sweep, sweep)`` for blocks of a size; 0 stands for any size.
+    """Kernels ``(residual_sweep, sweep)`` for blocks of a size.
 
     ``residual_sweep(indptr, indices, data, inverses, r, x)``
         One sweep through the block rows in their order: x becomes better, its residual r is kept up. Block
         (i, j) is used as the transpose of (j, i), so that one pass through the matrix does both.
     ``sweep(indptr, indices, data, inverses, b, x, order)``
         The same without a residual, in the order of the rows (1) or the opposite (−1).
+
+    Blocks, and the inverses of those of the diagonal, are stored one after the other in flat arrays.
     """
+    if not 1 < width <= UNROLLED:
+        return _residual_sweep, _sweep
 
     @kernel(reorder_sums=True)
     def residual_sweep(indptr, indices, data, inverses, r, x):
-        n = width if width > 0 else data.shape[1]
-        step = np.empty(n, x.dtype)
+        step = np.empty(width, x.dtype)
         for i in range(len(indptr) - 1):
-            own = i * n
-            for q in range(n):
+            own = i * width
+            for q in range(width):
                 step[q] = 0
-            for c in range(n):
-                t = r[own + c]
-                for q in range(n):
-                    step[q] += inverses[i, c, q] * t
-            for q in range(n):
+            add_product(width, r, own, 1, inverses, own * width, step, 0)
+            for q in range(width):
                 x[own + q] += step[q]
-            for k in range(indptr[i], indptr[i + 1]):
-                at = np.uint32(indices[k]) * n  # unsigned: no test whether it counts from the end
-                for c in range(n):
-                    t = step[c]
-                    for q in range(n):
-                        r[at + q] -= data[k, c, q] * t
-            for q in range(n):
+                step[q] = -step[q]
+            for k in range(indptr[i], indptr[i + 1]):  # unsigned: no test whether it counts from the end
+                add_product(width, step, 0, 1, data, k * width * width, r, np.uint32(indices[k]) * width)
+            for q in range(width):
                 r[own + q] = 0  # but for rounding it is
 
     @kernel(reorder_sums=True)
     def sweep(indptr, indices, data, inverses, b, x, order):
-        n = width if width > 0 else data.shape[1]
-        rows = len(indptr) - 1
-        left = np.empty(n, x.dtype)
+        rows, left = len(indptr) - 1, np.empty(width, x.dtype)
         for turn in range(rows):
             i = turn if order > 0 else rows - 1 - turn
-            own = i * n
-            for q in range(n):
-                left[q] = b[own + q]
+            own = i * width
+            for q in range(width):
+                left[q] = 0
             first = indptr[i] if order > 0 else indptr[i + 1] - 1  # memory is read in one direction
             for h in range(indptr[i + 1] - indptr[i]):
                 k = first + order * h
-                at = np.uint32(indices[k]) * n
-                for c in range(n):
-                    t = x[at + c]
-                    for q in range(n):
-                        left[q] -= data[k, q, c] * t
-            for c in range(n):
-                t = left[c]
-                for q in range(n):
-                    x[own + q] += inverses[i, c, q] * t
+                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, left, 0)
+            for q in range(width):
+                left[q] = b[own + q] - left[q]
+            add_product(width, left, 0, 1, inverses, own * width, x, own)
 
     return residual_sweep, sweep
 
 
+@kernel(reorder_sums=True)
+def _residual_sweep(indptr, indices, data, inverses, r, x):
+    n = len(x) // (len(indptr) - 1)
+    step = np.empty(n, x.dtype)
+    for i in range(len(indptr) - 1):
+        own = i * n
+        for q in range(n):
+            step[q] = 0
+        for c in range(n):
+            t, row = r[own + c], (own + c) * n
+            for q in range(n):
+                step[q] += inverses[row + q] * t
+        for q in range(n):
+            x[own + q] += step[q]
+        for k in range(indptr[i], indptr[i + 1]):
+            at = np.uint32(indices[k]) * n
+            for c in range(n):
+                t, row = step[c], (k * n + c) * n
+                for q in range(n):
+                    r[at + q] -= data[row + q] * t
+        for q in range(n):
+            r[own + q] = 0
+
+
+@kernel(reorder_sums=True)
+def _sweep(indptr, indices, data, inverses, b, x, order):
+    rows = len(indptr) - 1
+    n = len(x) // rows
+    left = np.empty(n, x.dtype)
+    for turn in range(rows):
+        i = turn if order > 0 else rows - 1 - turn
+        own = i * n
+        for q in range(n):
+            left[q] = b[own + q]
+        for k in range(indptr[i], indptr[i + 1]):
+            at = np.uint32(indices[k]) * n
+            for q in range(n):
+                t, row = left[q], (k * n + q) * n
+                for c in range(n):
+                    t -= data[row + c] * x[at + c]
+                left[q] = t
+        for c in range(n):
+            t, row = left[c], (own + c) * n
+            for q in range(n):
+                x[own + q] += inverses[row + q] * t
+
+
 @cache
 def block_product(width: int) -> Any:
-    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of a size."""
-
-    @kernel(reorder_sums=True)
-    def product(indptr, indices, data, x):
-        n = width
-        y, row = np.empty_like(x), np.empty(n, x.dtype)
-        for i in range(len(indptr) - 1):
-            for q in range(n):
-                row[q] = 0
-            for k in range(indptr[i], indptr[i + 1]):
-                at = np.uint32(indices[k]) * n
-                for c in range(n):
-                    t = x[at + c]
-                    for q in range(n):
-                        row[q] += data[k, q, c] * t
-            for q in range(n):
-                y[i * n + q] = row[q]
-        return y
-
-    return product
-
-
-@cache
-def wide_block_product(width: int) -> Any:
-    """The same for larger blocks, whose rows are vectors of the processor; ``data`` is flat."""
+    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns; ``data`` is flat."""
 
     @kernel(reorder_sums=True)
     def product(indptr, indices, data, x):

@@ -10,7 +10,10 @@ import numpy as np
 
 from agglo_core.kernels.compiling import helper, kernel
 
-__all__ = ["group_sweeps"]
+__all__ = ["UNROLLED", "group_sweeps"]
+
+UNROLLED = 6
+"""Blocks up to this size have kernels of their own, larger ones share one."""
 
 Sweep = Callable[..., Any]
 

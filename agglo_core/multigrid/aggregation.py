@@ -188,6 +188,8 @@ def aggregates(
 def _level(
     A: Any, offsets: Int, dtype: Any, holder: Int, P: Any = None, smoother: LevelSmoother | None = None
 ) -> Level:
+    if isinstance(smoother, ScalarGaussSeidel):
+        return Level(smoother.matrix, offsets, P, smoother, frozen_int(holder))  # no second copy
     return Level(A.astype(dtype), offsets, P, smoother, frozen_int(holder))
 
 

@@ -13,7 +13,6 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.block_sweeps import (
-    UNROLLED,
     block_sweeps,
     both_products,
     clear_tiny,
@@ -114,14 +113,14 @@ class BlockMatrix:
 
     @cached_property
     def _kernels(self) -> tuple[Any, Any]:
-        return block_sweeps(self._width if self._width <= UNROLLED else 0)
+        return block_sweeps(self._width)
 
     @cached_property
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         """What the kernels take of matrix and inverses."""
         A = self.matrix
-        rows = (*_pattern(A), frozen(A.data, self.dtype))
-        inverses = frozen(self.inverses.data, self.dtype)
+        rows = (*_pattern(A), frozen(A.data, self.dtype).reshape(-1))
+        inverses = frozen(self.inverses.data, self.dtype).reshape(-1)
         if self._width:
             return *rows, inverses
         return *rows, self.block_offsets, _places(self.block_offsets), inverses

@@ -7,13 +7,9 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float, frozen_index
-from agglo_core.kernels.block_sweeps import UNROLLED, block_product, wide_block_product
+from agglo_core.kernels.block_sweeps import UNROLLED, block_product
 
 __all__ = ["BlockProduct", "swift"]
-
-
-_WIDEST = 16
-"""Blocks up to this size: the code of the kernel grows with it."""
 
 
 class BlockProduct:
@@ -26,16 +22,10 @@ class BlockProduct:
     """
 
     def __init__(self, A: Any) -> None:
-        self.shape = A.shape
+        self.shape, self.dtype = A.shape, A.dtype
         self._A = A
-        width, blocks = int(A.blocksize[0]), frozen_float(A.data)
-        wide = width > UNROLLED
-        self._arrays = (
-            frozen_index(A.indptr),
-            frozen_index(A.indices),
-            blocks.reshape(-1) if wide else blocks,
-        )
-        self._kernel = wide_block_product(width) if wide else block_product(width)
+        self._arrays = frozen_index(A.indptr), frozen_index(A.indices), frozen_float(A.data).reshape(-1)
+        self._kernel = block_product(int(A.blocksize[0]))
 
     def __matmul__(self, x: Float) -> Float:
         if x.ndim != 1:  # several vectors make good use of a block
@@ -50,5 +40,5 @@ def swift(A: Any) -> Any:
     if getattr(A, "format", "") != "bsr" or A.dtype != np.float64:
         return A
     rows, columns = A.blocksize
-    fits = rows == columns and 1 < rows <= _WIDEST and A.indptr[-1] < np.iinfo(np.int32).max
+    fits = rows == columns and 1 < rows <= UNROLLED and A.indptr[-1] < np.iinfo(np.int32).max
     return BlockProduct(A) if fits else A

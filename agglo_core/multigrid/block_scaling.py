@@ -56,7 +56,8 @@ def block_scaled(A: Any) -> Scaled:
     >>> block_scaled(sparse.csr_array([[4.0, 2.0], [2.0, 16.0]]).tobsr((1, 1))).A.toarray().tolist()
     [[1.0, 0.25], [0.25, 1.0]]
     """
-    failed, T, LT, blocks = scale_blocks(frozen_int(A.indptr), frozen_index(A.indices), frozen_float(A.data))
+    pattern, width = (frozen_int(A.indptr), frozen_index(A.indices)), int(A.blocksize[0])
+    failed, T, LT, blocks = scale_blocks(width)(*pattern, frozen_float(A.data))
     if failed >= 0:
         raise np.linalg.LinAlgError(f"the diagonal block of part {failed} is not positive definite")
     scaled = sparse.bsr_array((blocks, A.indices, A.indptr), shape=A.shape)

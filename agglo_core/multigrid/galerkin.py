@@ -10,6 +10,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
+from agglo_core.multigrid.block_galerkin import block_galerkin, have_kernels
 from agglo_core.multigrid.block_matrix import in_blocks, in_precision
 from agglo_core.multigrid.coarse_solve import coarse_solver
 from agglo_core.multigrid.level_smoothers import SetUp, smoother_setup
@@ -64,6 +65,8 @@ def galerkin(A: Any, P: Any) -> Any:
            [-1.,  2., -1.],
            [ 0., -1.,  2.]])
     """
+    if have_kernels(A, P):
+        return block_galerkin(A, P)
     if A.format == P.format == "bsr" and A.blocksize[0] == A.blocksize[1] == P.blocksize[0]:
         return P.T @ (A @ P)
     P = sparse.csr_array(P)

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from agglo_core.multigrid.block_galerkin import block_matmat, have_kernels
 from agglo_core.multigrid.block_matrix import block_inverses
+from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 
 __all__ = ["smoothed_prolongation"]
@@ -51,9 +53,9 @@ def smoothed_prolongation(
     >>> smoothed_prolongation(A, pairs).toarray()[:, 1].round(2)
     array([0.  , 0.35, 0.65, 0.65, 0.35, 0.  ])
     """
-    step = A @ P
+    step = block_matmat(A, P) if have_kernels(A, P) else A @ P
     if scaled:
-        largest = largest_eigenvalue(A, lambda r: r)
+        largest = largest_eigenvalue(swift(A), lambda r: r)
     else:
         inverses = block_inverses(A, np.arange(0, A.shape[0] + 1, A.blocksize[0]))
         largest = largest_eigenvalue(A, lambda r: np.asarray(inverses @ r))

@@ -29,6 +29,7 @@ from agglo_polydg_mg.polynomials import legendre, n_polynomials, orders, product
 from agglo_polydg_mg.quadrature import moments, per_cell, weighted_moments
 from agglo_polydg_mg.sides import Sides, sides_of
 from agglo_polydg_mg.solid_geometry import boxes_of_solids
+from agglo_polydg_mg.walk import Walk, walk_through
 
 __all__ = ["Basis", "block_diagonal", "one_per_row", "stiffness"]
 
@@ -136,9 +137,14 @@ class Basis:
         return sides_of(self.mesh)
 
     @cached_property
+    def walk(self) -> Walk | None:
+        """The order in which loops over cells visit them in 3-D; None for that of their numbers."""
+        return walk_through(self.mesh) if self.mesh.dim == 3 else None
+
+    @cached_property
     def _integrals(self) -> Float:
         """Integrals of the polynomials that source and stiffness need, as :func:`moments` gives them."""
-        return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2)))
+        return frozen_float(moments(self.mesh, self.boxes, max(self.degree, 2 * self.degree - 2), self.walk))
 
     def weighted_moments(self, field: Field, degree: int, name: str) -> Float:
         """:func:`~agglo_polydg_mg.quadrature.weighted_moments` in the boxes; those of numbers are kept.
@@ -215,7 +221,7 @@ class Basis:
     @cached_property
     def mass_blocks(self) -> Float:
         """Mass matrix ∫ φ_i φ_j of each cell ``(n_cells, n_local, n_local)``."""
-        integrals = moments(self.mesh, self.boxes, 2 * self.degree)
+        integrals = moments(self.mesh, self.boxes, 2 * self.degree, self.walk)
         return frozen_float(
             products([integrals * self.scale[:, None] ** 2], self.degree, [(0,) * self.mesh.dim])
         )

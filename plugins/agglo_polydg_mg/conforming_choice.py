@@ -22,7 +22,7 @@ _LAYERS = 0.02
 """A mesh has layers if this part of its inner faces is weak: in both cells a jump costs less than 0.1 of what
 it may cost at another face."""
 _CONTRAST = 1e8
-_HEXAHEDRON = 6
+_TETRAHEDRON, _HEXAHEDRON = 4, 6
 _BAD_IN_SPACE = 0.03
 """The part of strong faces from which tetrahedra are bad: on slivers the continuous space loses conjugacy."""
 _SMOOTH = 100.0
@@ -142,7 +142,7 @@ def _in_space(mesh: Mesh, strong: float, kappa: Float, degree: int) -> Difficult
         bubbles=not polyhedra,
         vertices="aggregates" if contrast <= _SMOOTH else "classical",
         layers=False,
-        kind="W" if degree == 1 and recipe == "conforming" else "V",
+        kind="W" if degree == 1 and sides.max() == _TETRAHEDRON else "V",
         dtype=np.float64 if contrast > _CONTRAST else np.float32,
         strong=strong,
         reason=f"{100 * strong:.0f} % strong faces, at most {sides.max()} faces a cell",

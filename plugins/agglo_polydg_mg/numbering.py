@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -29,13 +29,9 @@ from agglo_core.authoring import (
     frozen_int,
 )
 from agglo_polydg_mg.operators import own_mesh
+from agglo_polydg_mg.walk import FEW, SCATTERED
 
 __all__ = ["Numbering", "numbering_for"]
-
-_FEW: Final = {2: 10_000, 3: 3_000}
-"""Cells whose systems are near enough to the processor in any order, by dimension."""
-_SCATTERED: Final = 4.0
-"""Mean difference of the numbers of neighbours over √n, in 3-D n^⅔: .5 row by row or along a curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +134,7 @@ def numbering_for(hierarchy: Hierarchy) -> Numbering:
         If the hierarchy belongs to another mesh.
     """
     mesh, graph = hierarchy.fine, hierarchy.graph
-    if mesh is None or graph.n < _FEW[mesh.dim] or not _scattered(graph.indptr, graph.indices, mesh.dim):
+    if mesh is None or graph.n < FEW[mesh.dim] or not _scattered(graph.indptr, graph.indices, mesh.dim):
         return Numbering(hierarchy)
     cells = curve_order(graph.centroids)
     there = own_mesh(hierarchy).renumbered(cells)
@@ -150,7 +146,7 @@ def _scattered(indptr: Int, indices: Int, dim: int) -> bool:
     """Whether neighbours are far from one another by their numbers."""
     n = len(indptr) - 1
     distances = np.abs(indices - np.repeat(np.arange(n, dtype=np.int32), np.diff(indptr)))
-    return bool(distances.mean() > _SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
+    return bool(distances.mean() > SCATTERED * n ** (1 - 1 / dim)) if len(distances) else False
 
 
 def _taken(values: Float, rows: Int) -> Float:

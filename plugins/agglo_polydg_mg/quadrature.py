@@ -28,6 +28,7 @@ from agglo_polydg_mg.gauss_points import gauss, simplex_rule
 from agglo_polydg_mg.polynomials import n_polynomials, orders
 from agglo_polydg_mg.solid_geometry import tetrahedra_of_solids
 from agglo_polydg_mg.triangulation import triangulate
+from agglo_polydg_mg.walk import Walk
 
 __all__ = [
     "Batch",
@@ -61,10 +62,13 @@ class Batch(NamedTuple):
         return frozen_int(self.first + np.repeat(np.arange(len(sizes)), sizes))
 
 
-def moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
-    """Integrals ``(n, m)`` of the polynomials up to a degree, each on its cell: exact for any shape."""
+def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> Float:
+    """Integrals ``(n, m)`` of the polynomials up to a degree, each on its cell: exact for any shape.
+
+    In 3-D cells may be visited in the order of a ``walk``.
+    """
     if mesh.dim == 3:
-        return _solid_moments(mesh, boxes, degree)
+        return _solid_moments(mesh, boxes, degree, walk)
     from agglo_polydg_mg.legendre_kernels import boundary_moments
 
     rule = gauss((degree + 3) // 2)  # the antiderivative has one degree more
@@ -79,18 +83,22 @@ def moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
     return np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
 
 
-def _solid_moments(mesh: Mesh, boxes: Float, degree: int) -> Float:
+def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> Float:
     from agglo_polydg_mg.solid_kernels import solid_moments
 
     rule = simplex_rule(2, (degree + 3) // 2)
-    (offsets, faces), boxes = mesh.cell_faces, frozen_float(boxes)
-    shape = mesh.face_offsets, mesh.face_vertices, mesh.face_cells
+    (offsets, faces), of_faces = mesh.cell_faces, mesh.face_cells
+    if walk is not None:
+        (offsets, faces), boxes = walk.rows(offsets, faces), boxes[walk.cells]
+        of_faces = frozen_int(walk.turns[of_faces])
+    boxes, shape = frozen_float(boxes), (mesh.face_offsets, mesh.face_vertices, of_faces)
 
     def integrals(start: int, stop: int) -> Float:
         own = mesh.local_points, offsets[start : stop + 1], faces, *shape, start, boxes[start:stop]
         return np.asarray(solid_moments(*own, *rule, orders(degree, 3)))
 
-    return np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
+    found = np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
+    return found if walk is None else walk.back(found)
 
 
 def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: str) -> Float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.authoring import Float, Int, Mask, frozen_float, over_ranges
+from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int, over_ranges
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.gauss_points import simplex_rule
 from agglo_polydg_mg.polynomials import monomials, orders
@@ -23,9 +23,11 @@ def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Floa
     from agglo_polydg_mg.side_kernels import side_blocks
 
     mesh, p, own = basis.mesh, basis.degree, basis.sides
+    if basis.walk is not None:
+        sides = sides[np.argsort(basis.walk.turns[own.cells[sides, 0]], kind="stable")]
     rule = _rule(p + 1, on_faces)
     of_faces = mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
-    of_sides = own.offsets, own.faces, own.cells, sides, mine, basis.pattern[3]
+    of_sides = own.offsets, own.faces, own.cells, frozen_int(sides), mine, basis.pattern[3]
     frames = basis.boxes, basis.scale, frozen_float(sigma), on_faces
     side_blocks(mesh.local_points, *of_faces, *of_sides, *frames, *rule, *monomials(p), blocks)
 
@@ -39,17 +41,22 @@ def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) ->
 
     mesh, p, own = basis.mesh, basis.degree, basis.sides
     asked = np.zeros((len(own.cells), 2))
-    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
     given = held, on_faces, *_rule(p, on_faces), orders(p, 3)
+    of_cells = basis.boxes, basis.scale, basis.fill, blocks
+    offsets, sides, beside, joined = own.cell_offsets, own.cell_sides, mesh.face_cells, own.cells
+    walk = basis.walk
+    if walk is not None:
+        offsets, sides = walk.rows(offsets, sides)
+        of_cells = tuple(frozen_float(each[walk.cells]) for each in of_cells)
+        beside, joined = frozen_int(walk.turns[beside]), frozen_int(walk.turns[joined])
+    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, beside, mesh.face_normals
 
     def ask(start: int, stop: int) -> np.ndarray:
-        cells = own.cell_offsets[start : stop + 1], own.cell_sides, start
-        of_cells = [each[start:stop] for each in (basis.boxes, basis.scale, basis.fill, blocks)]
-        return np.asarray(
-            solid_penalties(*shape, own.offsets, own.faces, own.cells, *cells, *of_cells, *given, asked)
-        )
+        cells = offsets[start : stop + 1], sides, start, *(each[start:stop] for each in of_cells)
+        return np.asarray(solid_penalties(*shape, own.offsets, own.faces, joined, *cells, *given, asked))
 
     resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+    resolved = resolved if walk is None else walk.back(resolved)
     turned = mesh.face_cells[:, 0] != own.cells[own.of_faces, 0]
     of_faces = np.where(held[:, None], asked[own.of_faces], 0.0)
     of_faces[turned] = of_faces[turned][:, ::-1]

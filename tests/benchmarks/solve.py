@@ -79,7 +79,8 @@ def amg(A: Any, b: Any, block: int, near: Any, tolerance: float) -> Row:
     """Smoothed aggregation of PyAMG, as blocks with the constants, preconditioning conjugate gradients."""
     import pyamg
 
-    matrix = sparse.csr_matrix(A).tobsr((block, block))
+    matrix = sparse.csr_matrix(A)
+    matrix = matrix.tobsr((block, block)) if block > 1 else matrix
     matrix.indices, matrix.indptr = (each.astype(np.int32) for each in (matrix.indices, matrix.indptr))
     setup, levels = clocked(lambda: pyamg.smoothed_aggregation_solver(matrix, B=near))
     counts, seconds, x = {}, {}, b

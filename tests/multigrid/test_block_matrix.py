@@ -12,7 +12,7 @@ from agglo_core.kernels.block_sweeps import both_products, clear_tiny, invert_bl
 from agglo_core.multigrid import BlockMatrix, block_inverses, block_matrix
 from agglo_core.multigrid.block_product import BlockProduct, swift
 
-EQUAL = [np.full(20, width) for width in (1, 3, 6, 10)]
+EQUAL = [np.full(20, width) for width in (1, 3, 4, 10, 17)]
 UNEQUAL = [np.array([2, 0, 5, 1, 3, 0, 4, 4])]
 PRECISIONS = [(np.float64, 1e-12), (np.float32, 2e-5)]
 

@@ -47,7 +47,7 @@ def solve(monkeypatch) -> Callable[..., tuple[Solution, Solution]]:
     def both(problem: Diffusion, hierarchy: Hierarchy, **options: Any) -> tuple[Solution, Solution]:
         tool = PolyDGMultigrid(tolerance=1e-11, **options)
         plain = tool.solve(problem, hierarchy)
-        monkeypatch.setattr(numbering, "_FEW", {2: 1})
+        monkeypatch.setattr(numbering, "FEW", {2: 1})
         other = tool.solve(problem, hierarchy)
         monkeypatch.undo()
         assert ["along a curve" in each.choice for each in (plain, other)] == [False, True]
@@ -122,7 +122,7 @@ def test_components_of_the_domain(solve) -> None:
 
 
 def test_steps_renumber_once(monkeypatch, mesh: Mesh) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     orders = []
     monkeypatch.setattr(numbering, "curve_order", lambda x: orders.append(1) or curve_order(x))
     tool, rng = PolyDGMultigrid(degree=2, tolerance=1e-11), np.random.default_rng(SEED)
@@ -130,9 +130,9 @@ def test_steps_renumber_once(monkeypatch, mesh: Mesh) -> None:
     for k in range(4):
         problem = Diffusion(kappa * (1 + 0.1 * k), rng.random(mesh.n_cells) + before)
         found = steps.solve(problem)
-        monkeypatch.setattr(numbering, "_FEW", {2: mesh.n_cells + 1})
+        monkeypatch.setattr(numbering, "FEW", {2: mesh.n_cells + 1})
         plain = tool.solve(problem, bare(mesh))
-        monkeypatch.setattr(numbering, "_FEW", {2: 1})
+        monkeypatch.setattr(numbering, "FEW", {2: 1})
         assert np.abs(found.x - plain.x).max() <= 1e-8 * np.abs(plain.x).max()
         assert abs(found.A - plain.A).max() <= 1e-11 * abs(plain.A).max()
         assert found.operators[0][0].shape == plain.A.shape
@@ -140,7 +140,7 @@ def test_steps_renumber_once(monkeypatch, mesh: Mesh) -> None:
 
 
 def test_a_linear_system_between_steps_keeps_nothing_of_another_numbering(monkeypatch, mesh: Mesh) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     problem = problems(mesh)["kappa of cells"]
     steps = PolyDGMultigrid(tolerance=1e-10).repeated(bare(mesh))
     first = steps.solve(problem)
@@ -153,7 +153,7 @@ def test_a_linear_system_between_steps_keeps_nothing_of_another_numbering(monkey
 
 
 def test_preconditioner_and_prolongation_take_the_users_numbers(monkeypatch, mesh: Mesh) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     problem, tool = problems(mesh)["kappa of cells"], PolyDGMultigrid(degree=1)
     cells = curve_order(mesh.graph.centroids)
     here = replace(problem, kappa=problem.kappa[cells])
@@ -174,7 +174,7 @@ def test_preconditioner_and_prolongation_take_the_users_numbers(monkeypatch, mes
 
 
 def test_matrices_are_made_when_asked_for(monkeypatch, mesh: Mesh) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     found = PolyDGMultigrid().solve(Diffusion(), bare(mesh))
     assert isinstance(vars(found)["A"], Deferred)
     assert isinstance(vars(found)["operators"], Deferred)
@@ -195,13 +195,13 @@ def test_matrices_are_made_when_asked_for(monkeypatch, mesh: Mesh) -> None:
     ],
 )
 def test_errors_name_the_users_cells(monkeypatch, mesh: Mesh, change, said: str) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     with pytest.raises(AggloError, match=said):
         PolyDGMultigrid().solve(Diffusion(**change(mesh.n_cells)), bare(mesh))
 
 
 def test_a_hierarchy_of_another_mesh_is_refused(monkeypatch, mesh: Mesh) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     for other in (samples.squares(20), renumbered(mesh, 3)[0]):
         with pytest.raises(AggloError, match="belongs to another mesh"):
             PolyDGMultigrid().solve(Diffusion(), replace(bare(mesh), fine=other))
@@ -209,7 +209,7 @@ def test_a_hierarchy_of_another_mesh_is_refused(monkeypatch, mesh: Mesh) -> None
 
 @pytest.mark.parametrize("make", [lambda: samples.squares(20), lambda: samples.triangles(12)])
 def test_orderly_meshes_keep_their_numbers(monkeypatch, make) -> None:
-    monkeypatch.setattr(numbering, "_FEW", {2: 1})
+    monkeypatch.setattr(numbering, "FEW", {2: 1})
     assert numbering.numbering_for(bare(make())).cells is None
 
 
