@@ -112,6 +112,7 @@ def split_pieces(
     limit, floor, small, check = goal
     waiting, put_off, stamp = counts[0], counts[1], counts[2]
     room, size = piece_room(largest_piece(todo, counts), marks), np.empty(2)
+    ends = np.empty((3, graph[3].shape[1]))
     sums = (size, np.empty(2, np.int64), np.empty(3))
     while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
         waiting -= 1
@@ -126,7 +127,7 @@ def split_pieces(
             continue
         if counts[3] == 0:
             extent = load(graph, cells, lo, hi, own)
-            if limit > 0.0 and extent <= limit and is_narrow(cells[lo:hi], shape, limit):
+            if limit > 0.0 and extent <= limit and is_narrow(cells, lo, hi, shape, limit, ends):
                 leaf[lo] = True
                 continue
             edge, stamp = _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp)

@@ -211,20 +211,29 @@ def quota_of_left(quota, size, cells_left, cells_right):
     return np.int64(min(max(share, least), most))
 
 
-@helper(allocates=True)
-def is_narrow(cells, shape, limit):
-    """Whether no two vertices of the cells are further apart than ``limit``."""
+@helper
+def _bounds_of_piece(cells, lo, hi, shape, limit, ends):
+    """Bounds of the largest distance of two vertices of a piece; the first of the ``ends`` is its centre."""
     vertex_offsets, vertices, points = shape
-    centre = np.empty(points.shape[1])
+    own, centre = cells[lo:hi], ends[0]
     if len(centre) == 2:
-        lower, upper = octagon(cells, vertex_offsets, vertices, points, limit, centre)
-    else:
-        low, high = np.empty(3), np.empty(3)
-        lower, upper = box(cells, vertex_offsets, vertices, points, low, high)
-        for k in range(3):
-            centre[k] = 0.5 * (low[k] + high[k])
+        return octagon(own, vertex_offsets, vertices, points, limit, centre)
+    low, high = ends[1], ends[2]
+    bounds = box(own, vertex_offsets, vertices, points, low, high)
+    for k in range(3):
+        centre[k] = 0.5 * (low[k] + high[k])
+    return bounds
+
+
+@helper(allocates=True)
+def is_narrow(cells, lo, hi, shape, limit, ends):
+    """Whether no two vertices of the piece ``cells[lo:hi]`` are further apart than ``limit``.
+
+    The ``ends (3, d)`` are room for its centre, and the ends of its box.
+    """
+    lower, upper = _bounds_of_piece(cells, lo, hi, shape, limit, ends)
     if lower > limit * (1.0 + 1e-12):
         return False
     if upper < limit * (1.0 - 1e-12):
         return True
-    return not is_wider(cells, vertex_offsets, vertices, points, centre, limit)
+    return not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
