@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.kernels.compiling import helper
 from agglo_core.kernels.piece_splits import (
     cells_beside,
-    is_narrow,
+    narrowness,
     part_list,
     piece_room,
     quota_of_left,
@@ -16,6 +16,7 @@ from agglo_core.kernels.piece_splits import (
     side_tags,
     sides_connected,
 )
+from agglo_core.kernels.widths import is_wider
 
 __all__ = ["largest_piece", "split_pieces", "tag_halves", "tag_sides"]
 
@@ -127,9 +128,13 @@ def split_pieces(
             continue
         if counts[3] == 0:
             extent = load(graph, cells, lo, hi, own)
-            if limit > 0.0 and extent <= limit and is_narrow(cells, lo, hi, shape, limit, ends):
-                leaf[lo] = True
-                continue
+            if limit > 0.0 and extent <= limit:
+                narrow = narrowness(cells, lo, hi, shape, limit, ends)
+                if narrow < 0:
+                    narrow = not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
+                if narrow:
+                    leaf[lo] = True
+                    continue
             edge, stamp = _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp)
             stamp += 2
             if check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):

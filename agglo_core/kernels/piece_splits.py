@@ -16,14 +16,13 @@ from agglo_core.kernels.geometry import box, octagon
 from agglo_core.kernels.graphs import join_before
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.ring_search import connected
-from agglo_core.kernels.widths import is_wider
 
 __all__ = [
     "HEAVY",
     "SAMPLED",
     "cells_beside",
     "is_chosen",
-    "is_narrow",
+    "narrowness",
     "part_list",
     "piece_room",
     "quota_of_left",
@@ -212,28 +211,20 @@ def quota_of_left(quota, size, cells_left, cells_right):
 
 
 @helper
-def _bounds_of_piece(cells, lo, hi, shape, limit, ends):
-    """Bounds of the largest distance of two vertices of a piece; the first of the ``ends`` is its centre."""
+def narrowness(cells, lo, hi, shape, limit, ends):
+    """1 if no two vertices of a piece are further apart than ``limit``, 0 if two are, −1 if it is not known.
+
+    The ``ends (3, d)`` are room: for the centre of the piece, and the ends of its box.
+    """
     vertex_offsets, vertices, points = shape
     own, centre = cells[lo:hi], ends[0]
     if len(centre) == 2:
-        return octagon(own, vertex_offsets, vertices, points, limit, centre)
-    low, high = ends[1], ends[2]
-    bounds = box(own, vertex_offsets, vertices, points, low, high)
-    for k in range(3):
-        centre[k] = 0.5 * (low[k] + high[k])
-    return bounds
-
-
-@helper(allocates=True)
-def is_narrow(cells, lo, hi, shape, limit, ends):
-    """Whether no two vertices of the piece ``cells[lo:hi]`` are further apart than ``limit``.
-
-    The ``ends (3, d)`` are room for its centre, and the ends of its box.
-    """
-    lower, upper = _bounds_of_piece(cells, lo, hi, shape, limit, ends)
+        lower, upper = octagon(own, vertex_offsets, vertices, points, limit, centre)
+    else:
+        low, high = ends[1], ends[2]
+        lower, upper = box(own, vertex_offsets, vertices, points, low, high)
+        for k in range(3):
+            centre[k] = 0.5 * (low[k] + high[k])
     if lower > limit * (1.0 + 1e-12):
-        return False
-    if upper < limit * (1.0 - 1e-12):
-        return True
-    return not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
+        return 0
+    return 1 if upper < limit * (1.0 - 1e-12) else -1
