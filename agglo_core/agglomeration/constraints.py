@@ -40,6 +40,8 @@ def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Gr
 
 def alone(graph: Graph, allowed: Graph) -> int:
     """Number of cells that have neighbours, and may be joined with none of them."""
+    if allowed is graph:
+        return 0
     return int(np.count_nonzero((np.diff(allowed.indptr) == 0) & (np.diff(graph.indptr) > 0)))
 
 

@@ -88,13 +88,15 @@ def _slices(starts: Int, shift: int, dim: int) -> Any:
 
 def _reach(graph: Graph, parts: Any, k: int, limit: float) -> tuple[Any, Any]:
     """What the kernels need to know of the widths of parts; nothing if these have no limit."""
-    from agglo_core.kernels.reach import Corners, Reach, part_lists
+    from agglo_core.kernels.reach import Corners, Reach, cell_radii, part_lists
 
+    centroids = graph.centroids
     if limit == np.inf:
-        parts, k, shape = parts[:0], 0, (frozen_int([0]), frozen_index([]))
+        parts, k, centroids = parts[:0], 0, centroids[:0]
+        shape = frozen_int([0]), frozen_index([]), graph.points
     else:
-        shape = graph.vertex_offsets, graph.vertices
-    corners = Corners(*shape, graph.points, *directions(graph.dim))
+        shape = graph.vertex_offsets, graph.vertices, graph.points
+    corners = Corners(*shape, centroids, cell_radii(*shape, centroids), *directions(graph.dim))
     extents = np.empty((k, len(corners.directions), 2))
     ends = np.empty(extents.shape, np.int32)
     first, after, before = part_lists(parts, k)

@@ -129,14 +129,15 @@ def listed_blocks(labels, chosen, count):
 @kernel
 def numbered_as_met(values, count):
     """Values below ``count`` renumbered as they first occur; and the old ones in that order."""
-    number, order = np.full(count, -1, np.int32), np.empty(count, np.int64)
-    renumbered, met = np.empty(len(values), np.int32), 0
+    number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
+    renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
     for h in range(len(values)):
         v = np.uint32(values[h])
-        if number[v] < 0:
-            number[v], order[met] = met, v
-            met += 1
-        renumbered[h] = number[v]
+        known = number[v]
+        own = np.int32(met) if known < 0 else known
+        order[met] = v  # kept only if it is new; a branch would be mispredicted
+        met += np.uint64(known < 0)
+        number[v], renumbered[h] = own, own
     return renumbered, order[:met]
 
 

@@ -122,16 +122,17 @@ def extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, b
     the diagonals x + y and x − y, in space along x, y and z.
     """
     planar = points.shape[1] == 2
-    for i in range(start, stop):
-        own = labels[i]
+    for i in range(np.uint64(start), np.uint64(stop)):
+        own = np.uint64(labels[i])
         if not asked[own]:
             continue
         known = bounds[own]
         x0, y0, u0, v0 = known[0], known[1], known[2], known[3]
         x1, y1, u1, v1 = known[4], known[5], known[6], known[7]
-        for h in range(vertex_offsets[i], vertex_offsets[i + 1]):
-            x, y = points[vertices[h], 0], points[vertices[h], 1]
-            u = x + y if planar else points[vertices[h], 2]
+        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
+            vertex = np.uint32(vertices[h])
+            x, y = points[vertex, 0], points[vertex, 1]
+            u = x + y if planar else points[vertex, 2]
             v = x - y if planar else 0.0
             x0, y0, u0, v0 = min(x0, x), min(y0, y), min(u0, u), min(v0, v)
             x1, y1, u1, v1 = max(x1, x), max(y1, y), max(u1, u), max(v1, v)

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.kernels.compiling import helper
 from agglo_core.kernels.piece_splits import (
     cells_beside,
-    is_narrow,
+    narrowness,
     part_list,
     piece_room,
     quota_of_left,
@@ -16,6 +16,7 @@ from agglo_core.kernels.piece_splits import (
     side_tags,
     sides_connected,
 )
+from agglo_core.kernels.widths import is_wider
 
 __all__ = ["largest_piece", "split_pieces", "tag_halves", "tag_sides"]
 
@@ -112,6 +113,7 @@ def split_pieces(
     limit, floor, small, check = goal
     waiting, put_off, stamp = counts[0], counts[1], counts[2]
     room, size = piece_room(largest_piece(todo, counts), marks), np.empty(2)
+    ends = np.empty((3, graph[3].shape[1]))
     sums = (size, np.empty(2, np.int64), np.empty(3))
     while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
         waiting -= 1
@@ -126,9 +128,13 @@ def split_pieces(
             continue
         if counts[3] == 0:
             extent = load(graph, cells, lo, hi, own)
-            if limit > 0.0 and extent <= limit and is_narrow(cells[lo:hi], shape, limit):
-                leaf[lo] = True
-                continue
+            if limit > 0.0 and extent <= limit:
+                narrow = narrowness(cells, lo, hi, shape, limit, ends)
+                if narrow < 0:
+                    narrow = not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
+                if narrow:
+                    leaf[lo] = True
+                    continue
             edge, stamp = _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp)
             stamp += 2
             if check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):

@@ -16,14 +16,13 @@ from agglo_core.kernels.geometry import box, octagon
 from agglo_core.kernels.graphs import join_before
 from agglo_core.kernels.piece_refinement import refine_sides
 from agglo_core.kernels.ring_search import connected
-from agglo_core.kernels.widths import is_wider
 
 __all__ = [
     "HEAVY",
     "SAMPLED",
     "cells_beside",
     "is_chosen",
-    "is_narrow",
+    "narrowness",
     "part_list",
     "piece_room",
     "quota_of_left",
@@ -211,20 +210,21 @@ def quota_of_left(quota, size, cells_left, cells_right):
     return np.int64(min(max(share, least), most))
 
 
-@helper(allocates=True)
-def is_narrow(cells, shape, limit):
-    """Whether no two vertices of the cells are further apart than ``limit``."""
+@helper
+def narrowness(cells, lo, hi, shape, limit, ends):
+    """1 if no two vertices of a piece are further apart than ``limit``, 0 if two are, −1 if it is not known.
+
+    The ``ends (3, d)`` are room: for the centre of the piece, and the ends of its box.
+    """
     vertex_offsets, vertices, points = shape
-    centre = np.empty(points.shape[1])
+    own, centre = cells[lo:hi], ends[0]
     if len(centre) == 2:
-        lower, upper = octagon(cells, vertex_offsets, vertices, points, limit, centre)
+        lower, upper = octagon(own, vertex_offsets, vertices, points, limit, centre)
     else:
-        low, high = np.empty(3), np.empty(3)
-        lower, upper = box(cells, vertex_offsets, vertices, points, low, high)
+        low, high = ends[1], ends[2]
+        lower, upper = box(own, vertex_offsets, vertices, points, low, high)
         for k in range(3):
             centre[k] = 0.5 * (low[k] + high[k])
     if lower > limit * (1.0 + 1e-12):
-        return False
-    if upper < limit * (1.0 - 1e-12):
-        return True
-    return not is_wider(cells, vertex_offsets, vertices, points, centre, limit)
+        return 0
+    return 1 if upper < limit * (1.0 - 1e-12) else -1

@@ -8,18 +8,24 @@ import numpy as np
 
 from agglo_core.kernels.compiling import ONE, helper, kernel
 
-__all__ = ["Corners", "Reach", "fits", "part_lists", "take_in"]
+__all__ = ["Corners", "Reach", "cell_radii", "fits", "part_lists", "take_in"]
 
 _ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
+_BELOW = 1.0 - 1e-9  # rounded distances below this multiple of the limit are below the limit
 _WALKS = 16  # times the cells of a part are walked before its extents are found
 
 
 class Corners(NamedTuple):
-    """Vertices per cell (CSR), points, directions; cosine of the largest angle any makes with the next."""
+    """Vertices per cell (CSR), points; centroids, and how far vertices are from these; directions.
+
+    At last, the cosine of the largest angle that any direction makes with the next.
+    """
 
     offsets: Any
     vertices: Any
     points: Any
+    centroids: Any
+    radii: Any
     directions: Any
     cosine: Any
 
@@ -53,11 +59,35 @@ def part_lists(parts, k):
     return first, after, before
 
 
+@kernel
+def cell_radii(offsets, vertices, points, centroids):
+    """Distance of each cell's centroid from its farthest vertex ``(n,)``."""
+    radii, last = np.empty(len(centroids)), points.shape[1] - 1
+    third = last - 1.0  # 0 in the plane; a loop over two or three takes twice the time
+    for i in range(np.uint64(len(radii))):
+        x, y, z, most = centroids[i, 0], centroids[i, 1], centroids[i, last], 0.0
+        for h in range(np.uint64(offsets[i]), np.uint64(offsets[i + ONE])):
+            v = np.uint32(vertices[h])
+            a, b, c = points[v, 0] - x, points[v, 1] - y, third * (points[v, last] - z)
+            most = max(most, a * a + b * b + c * c)
+        radii[i] = np.sqrt(most)
+    return radii
+
+
 @helper
 def _within(i, j, limit, corners):
-    """Whether no vertex of cell i is farther than ``limit`` from one of cell j."""
+    """Whether no vertex of cell i is farther than ``limit`` from one of cell j.
+
+    Mostly the distance of the centroids tells: vertices are looked at where it does not.
+    """
     solid, most = corners.points.shape[1] > 2, 0.0
     i, j = np.uint64(i), np.uint64(j)
+    left = limit * _BELOW - corners.radii[i] - corners.radii[j]
+    x = corners.centroids[i, 0] - corners.centroids[j, 0]
+    y = corners.centroids[i, 1] - corners.centroids[j, 1]
+    z = corners.centroids[i, 2] - corners.centroids[j, 2] if solid else 0.0
+    if left >= 0.0 and x * x + y * y + z * z <= left * left:
+        return True
     for g in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
         for h in range(np.uint64(corners.offsets[j]), np.uint64(corners.offsets[j + ONE])):
             one, other = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])

@@ -89,15 +89,20 @@ def wide_parts(
     from agglo_core.kernels.part_faults import extend_parts
 
     def bounds(start: int, stop: int) -> Float:
-        own = np.tile(np.repeat([np.inf, -np.inf], 4), (len(asked), 1))
+        own = np.empty((len(asked), 8))
+        own[:, :4], own[:, 4:] = np.inf, -np.inf
         extend_parts(start, stop, labels, asked, vertex_offsets, vertices, points, own)
         return own
 
-    found = over_ranges(bounds, len(labels), shares=1)
-    least = np.min([each[:, :4] for each in found], axis=0)
-    extents = np.max([each[:, 4:] for each in found], axis=0) - least
+    first, *others = over_ranges(bounds, len(labels), shares=1)
+    least, most = first[:, :4], first[:, 4:]
+    for each in others:
+        np.minimum(least, each[:, :4], out=least)
+        np.maximum(most, each[:, 4:], out=most)
+    extents = most - least
     if points.shape[1] == 2:  # a farthest pair lies within 22.5 degrees of one of the four directions
-        lower = np.maximum(extents[:, :2].max(axis=1), np.sqrt(0.5) * extents[:, 2:].max(axis=1))
+        x, y, u, v = extents.T
+        lower = np.maximum(np.maximum(x, y), np.sqrt(0.5) * np.maximum(u, v))
         upper = lower / np.cos(np.pi / 8)
     else:
         lower, upper = extents.max(axis=1), np.sqrt((extents[:, :3] ** 2).sum(axis=1))

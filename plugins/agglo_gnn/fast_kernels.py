@@ -29,12 +29,11 @@ _SMALL = 96  # cells below which some axes are swept instead
 _AXES = 4
 _FINER = 1  # halvings of the angle between them, about the best
 _LONG = 0.5  # ratio of principal moments below which a piece is long
-_FEW = 400  # cells below which the axes are tried beside the network's direction
 
 
 @helper(allocates=True)
 def _sage(count, near, given, own, other, bias, out):
-    """``out = ReLU(given · own + mean over neighbours of given · other + bias)``."""
+    """``out = ReLU(given · own + mean over neighbours of given · other + bias)``; inputs come in fours."""
     inputs, outputs = own.shape
     mean = np.empty(inputs)
     for a in range(count):
@@ -49,9 +48,15 @@ def _sage(count, near, given, own, other, bias, out):
         for o in range(outputs):
             out[a, o] = bias[o]
         for k in range(inputs):
-            m, x = mean[k] / max(degree, 1), given[a, k]
+            mean[k] /= max(degree, 1)
+        for k in range(0, inputs, 4):  # four at a time: each round of the inner loop checks what overlaps
+            x, y, z, w = given[a, k], given[a, k + 1], given[a, k + 2], given[a, k + 3]
+            p, q, r, s = mean[k], mean[k + 1], mean[k + 2], mean[k + 3]
             for o in range(outputs):
-                out[a, o] += x * own[k, o] + m * other[k, o]
+                total = out[a, o] + (x * own[k, o] + p * other[k, o])
+                total += y * own[k + 1, o] + q * other[k + 1, o]
+                total += z * own[k + 2, o] + r * other[k + 2, o]
+                out[a, o] = total + (w * own[k + 3, o] + s * other[k + 3, o])
         for o in range(outputs):
             out[a, o] = max(out[a, o], 0.0)
 
@@ -152,14 +157,16 @@ def _equal(n, shares):
     low, high = shares[0], shares[0]
     for i in range(n):
         low, high = min(low, shares[i]), max(high, shares[i])
-    return high - low <= 1e-6 * high
+        if high - low > 1e-6 * high:
+            return False
+    return True
 
 
 @helper
 def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     """Cheapest cut near the mean of the network's score.
 
-    With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
+    If the cells are all alike, the axes are tried as well, and the best of all turned a little.
     Returns what ``_band_sweep`` does, leaves the score in the score room and its gradient in ``axis``.
     """
     (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv), net = own
@@ -168,9 +175,9 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
     count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
     pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
-    few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
+    long = features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
-    first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
+    first, last = (-len(turns), 2 * len(finer)) if _equal(n, shares) else (0, 0)
     section = scales[0], scales[1], scales[2]
     number_cells(cells, lo, hi, tag, marks)
     for c in range(first, last + 1):

@@ -18,6 +18,7 @@ from agglo_core.errors import MeshError
 from agglo_core.graph.connection import broken_parts
 from agglo_core.kernels import part_faults
 from agglo_core.kernels.graphs import listed_blocks, numbered_as_met
+from agglo_core.kernels.reach import cell_radii
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -52,6 +53,16 @@ def test_wide_parts(seed: int, solid: bool, threads: int) -> None:
             assert graph.wide_parts(labels, limit).tolist() == (widths > limit).tolist()
             found = graph.wide_parts(labels, limit, asked)
         assert found.tolist() == (asked & (widths > limit)).tolist()
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_cell_radii(solid: bool) -> None:
+    graph = scattered(3, solid)[1]
+    shape = graph.vertex_offsets, graph.vertices, graph.points
+    corners = [graph.points[graph.vertices[a:b]] for a, b in pairwise(graph.vertex_offsets)]
+    own = zip(corners, graph.centroids, strict=True)
+    expected = [np.linalg.norm(points - centre, axis=1).max() for points, centre in own]
+    np.testing.assert_allclose(cell_radii(*shape, graph.centroids), expected, rtol=1e-14)
 
 
 @pytest.mark.parametrize("count", [5, 40, 300])
