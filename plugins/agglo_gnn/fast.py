@@ -44,9 +44,10 @@ class FastGNN:
 
     In the plane a block of at least 96 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
-    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of equal
-    cells try their axes and diagonals as well, and the best of these directions turned by ± 22.5°. Smaller
-    blocks are swept along four axes, the best of them turned likewise from 24 cells on.
+    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
+    or of equal cells, try their axes and diagonals as well, and the best of these directions turned
+    by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
+    32 cells on.
 
     In space a network of two dense layers looks at the moments of a block, up to the fourth: it scores the
     three principal axes and tilts each. The block is swept along the best one, and along those that come

@@ -29,6 +29,7 @@ _SMALL = 96  # cells below which some axes are swept instead
 _AXES = 4
 _FINER = 1  # halvings of the angle between them, about the best
 _LONG = 0.5  # ratio of principal moments below which a piece is long
+_FEW = 400  # cells below which the axes are tried beside the network's direction
 
 
 @helper(allocates=True)
@@ -166,7 +167,7 @@ def _equal(n, shares):
 def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     """Cheapest cut near the mean of the network's score.
 
-    If the cells are all alike, the axes are tried as well, and the best of all turned a little.
+    With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
     Returns what ``_band_sweep`` does, leaves the score in the score room and its gradient in ``axis``.
     """
     (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv), net = own
@@ -175,9 +176,9 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
     count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
     pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
-    long = features[2] < _LONG * features[0]
+    few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
-    first, last = (-len(turns), 2 * len(finer)) if _equal(n, shares) else (0, 0)
+    first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
     section = scales[0], scales[1], scales[2]
     number_cells(cells, lo, hi, tag, marks)
     for c in range(first, last + 1):

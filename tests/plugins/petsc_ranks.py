@@ -199,10 +199,49 @@ def dolfinx_poisson() -> list[float]:
     return [history.iterations, float(history.converged)]
 
 
+def plex() -> list[float]:
+    """A DMPlex made on rank 0 and distributed, as the how-to takes it: see :func:`_seen`."""
+    whole = agglo.samples.random_triangles(150, seed=4)
+    triangles = whole.boundary_loops.vertices.reshape(-1, 3).astype(np.int32)
+    points, k = whole.points, whole.n_cells if COMM.rank == 0 else 0
+    made = PETSc.DMPlex().createFromCellList(2, triangles[:k], points[: len(points) * (k > 0)], comm=COMM)
+    made.distribute()
+    first, last = made.getHeightStratum(0)
+    start, stop = made.getDepthStratum(0)
+    numbers = made.getVertexNumbering().getIndices()
+    ids = np.where(numbers < 0, -numbers - 1, numbers)
+    closures = [made.getTransitiveClosure(cell)[0] for cell in range(first, last)]
+    cells = [closure[(closure >= start) & (closure < stop)] - start for closure in closures]
+    mine = made.getCoordinatesLocal().array.reshape(-1, 2)
+    return _seen(DistributedMesh.from_local(Ranks(made.comm.tompi4py()), mine, cells, ids), whole)
+
+
+def dolfinx_mesh() -> list[float]:
+    """Triangles divided by DOLFINx, as the how-to takes them."""
+    from dolfinx import mesh as meshes
+
+    domain = meshes.create_unit_square(COMM, 12, 12)
+    own = domain.topology.index_map(domain.topology.dim).size_local
+    nodes = domain.geometry.index_map()
+    ids = nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32))
+    cells = domain.geometry.dofmap[:own]
+    mesh = DistributedMesh.from_local(Ranks(domain.comm), domain.geometry.x[:, :2], cells, ids)
+    return _seen(mesh, agglo.samples.triangles(12))
+
+
+def _seen(mesh: DistributedMesh, whole: agglo.Mesh) -> list[float]:
+    """Cells, neighbours and mesh size over those of the whole mesh; which parts are connected."""
+    mesh.check()
+    made = agglomerate(mesh, agglo.Pipeline(cells_per_part=(8,), **STRAIGHT))
+    entries = mesh.ranks.summed(float(np.diff(mesh.local.graph.indptr)[mesh.own].sum()))
+    ratios = mesh.n_cells / whole.n_cells, entries / len(whole.graph.indices), mesh.h / whole.h
+    return [*ratios, made.quality(0, ["UF"])["connected"]]
+
+
 if __name__ == "__main__":
-    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong, across, sweep, patches)}
+    asked = {each.__name__: each for each in (polydg, systems, own_rows, wrong, across, sweep, patches, plex)}
     if find_spec("dolfinx"):
-        asked["dolfinx_poisson"] = dolfinx_poisson
+        asked |= {"dolfinx_poisson": dolfinx_poisson, "dolfinx_mesh": dolfinx_mesh}
     answers = {name: ask() for name, ask in asked.items()}
     if COMM.rank == 0:
         json.dump(answers, sys.stdout)

@@ -136,3 +136,10 @@ def test_dolfinx_ranks_agglomerate_their_own_cells(answers):
     iterations, converged = answers["dolfinx_poisson"]
     assert converged
     assert iterations < 20
+
+
+@pytest.mark.parametrize("name", ["plex", "dolfinx_mesh"])
+def test_meshes_that_others_have_divided_are_taken_where_they_lie(answers, name):
+    if name not in answers:
+        pytest.skip("DOLFINx tests skipped: no dolfinx here")
+    assert answers[name] == pytest.approx([1.0, 1.0, 1.0, 1.0], rel=1e-12)
