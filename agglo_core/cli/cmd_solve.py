@@ -62,7 +62,7 @@ _COLUMNS = 80
 @click.option(
     "--cg/--no-cg", default=True, help="Count the iterations of plain CG too (default; slow if large)."
 )
-@click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu).")
+@click.option("-o", "--output", type=FILE, help="The solution, sampled in every cell (.vtu; on ranks .pvtu).")
 @click.option("--plot", type=FILE, help="Picture of the solution (.png, .pdf, .svg).")
 @click.option(
     "--plot-convergence",
@@ -103,10 +103,10 @@ def solve(
     """
     options = {"levels": levels, "degree": degree, "smoothing_steps": smoothing_steps, "tolerance": tolerance}
     tool = built_solver(solver, _given(options))
-    files = {"-o": output, "--plot": plot, "--plot-convergence": history, "--report": report}
-    _refuse_one_process(tool, solver, files | {"--write-system": system_file})
+    files = {"--plot": plot, "--plot-convergence": history, "--report": report, "--write-system": system_file}
+    _refuse_one_process(tool, solver, files if solves_across(tool) else {"-o": output} | files)
     if solves_across(tool):
-        return solve_on_ranks(source, solver, tool, problem, agglomeration, as_json=as_json)
+        return solve_on_ranks(source, solver, tool, problem, agglomeration, output, as_json=as_json)
     _check_files(output, plot, system_file, tool, solver)
     check_more(history, report)
     explain_compilation()

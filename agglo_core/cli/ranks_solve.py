@@ -1,14 +1,17 @@
 """``agglo solve`` on several ranks: each assembles and solves for its own cells, and rank 0 reports.
 
-A solver that can do this has ``solve_across(problem, hierarchy, progress)`` for a distributed hierarchy.
+A solver that can do this has ``solve_across(problem, hierarchy, progress)`` for a distributed hierarchy. The
+``x`` of its answer are the unknowns of own cells, by rising global id.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agglo_core.cli.console import print_json
+from agglo_core.cli.outputs import Outputs
 from agglo_core.cli.ranks_run import agglomerated, shared_mesh, warm_up_in_turn
 from agglo_core.cli.runs import watched
 from agglo_core.cli.solver_choice import posed_by, solver_title
@@ -40,6 +43,7 @@ def solve_on_ranks(
     tool: Any,
     problem: str,
     agglomeration: Mapping[str, Any],
+    output: Path | None = None,
     *,
     as_json: bool,
 ) -> int:
@@ -50,12 +54,16 @@ def solve_on_ranks(
     AggloError
         On all ranks.
     """
-    from agglo_core.distributed import Ranks, with_second_layer
+    from agglo_core.distributed import Ranks, with_second_layer, write_solution
+    from agglo_core.distributed.writing import check_parallel_target
 
     if not agglomeration:
         raise OptionError("on several ranks say what the levels are: --parts, --cells-per-part, …")
     ranks, title = Ranks(), solver_title(solver)
-    first = ranks.rank == 0
+    with ranks.together():
+        if output is not None:
+            check_parallel_target(output)
+    first, outputs = ranks.rank == 0, Outputs()
     with watched(not first) as progress:
         with phase(progress, "reading", source):
             mesh = shared_mesh(source, ranks)
@@ -69,10 +77,17 @@ def solve_on_ranks(
                 raise OptionError(
                     f"{error}" + (f" (on rank {ranks.rank}; {beside})" if beside else "")
                 ) from error
+            if output is not None:
+                asked.refuse_without_meaning("-o is")
         warm_up_in_turn(agglomeration, ranks)
         hierarchy, seconds = agglomerated(mesh, agglomeration, False, progress)
         with attributed(title, spare=(AggloError,)):
             found = tool.solve_across(asked.problem, hierarchy, progress if first else None)
+        if output is not None:
+            with phase(progress, "writing", output.name), attributed(title, spare=(AggloError,)):
+                how = asked.how
+                assert how is not None  # checked before
+                outputs.result(output, lambda: write_solution(output, mesh, how, found.x))
     if first:
         data = _report(found, hierarchy, seconds)
         if as_json:
@@ -83,7 +98,7 @@ def solve_on_ranks(
             columns = min(_COLUMNS, terminal_columns() or _COLUMNS)
             name = mesh.local.name or source
             print_lines(solution_report.text(f"{name} on {ranks.size} ranks, {solver}", data, columns))
-    return 0 if found.converged else NOT_CONVERGED
+    return outputs.finish(listed=not as_json) or (0 if found.converged else NOT_CONVERGED)
 
 
 def _report(found: Any, hierarchy: DistributedHierarchy, seconds: float) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.distributed_mesh import DistributedMesh
-from agglo_core.distributed.own_pieces import write_pieces
+from agglo_core.distributed.own_pieces import remove_pieces, write_pieces
 from agglo_core.distributed.shared_staging import shared_staging
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.io.atomic import check_replaceable
@@ -22,7 +22,6 @@ from agglo_core.io.file_checks import naming
 from agglo_core.io.level_values import under_free_names
 from agglo_core.io.pvtu_write import PIECES
 from agglo_core.io.tags import BRIDGES, check_names, is_level, tags_and_levels
-from agglo_core.io.vtu_write import written_by_agglo
 
 if TYPE_CHECKING:
     from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
@@ -159,16 +158,6 @@ def _remove_stale(target: Path, size: int, levels: int | None) -> None:
                 file.unlink()
                 _log.info("removed %s, a level of an earlier hierarchy", file)
             if stale or fresh:
-                _remove_pieces(target.parent / file.stem, 0 if stale else size)
+                remove_pieces(target.parent / file.stem, 0 if stale else size)
         except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
             _log.warning("cannot remove what an earlier writing left of %s: %s", file, error.strerror)
-
-
-def _remove_pieces(folder: Path, size: int) -> None:
-    pattern = re.compile(re.escape(folder.name) + r"_(0|[1-9]\d*)\.vtu", re.ASCII)
-    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
-        found = pattern.fullmatch(file.name)
-        if found and int(found[1]) >= size and not file.is_symlink() and written_by_agglo(file):
-            file.unlink()
-    if folder.is_dir() and not any(folder.iterdir()):
-        folder.rmdir()

@@ -12,10 +12,10 @@ __all__ = ["PIECES", "piece_name", "pvtu_list"]
 _START = (
     '<?xml version="1.0"?>\n'
     '<VTKFile type="PUnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64"'
-    ' agglo="mesh">\n<PUnstructuredGrid GhostLevel="0">\n'
+    ' agglo="{kind}">\n<PUnstructuredGrid GhostLevel="0">\n'
 )
-PIECES = _START.encode()
-"""How lists of pieces written by agglo begin."""
+PIECES = _START.format(kind="mesh").encode()
+"""How lists of pieces of a mesh written by agglo begin."""
 
 
 def piece_name(stem: str, rank: int) -> str:
@@ -31,4 +31,5 @@ def pvtu_list(piece: Piece, sources: Sequence[str]) -> bytes:
         own = [f"<PDataArray {array.attributes}/>" for array in arrays if array.section == section]
         lines += [f"<P{section}{global_ids(piece, section)}>", *own, f"</P{section}>"]
     lines += [f"<Piece Source={quoteattr(source)}/>" for source in sources]
-    return (_START + "\n".join([*lines, "</PUnstructuredGrid>", "</VTKFile>"])).encode() + b"\n"
+    ends = "</PUnstructuredGrid>", "</VTKFile>"
+    return (_START.format(kind=piece.kind) + "\n".join([*lines, *ends])).encode() + b"\n"

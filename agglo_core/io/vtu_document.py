@@ -19,7 +19,16 @@ from agglo_core.arrays import fits_in_index
 from agglo_core.io.vtu_arrays import DERIVED
 from agglo_core.progress import Tell, part, to_nobody
 
-__all__ = ["HEADS", "IDS", "Piece", "StoredArray", "global_ids", "stored_arrays", "write_document"]
+__all__ = [
+    "HEADS",
+    "IDS",
+    "SOLUTION",
+    "Piece",
+    "StoredArray",
+    "global_ids",
+    "stored_arrays",
+    "write_document",
+]
 
 _NAMES = {"i4": "Int32", "i8": "Int64", "u1": "UInt8", "f8": "Float64"}
 _BLOCK = 1 << 20  # bytes written or compressed at once
@@ -29,6 +38,8 @@ _FILE = '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian
 _START = f'<?xml version="1.0"?>\n{_FILE} '
 HEADS = (f'{_START}agglo="mesh"'.encode(), f"{_START}{_ZLIB}>".encode())
 """How meshes written by agglo begin, those of now and those in base64 of before."""
+SOLUTION = f'{_START}agglo="solution"'.encode()
+"""How solutions begin."""
 _END = b"\n</AppendedData>\n</VTKFile>\n"
 _FAR = 10**19  # no file is longer
 IDS = {"PointData": "GlobalPointIds", "CellData": "GlobalCellIds"}

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agglo_core.arrays import Int
 from agglo_core.errors import FileError
 from agglo_core.io.atomic import staging
 from agglo_core.io.file_checks import naming
@@ -19,7 +20,7 @@ from agglo_core.io.vtu_document import Piece, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.problems.discretisation import Samples
 
-__all__ = ["write_solution"]
+__all__ = ["solution_piece", "write_solution"]
 
 _SIMPLICES = {3: 5, 4: 10}  # corners to VTK's number of triangles and tetrahedra
 
@@ -40,19 +41,40 @@ def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, n
     path = Path(path)
     if path.suffix.lower() != ".vtu":
         raise FileError(f"{path}: a solution is written as .vtu")
-    owners = samples.cells[samples.simplices[:, 0]]
-    tags = {tag: each[owners] for tag, each in mesh.cell_tags.items()}
-    data = under_free_names({"cell": owners}, tags) | tags
     with naming(path), staging(path) as folder:
-        check_names(tags)
-        write_document(folder / path.name, _piece(samples, {name: samples.values}, data))
+        piece = solution_piece(samples, mesh.cell_tags, name=name)
+        write_document(folder / path.name, piece)
 
 
-def _piece(samples: Samples, fields: Mapping[str, NDArray[Any]], data: Mapping[str, NDArray[Any]]) -> Piece:
+def solution_piece(
+    samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
+) -> Piece:
+    """What a file holds of a sampled function.
+
+    Parameters
+    ----------
+    samples : Samples
+    tags : mapping of str to (n_cells,) int
+        Of the cells of the mesh.
+    name : str
+        Of the function.
+    cell_ids : (n_cells,) int, optional
+        Numbers of the cells in the file; by default those in the mesh.
+
+    Raises
+    ------
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    check_names(tags)
+    owners = samples.cells[samples.simplices[:, 0]]
+    own = {tag: each[owners] for tag, each in tags.items()}
+    numbers = owners if cell_ids is None else cell_ids[owners]
+    data = under_free_names({"cell": numbers}, own) | own
     n, corners = samples.simplices.shape
     cells: dict[str, NDArray[Any]] = {
         "connectivity": samples.simplices.ravel(),
         "offsets": corners * np.arange(1, n + 1),
         "types": np.full(n, _SIMPLICES[corners], np.uint8),
     }
-    return Piece(samples.points, cells, fields, data, kind="solution")
+    return Piece(samples.points, cells, {name: samples.values}, data, kind="solution")

@@ -13,7 +13,7 @@ from agglo_core.io.grid_pieces import numbered
 from agglo_core.io.level_values import LevelValues
 from agglo_core.io.vtk_grids import Storage, write_grids
 from agglo_core.io.vtu_cells import POLYHEDRON, Cells
-from agglo_core.io.vtu_document import HEADS, write_document
+from agglo_core.io.vtu_document import HEADS, SOLUTION, write_document
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import take_cells
 from agglo_core.progress import Tell, to_nobody
@@ -38,10 +38,11 @@ def write_vtu(
     write_grids(storage, path, mesh, hierarchy, level_values, tell, compress=compress)
 
 
-def written_by_agglo(file: Path) -> bool:
-    """Whether a file begins as ours do; may raise OSError."""
+def written_by_agglo(file: Path, *, solutions: bool = False) -> bool:
+    """Whether a file begins as our meshes do, or also as our solutions; may raise OSError."""
+    heads = (*HEADS, SOLUTION) if solutions else HEADS
     with open(file, "rb") as stream:
-        return stream.read(max(map(len, HEADS))).startswith(HEADS)
+        return stream.read(max(map(len, heads))).startswith(heads)
 
 
 def face_stream(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:

@@ -49,8 +49,8 @@ MAY_IMPORT = {
     | {"agglomeration", "components", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},
     "distributed": EVERYBODY
-    | {"agglomeration", "components", "graph", "hierarchy", "io", "kernels", "measure", "mesh", "protocols"}
-    | {"registry"},
+    | {"agglomeration", "components", "graph", "hierarchy", "io", "kernels", "measure", "mesh", "problems"}
+    | {"protocols", "registry"},
     "cli": EVERYBODY
     | {"agglomeration", "conformance", "distributed", "draw", "hierarchy", "io", "kernels", "measure", "mesh"}
     | {"problems", "protocols", "registry", "samples"},
