@@ -8,9 +8,13 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from on_ranks import launch
+
+from agglo_core.io.vtu_arrays import parse
 
 pytest.importorskip("petsc4py", reason="PETSc tests skipped: no petsc4py here")
 BESIDE = Path(sys.executable).parent / "mpiexec"
@@ -119,7 +123,8 @@ def test_the_command_solves_as_in_one_process(alone, size, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("-o", "u.vtu"), "-o cannot be had of a mesh that lies on several processes"),
+        (("-o", "u.vtu"), "u.vtu: what lies on several ranks is written as .pvtu, not '.vtu'"),
+        (("--plot", "u.png"), "--plot cannot be had of a mesh that lies on several processes"),
         (("--levels", "9"), "levels = 9 with the mesh; there are 4"),
     ],
 )
@@ -128,6 +133,45 @@ def test_what_the_command_cannot_do_is_said_once(options, message, tmp_path):
     assert (done.code, done.out) == (2, "")
     assert done.err.count("error: ") == 1
     assert message in done.err
+    assert not list(tmp_path.iterdir())
+
+
+def _sampled(file):
+    """Points and values of a written solution, by the number of their cell."""
+    document = parse(file.read_bytes())
+    arrays = {each.get("Name"): document.array(each, 1 << 24) for each in document.root.iter("DataArray")}
+    corners = arrays["connectivity"].reshape(-1, 3)
+    assert (np.diff(arrays["offsets"], prepend=0) == 3).all()
+    values = np.column_stack((arrays["Points"].reshape(-1, 3), arrays["u"]))
+    return {cell: values[corners[arrays["cell"] == cell].ravel()] for cell in np.unique(arrays["cell"])}
+
+
+@pytest.mark.parametrize("size", [2])
+def test_a_solution_is_written_piece_by_piece(size, tmp_path):
+    exact = (*SOLVE, "--solver", "petsc_mg:degree=2", "--tol", "1e-9")
+    alone = launch(1, *exact, "-o", "alone.vtu", cwd=tmp_path)
+    assert alone.code == 0, alone.err
+    (tmp_path / "u").mkdir()
+    (tmp_path / "u" / "u_7.vtu").write_bytes((tmp_path / "alone.vtu").read_bytes())  # of more ranks
+    done = launch(size, *exact, "-o", "u.pvtu", cwd=tmp_path)
+    assert done.code == 0, done.err
+    files = sorted(each.relative_to(tmp_path).as_posix() for each in tmp_path.rglob("*") if each.is_file())
+    pieces = [f"u/u_{rank}.vtu" for rank in range(size)]
+    assert files == ["alone.vtu", "u.pvtu", *pieces]
+    listed = ElementTree.parse(tmp_path / "u.pvtu").getroot()
+    assert [each.get("Source") for each in listed.iter("Piece")] == pieces
+    assert [each.get("Name") for each in listed.iter("PDataArray")] == ["u", "cell", "Points"]
+    whole, found = _sampled(tmp_path / "alone.vtu"), {}
+    for piece in pieces:
+        own = _sampled(tmp_path / piece)
+        assert own
+        assert not found.keys() & own.keys()
+        found |= own
+    assert found.keys() == whole.keys()
+    largest = max(np.abs(each[:, 3]).max() for each in whole.values())
+    for cell, each in whole.items():
+        np.testing.assert_allclose(found[cell][:, :3], each[:, :3], atol=1e-12)
+        np.testing.assert_allclose(found[cell][:, 3], each[:, 3], rtol=0.0, atol=1e-6 * largest)
 
 
 def test_dolfinx_ranks_agglomerate_their_own_cells(answers):
