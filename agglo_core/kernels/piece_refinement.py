@@ -15,34 +15,50 @@ _TIE = 1e-9
 
 
 @helper
-def _gain(graph, tag, i, own, other):
-    """Interface saved if cell i goes to the other side, and the least that counts as something."""
+def _sum_up(graph, tag, i, left, right, sums, place):
+    """Write to ``sums[place]`` what cell i shares with the other side and with its own."""
     indptr, indices, interface = graph
-    there, here, beside = 0.0, 0.0, False
+    own, there, here = np.int64(tag[i]), 0.0, 0.0
+    other = left + right - own
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
         t, length = tag[np.uint32(indices[h])], interface[h]
         there += length if t == other else 0.0
         here += length if t == own else 0.0
-        beside |= t == other
-    return there - here if beside else -np.inf, _TIE * (there + here)
+    sums[place, 0], sums[place, 1] = there, here
 
 
 @helper
-def _partner(graph, tag, i, own, other, gain, least):
-    """The neighbour with which cell i should move, −1 if no pair pays."""
+def _gain(known, i):
+    """Interface saved if the listed cell i goes to the other side, and the least that counts as something."""
+    sums, marks, stamp = known
+    place = marks[i, _LISTED] - stamp
+    there, here = sums[place, 0], sums[place, 1]
+    return there - here if there > 0.0 else -np.inf, _TIE * (there + here)
+
+
+@helper
+def _partner(graph, tag, i, own, gain, least, known):
+    """The neighbour with which cell i should move, −1 if no pair pays.
+
+    Cells not listed are not beside the other side: they lose at least what they share with cell i.
+    """
     indptr, indices, interface = graph
+    sums, marks, stamp = known
     partner, best = np.int64(-1), least
     for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
         j = np.uint64(np.uint32(indices[h]))
-        if tag[j] == own:
-            there, here = gain + 2.0 * interface[h], 0.0
+        if tag[j] != own:
+            continue
+        place, both = marks[j, _LISTED] - stamp, gain + 2.0 * interface[h]
+        if place >= 0:
+            both += sums[place, 0] - sums[place, 1]
+        elif gain + interface[h] <= best:
+            continue
+        else:
             for g in range(np.uint64(indptr[j]), np.uint64(indptr[j + ONE])):
-                t, length = tag[np.uint32(indices[g])], interface[g]
-                there += length if t == other else 0.0  # no branch: it would be mispredicted
-                here += length if t == own else 0.0
-            both = there - here
-            if both > best:
-                partner, best = np.int64(j), both
+                both -= interface[g] if tag[np.uint32(indices[g])] == own else 0.0
+        if both > best:
+            partner, best = np.int64(j), both
     return partner
 
 
@@ -87,17 +103,15 @@ def sort_by_keys(items, keys, m):
 
 
 @helper
-def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now):
+def _paying(graph, centroids, tag, known, later, m, pairs, axis, keys, now):
     """Write to ``now`` the cells of ``later[:m]`` worth moving, along ``axis``; returns how many."""
     found = 0
     for c in range(m):
         i = np.uint64(later[c])
-        own = np.int64(tag[i])
-        other = left + right - own
-        gain, least = _gain(graph, tag, i, own, other)
+        gain, least = _gain(known, i)
         pays = gain > least
         if not pays and pairs and gain > -np.inf:
-            pays = _partner(graph, tag, i, own, other, gain, least) >= 0
+            pays = _partner(graph, tag, i, np.int64(tag[i]), gain, least, known) >= 0
         if pays:
             now[found], keys[found] = i, 0.0
             for k in range(centroids.shape[1]):
@@ -108,17 +122,28 @@ def _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now
 
 
 @helper
-def _add_near(graph, tag, left, right, i, listed, m, marks, kind, stamp):
-    """Append cell i and its neighbours in the piece not seen under ``stamp``; returns the new length."""
+def _note_move(graph, tag, left, right, i, lists, filled, known, sweep):
+    """Sum up cell i and its neighbours in the piece, and list them; returns the new lengths of the lists.
+
+    The first list is that of all cells that are known, the second of those to be looked at after this sweep.
+    """
     indptr, indices, _ = graph
+    (listed, later), (edge, m), (sums, marks, stamp) = lists, filled, known
     before = np.int64(indptr[i]) - 1
     for h in range(before, np.int64(indptr[i + ONE])):
         j = np.uint64(np.uint32(indices[h])) if h > before else i
-        if (tag[j] == left or tag[j] == right) and marks[j, kind] != stamp:
-            marks[j, kind] = stamp
-            listed[m] = j
+        if tag[j] != left and tag[j] != right:
+            continue
+        if marks[j, _LISTED] < stamp:
+            marks[j, _LISTED] = stamp + edge
+            listed[edge] = j
+            edge += 1
+        _sum_up(graph, tag, j, left, right, sums, marks[j, _LISTED] - stamp)
+        if marks[j, _SEEN] != sweep:
+            marks[j, _SEEN] = sweep
+            later[m] = j
             m += 1
-    return m
+    return edge, m
 
 
 @helper
@@ -144,28 +169,29 @@ def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floo
     -------
     How many cells are in ``boundary`` now, and the next unused stamp.
     """
-    boundary, now, later, queue, root, keys, marks = room
+    boundary, now, later, queue, root, keys, sums, marks = room
     size, count = sides
     tally = (size, count, floor * min(size[0], size[1]))
-    search = (queue, root, marks)
-    everywhere, m = stamp, edge
+    search, known, lists = (queue, root, marks), (sums, marks, stamp), (boundary, later)
+    listing, m = stamp, edge
     for c in range(edge):
-        later[c] = boundary[c]
-        marks[boundary[c], _LISTED] = everywhere
+        i = np.uint64(boundary[c])
+        later[c], marks[i, _LISTED] = i, listing + c
+        _sum_up(graph, tag, i, left, right, sums, c)
     pairs, paired = False, False
     for _ in range(_SWEEPS):
-        moves = _paying(graph, centroids, tag, left, right, later, m, pairs, axis, keys, now)
+        moves = _paying(graph, centroids, tag, known, later, m, pairs, axis, keys, now)
         stamp += 1
         sweep, m = stamp, np.int64(0)
         for c in range(moves):
             i = np.uint64(now[c])
             own = np.int64(tag[i])
             other = left + right - own
-            gain, least = _gain(graph, tag, i, own, other)
-            partner = -1
+            gain, least = _gain(known, i)
+            partner = np.int64(-1)
             if gain <= least:
                 if pairs and gain > -np.inf:
-                    partner = _partner(graph, tag, i, own, other, gain, least)
+                    partner = _partner(graph, tag, i, own, gain, least, known)
                 if partner < 0:
                     continue
             stamp += 1
@@ -177,10 +203,8 @@ def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floo
                 if not _leave(graph, measures, tag, also, own, other, tally, search, stamp):
                     _put(measures, tag, i, own, tally)
                     continue
-                m = _add_near(graph, tag, left, right, also, later, m, marks, _SEEN, sweep)
-                edge = _add_near(graph, tag, left, right, also, boundary, edge, marks, _LISTED, everywhere)
-            m = _add_near(graph, tag, left, right, i, later, m, marks, _SEEN, sweep)
-            edge = _add_near(graph, tag, left, right, i, boundary, edge, marks, _LISTED, everywhere)
+                edge, m = _note_move(graph, tag, left, right, also, lists, (edge, m), known, sweep)
+            edge, m = _note_move(graph, tag, left, right, i, lists, (edge, m), known, sweep)
         if pairs:
             pairs = False
         elif m == 0 and not paired:
@@ -189,4 +213,4 @@ def refine_sides(graph, centroids, measures, tag, left, right, axis, sides, floo
                 later[c] = boundary[c]
         if m == 0:
             break
-    return edge, stamp + 1
+    return edge, max(stamp, listing + edge) + 1

@@ -52,8 +52,8 @@ def side_tags(lo, hi):
 def piece_room(m, marks):
     """Work arrays of pieces of at most m cells, and with them the ``marks (n, 4)`` of cells, zeros at first.
 
-    ``boundary, now, later, queue, root, keys, marks``; the marks say when a cell was last reached, from
-    where, when it was seen, and when listed.
+    ``boundary, now, later, queue, root, keys, sums, marks``; the marks say when a cell was last reached, from
+    where, when it was seen, and when and in which place it was listed.
     """
     size = m + 1
     return (
@@ -63,6 +63,7 @@ def piece_room(m, marks):
         np.empty(size, np.int32),
         np.empty(size, np.int32),
         np.empty(size),
+        np.empty((size, 2)),
         marks,
     )
 
@@ -147,7 +148,7 @@ def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
     Every component of a side touches the other side: if the cells along the cut are connected within
     their side, the side is. So mostly nothing far from the cut is looked at.
     """
-    boundary, _, _, queue, root, _, marks = room
+    boundary, _, _, queue, root, _, _, marks = room
     left, right = side_tags(lo, hi)
     whole, everything = True, np.int64(len(tag))
     for side in range(2):
