@@ -6,7 +6,7 @@ A solver that can do this has ``solve_across(problem, hierarchy, progress)`` for
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +14,16 @@ from agglo_core.cli.console import print_json
 from agglo_core.cli.outputs import Outputs
 from agglo_core.cli.ranks_run import agglomerated, shared_mesh, warm_up_in_turn
 from agglo_core.cli.runs import watched
-from agglo_core.cli.solver_choice import posed_by, solver_title
+from agglo_core.cli.solver_choice import Posed, posed_by, solver_title
 from agglo_core.cli.stdout import terminal_columns
 from agglo_core.cli.tables import print_lines
 from agglo_core.cli.under_mpi import launched
-from agglo_core.errors import AggloError, OptionError
+from agglo_core.errors import AggloError, FileError, OptionError
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import attributed
 
 if TYPE_CHECKING:
-    from agglo_core.distributed import DistributedHierarchy
+    from agglo_core.distributed import DistributedHierarchy, Ranks
 
 __all__ = ["NOT_CONVERGED", "solve_on_ranks", "solves_across"]
 
@@ -54,7 +54,7 @@ def solve_on_ranks(
     AggloError
         On all ranks.
     """
-    from agglo_core.distributed import Ranks, with_second_layer, write_solution
+    from agglo_core.distributed import Ranks, error_norms, with_second_layer, write_solution
     from agglo_core.distributed.writing import check_parallel_target
 
     if not agglomeration:
@@ -68,15 +68,9 @@ def solve_on_ranks(
         with phase(progress, "reading", source):
             mesh = shared_mesh(source, ranks)
         seen, _ = with_second_layer(mesh)  # what rows are assembled on: values of cells are of these
+        trusted = bool(agglomeration.get("allow_code"))
+        asked = _posed(ranks, lambda: posed_by(problem, seen, tool, solver, allow_code=trusted))
         with ranks.together():
-            trusted = bool(agglomeration.get("allow_code"))
-            try:
-                asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
-            except OptionError as error:
-                beside = "tables by tag must fit the cells of each rank" if ranks.size > 1 else ""
-                raise OptionError(
-                    f"{error}" + (f" (on rank {ranks.rank}; {beside})" if beside else "")
-                ) from error
             if output is not None:
                 asked.refuse_without_meaning("-o is")
         warm_up_in_turn(agglomeration, ranks)
@@ -88,8 +82,10 @@ def solve_on_ranks(
                 how = asked.how
                 assert how is not None  # checked before
                 outputs.result(output, lambda: write_solution(output, mesh, how, found.x))
+        with phase(progress, "measuring", "errors"), attributed(title, spare=(AggloError,)):
+            norms = error_norms(mesh, asked.problem, asked.how, found.x) if asked.how is not None else {}
     if first:
-        data = _report(found, hierarchy, seconds)
+        data = _report(found, norms, hierarchy, seconds)
         if as_json:
             print_json(data | {"ranks": ranks.size})
         else:
@@ -101,8 +97,30 @@ def solve_on_ranks(
     return outputs.finish(listed=not as_json) or (0 if found.converged else NOT_CONVERGED)
 
 
-def _report(found: Any, hierarchy: DistributedHierarchy, seconds: float) -> dict[str, Any]:
+def _posed(ranks: Ranks, pose: Callable[[], Posed]) -> Posed:
+    """The problem on the cells of each rank; where ranks disagree on what is wrong an error says why."""
+    posed, failure = None, None
+    try:
+        posed = pose()
+    except (FileError, OptionError) as error:
+        failure = error
+    said = ranks.gathered("" if failure is None else str(failure))
+    with ranks.together():
+        if failure is not None and any(each != said[0] for each in said):
+            beside = f" (on rank {ranks.rank}; tables by tag must fit the cells of each rank)"
+            raise type(failure)(f"{failure}{beside}") from failure
+        if failure is not None:
+            raise failure
+        assert posed is not None
+        return posed
+
+
+def _report(
+    found: Any, norms: Mapping[str, float], hierarchy: DistributedHierarchy, seconds: float
+) -> dict[str, Any]:
     """What is told of a solution, by the names of :func:`agglo_core.problems.solution_report.report`."""
+    from agglo_core.problems.solution_report import error_entries
+
     cells = [hierarchy.mesh.n_cells, *hierarchy.parts]
     residuals, (n, entries) = found.residuals, found.sizes[0]
     fell = residuals[-1] / residuals[0] if found.iterations and residuals[0] > 0.0 else None
@@ -119,6 +137,7 @@ def _report(found: Any, hierarchy: DistributedHierarchy, seconds: float) -> dict
         "energy_error": found.energy_error,
         "tests_met": list(found.tests),
         "residuals": residuals.tolist(),
+        **error_entries(norms),
         "energy": found.energy,
         "operator_complexity": sum(each for _, each in found.sizes) / entries,
         "grid_complexity": sum(each for each, _ in found.sizes) / n,

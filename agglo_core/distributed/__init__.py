@@ -8,6 +8,7 @@ from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.reading import read
 from agglo_core.distributed.second_layer import with_second_layer
+from agglo_core.distributed.solution_errors import error_norms
 from agglo_core.distributed.solution_pieces import write_solution
 from agglo_core.distributed.writing import write
 
@@ -18,6 +19,7 @@ __all__ = [
     "Ranks",
     "Traffic",
     "agglomerate",
+    "error_norms",
     "read",
     "with_second_layer",
     "write",

@@ -6,13 +6,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.whole_cells import WholeCells, distinct, parcels, places, taken
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 
-__all__ = ["LocalMesh", "all_cells", "common_origin", "faces_of", "ghosts", "local_mesh", "own_cells"]
+__all__ = [
+    "LocalMesh",
+    "all_cells",
+    "common_origin",
+    "faces_of",
+    "ghosts",
+    "local_mesh",
+    "own_cells",
+    "part_of_whole",
+]
 
 
 class LocalMesh(NamedTuple):
@@ -90,7 +99,7 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
     all their neighbours are here.
     """
     sides = places(whole.face_cells, whole.cells)
-    hidden = ((sides < 0) & (whole.face_cells >= 0)).any(axis=1)
+    hidden: Mask = np.asarray(((sides < 0) & (whole.face_cells >= 0)).any(axis=1))
     turned = sides[:, 0] < 0
     mesh = Mesh(
         whole.coordinates,
@@ -101,9 +110,18 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
         face_tags={key: np.where(hidden, 0, values) for key, values in whole.face_tags.items()},
         name=name,
     )
-    # a cached property: geometry relative to the centre of the whole mesh is the same on any number of ranks
+    return LocalMesh(part_of_whole(mesh, origin, hidden), hidden)
+
+
+def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
+    """The same mesh, whose cached properties say what it cannot know by itself.
+
+    Geometry relative to the centre of the whole mesh is the same on any number of ranks; hidden faces are not
+    on the boundary.
+    """
     mesh.__dict__["origin"] = origin
-    return LocalMesh(mesh, np.asarray(hidden))
+    mesh.__dict__["outer_faces"] = frozen((mesh.face_cells[:, 1] < 0) & ~hidden, np.bool_)
+    return mesh
 
 
 def _turned(offsets: Int, vertices: Int, turned: Mask) -> Int:

@@ -12,6 +12,7 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.distributed.halo import part_of_whole
 from agglo_core.errors import FileError, MeshError
 from agglo_core.io.bridges import single_loops
 from agglo_core.io.file_checks import naming
@@ -154,6 +155,5 @@ def _with_usual(mesh: DistributedMesh, usual: Mapping[str, int]) -> DistributedM
         name: frozen_int(np.where(mesh.hidden, 0, values + usual[name]))
         for name, values in local.face_tags.items()
     }
-    changed = replace(local, face_tags=tags)
-    changed.__dict__["origin"] = local.origin  # a cached property, here that of the whole mesh
+    changed = part_of_whole(replace(local, face_tags=tags), local.origin, mesh.hidden)
     return replace(mesh, local=changed)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.distributed.distributed_mesh import DistributedMesh
-from agglo_core.distributed.halo import all_cells, local_mesh
+from agglo_core.distributed.halo import all_cells, local_mesh, part_of_whole
 from agglo_core.distributed.whole_cells import WholeCells, joined, places, taken
 from agglo_core.mesh import Mesh
 
@@ -27,6 +27,7 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
     """Own cells, ghosts and the neighbours of ghosts as a mesh, and their global ids, rising.
 
     In it ghosts have all their neighbours, too: the penalty at a face may look at all faces of both cells.
+    Its ``outer_faces`` are those of the whole mesh, without faces to cells that are not here.
     All ranks must call it.
 
     Examples
@@ -50,7 +51,9 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
         ]
         faces = [taken(cells, frozen_int([]), _where(hidden)) for cells, hidden in seen]
         every = joined(whole + faces)
-        return local_mesh(every, local.origin, local.name).mesh, every.cells
+        found, cut = local_mesh(every, local.origin, local.name)
+        known = np.isin(every.faces, np.concatenate([each.faces for each in whole]))
+        return part_of_whole(found, local.origin, cut | ~known), every.cells
 
 
 def _around(here: _Seen, cells: Int) -> _Seen:

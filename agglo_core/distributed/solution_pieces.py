@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import frozen_int
+from agglo_core.arrays import Float, frozen_int
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.own_pieces import remove_pieces, write_agreed
 from agglo_core.distributed.shared_staging import shared_staging
@@ -20,7 +20,7 @@ from agglo_core.io.tags import check_names
 from agglo_core.io.vtu_solution import solution_piece
 from agglo_core.problems import Discretisation, Samples
 
-__all__ = ["write_solution"]
+__all__ = ["by_cell", "write_solution"]
 
 _log = logging.getLogger("agglo")
 
@@ -70,14 +70,9 @@ def write_solution(
     with ranks.together():
         check_parallel_target(target)
         check_names(mesh.local.cell_tags)
-        own, cells = np.asarray(x, float), len(mesh.own)
-    width = int(ranks.largest(own.size // max(1, cells)))
-    with ranks.together():
-        if own.shape != (cells * width,):
-            raise OptionError(f"x has shape {own.shape}; expected ({cells * width},): {width} in each cell")
     # ghosts are there when cells are cut up, as in one process: what sides of a cell go on straight is seen
     # with both of its neighbours
-    everything = mesh.exchange(own.reshape(cells, width))
+    everything = mesh.exchange(by_cell(mesh, x))
     with ranks.together():
         samples = _of_own_cells(how.sample(mesh.local, everything.ravel()), mesh)
         piece = solution_piece(samples, mesh.local.cell_tags, name=name, cell_ids=mesh.global_ids)
@@ -86,6 +81,18 @@ def write_solution(
     with ranks.together():
         if ranks.rank == 0:
             _remove_stale(target, ranks.size)
+
+
+def by_cell(mesh: DistributedMesh, x: ArrayLike) -> Float:
+    """Unknowns of own cells ``(n_own, width)``, a row for each, or OptionError; all ranks must call it."""
+    ranks, cells = mesh.ranks, len(mesh.own)
+    with ranks.together():
+        own = np.asarray(x, float)
+    width = int(ranks.largest(own.size // max(1, cells)))
+    with ranks.together():
+        if own.shape != (cells * width,):
+            raise OptionError(f"x has shape {own.shape}; expected ({cells * width},): {width} in each cell")
+    return own.reshape(cells, width)
 
 
 def _of_own_cells(samples: Samples, mesh: DistributedMesh) -> Samples:

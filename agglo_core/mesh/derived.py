@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int, narrow
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_index, frozen_int, narrow
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import box_centre
 from agglo_core.mesh.diameters import diameters_of
@@ -57,6 +57,14 @@ class Derived:
         used = np.zeros(self.n_points, bool)
         used[self.face_vertices] = True
         return box_centre(self.points if used.all() else self.points[used])
+
+    @cached_property
+    def outer_faces(self) -> Mask:
+        """Faces on the boundary of the domain ``(n_faces,)``.
+
+        Those with one cell; of a mesh that a rank has of a larger one only those that are so there.
+        """
+        return frozen(self.face_cells[:, 1] < 0, np.bool_)
 
     @cached_property
     def local_points(self) -> Float:

@@ -76,6 +76,10 @@ class Discretisation(Protocol):
     ``agglo solve``. ``accepts`` lists the kinds of problem it discretises; what the
     unknowns of other problems, such as a linear system, mean is known only to their author.
 
+    Optional is ``errors_in(problem, mesh, x, cells)``: norms as of ``errors``, over the cells that the mask
+    ``cells (n_cells,)`` chooses, and half of their faces to others. Over a division of the mesh the squares
+    add up to those of ``errors``. On several ranks each measures its own cells so.
+
     Examples
     --------
     >>> polydg = agglo.registry.default().build("solver", "direct", degree=1).discretisation

@@ -17,7 +17,7 @@ from agglo_core.problems.sizes import relative_to
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase
 
-__all__ = ["operator_complexity", "report", "text"]
+__all__ = ["error_entries", "operator_complexity", "report", "text"]
 
 _COLUMNS = 80
 _TIE = "\N{NO-BREAK SPACE}"
@@ -79,8 +79,7 @@ def report(
         "energy_error": solution.energy_error,
         "tests_met": list(solution.tests),
         "residuals": np.asarray(solution.residuals).tolist(),
-        **dict.fromkeys(_USUAL_ERRORS),
-        **{f"error_{name}": float(value) for name, value in norms.items()},
+        **error_entries(norms),
         "energy": energy,
         "operator_complexity": _known(solution.operator_complexity, operator_complexity(solution)),
         "cg_iterations": _plain_cg(solution, cg_tolerance, measure, progress),
@@ -97,6 +96,12 @@ def report(
         "outcome": solution.outcome,
         "backward_error": solution.backward_error,
     }
+
+
+def error_entries(norms: Mapping[str, float]) -> dict[str, float | None]:
+    """Norms of errors as a report has them, the usual ones None if they are not known."""
+    known = {f"error_{name}": float(value) for name, value in norms.items()}
+    return {**dict.fromkeys(_USUAL_ERRORS), **known}
 
 
 def operator_complexity(solution: Solution) -> float | None:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Float, Int, OptionError
+from agglo_core.authoring import Diffusion, Float, Int, Mask, Mesh, OptionError
 from agglo_polydg_mg.assembly import jump_penalty, positive
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.boundary import boundary_faces
@@ -38,6 +38,7 @@ def errors(
     *,
     gradient: Callable[[Float], Float] | None = None,
     penalty: Penalty = PAPER,
+    chosen: Mask | None = None,
 ) -> Errors:
     """Error of the function with coefficients ``x (n,)`` against ``problem.exact``.
 
@@ -51,6 +52,8 @@ def errors(
         Of the exact solution; by default its central differences over a ten-thousandth of the box.
     penalty : float, "paper" or "sharp"
         The penalty of the discretisation, which the DG norm contains.
+    chosen : (n_cells,) bool, optional
+        The cells that count, by default all; half a face counts for each of its cells.
 
     Raises
     ------
@@ -72,16 +75,24 @@ def errors(
         e = sample(exact, points, "exact") - c[cells] - basis.evaluate(rest, cells, points)
         slopes = _differences(basis, exact, c, batch) if gradient is None else np.asarray(gradient(points))
         slopes = slopes - np.einsum("qdk,qk->qd", basis.gradients(cells, batch.points), coefficients[cells])
-        square = batch.weights * (slopes**2).sum(axis=1)
+        weights = batch.weights if chosen is None else batch.weights * chosen[cells]
+        square = weights * (slopes**2).sum(axis=1)
         here = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
-        sums += batch.weights @ e**2, square.sum(), here @ square
+        sums += weights @ e**2, square.sum(), here @ square
 
     def outside(faces: Int, points: Float) -> Float:
         values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
         return values.reshape(points.shape[:2]) - c[basis.mesh.face_cells[faces, 0], None]
 
-    sums[2] += jumps(basis, rest, outside, kappa, sigma)
+    counted = sigma if chosen is None else sigma * _shares(basis.mesh, chosen)
+    sums[2] += jumps(basis, rest, outside, kappa, counted)
     return Errors(*np.sqrt(sums).tolist())
+
+
+def _shares(mesh: Mesh, chosen: Mask) -> Float:
+    """Which part of each face ``(n_faces,)`` belongs to the chosen cells."""
+    sides = mesh.face_cells
+    return np.asarray(np.append(chosen, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
 
 
 def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:

@@ -13,6 +13,7 @@ from agglo_core.authoring import (
     Field,
     Float,
     Int,
+    Mask,
     Mesh,
     OptionError,
     Problem,
@@ -117,12 +118,18 @@ class PolyDG:
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
         """``l2`` and ``dg`` of :class:`~agglo_polydg_mg.norms.Errors`, if the problem has ``exact``."""
+        return self.errors_in(problem, mesh, x)
+
+    def errors_in(
+        self, problem: Problem, mesh: Mesh, x: Float, cells: Mask | None = None
+    ) -> Mapping[str, float]:
+        """The same over the chosen ``cells (n_cells,)`` and half of their faces to others."""
         asked = _diffusion(problem)
         if asked.exact is None:
             return {}
         factor = factor_for(float(np.abs(x).max(initial=0.0)))
         asked = asked if factor == 1.0 else times(asked, factor)
-        found = errors(self.basis(mesh), factor * x, asked, penalty=self.penalty)
+        found = errors(self.basis(mesh), factor * x, asked, penalty=self.penalty, chosen=cells)
         return {"l2": found.l2 / factor, "dg": found.dg / factor}
 
     def load(self, problem: Problem, mesh: Mesh, b: Float) -> Float:

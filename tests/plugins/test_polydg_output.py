@@ -17,6 +17,7 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.evaluate import evaluate, locate
 from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.polydg import PolyDG
 from agglo_polydg_mg.sampling import sampled, samples_of
 from agglo_polydg_mg.triangulation import triangulate
 
@@ -123,6 +124,16 @@ def test_norms_of_a_known_error() -> None:
     assert given == pytest.approx(found)
     with pytest.raises(OptionError, match="no exact solution"):
         errors(basis, np.zeros(basis.n), Diffusion())
+
+
+def test_squares_of_norms_add_up_over_a_division_of_the_mesh() -> None:
+    problem = Diffusion(exact=lambda x: np.cos(3 * x).prod(axis=1))
+    for mesh in (samples.voronoi(30, seed=4), samples.boxes(2)):
+        how = PolyDG(2, "sharp", True)
+        x, third = how.project(mesh, lambda x: x[:, 0] ** 4), np.arange(mesh.n_cells) % 3
+        pieces = [how.errors_in(problem, mesh, x, third == k) for k in range(3)]
+        for name, norm in how.errors(problem, mesh, x).items():
+            assert np.linalg.norm([each[name] for each in pieces]) == pytest.approx(norm, rel=1e-12)
 
 
 def test_a_file_holds_the_function(tmp_path: Path) -> None:
