@@ -70,33 +70,37 @@ def coordinate_blocks(points: Float, depth: int, reduced: Reduced = _alone) -> I
     block = np.zeros(len(points), np.int64)
     if depth == 0:
         return frozen_int(block)
-    whole = _on_grid(points, reduced)
+    axes, every = _on_grid(points, reduced), np.arange(len(points))
     for level in range(depth):
-        axis = _longest_sides(whole, block, 1 << level, reduced)
-        along = np.take_along_axis(whole, axis[block][:, None], axis=1)[:, 0]
-        cut = _medians(along, block, 1 << level, reduced)
+        longest = _longest_sides(axes, block, 1 << level, reduced)
+        along = axes[longest[block], every]
+        cut = _medians(frozen_int(along), frozen_int(block), 1 << level, reduced)
         block = 2 * block + (along > cut[block])
     return frozen_int(block)
 
 
 def _on_grid(points: Float, reduced: Reduced) -> Int:
-    """Coordinates as whole numbers ``(n, d)`` from 0 to 2^31, of one step along all axes.
+    """Coordinates as whole numbers ``(d, n)`` from 0 to 2^31, of one step along all axes.
 
     The middle is a whole number too: a row of cells there is not torn by how numbers are rounded.
     """
-    corner = reduced(points.min(axis=0, initial=np.inf), "min")
-    extent = float((reduced(points.max(axis=0, initial=-np.inf), "max") - corner).max())
-    step = extent / (1 << (_BITS - 1)) if extent > 0.0 else np.inf
-    return frozen_int(np.rint((points - corner) / step).astype(np.int64))
+    columns = [np.ascontiguousarray(along) for along in points.T]  # along which numpy is ten times faster
+    ends = [(along.min(initial=np.inf), -along.max(initial=-np.inf)) for along in columns]
+    least = reduced(np.array(ends), "min")  # (d, 2)
+    extent = float(-least.sum(axis=1).min())
+    scale = (1 << (_BITS - 1)) / extent if extent > 0.0 else 0.0
+    axes = [np.rint((along - low) * scale) for along, low in zip(columns, least[:, 0], strict=True)]
+    return frozen_int(np.array(axes).astype(np.int64))
 
 
-def _longest_sides(whole: Int, block: Int, count: int, reduced: Reduced) -> Int:
+def _longest_sides(axes: Int, block: Int, count: int, reduced: Reduced) -> Int:
     """Axis of the longest side of the box of each block."""
-    ends = np.full((2 * whole.shape[1], count), 1 << _BITS)  # of each axis the least, the negative greatest
-    for i, values in enumerate((*whole.T, *-whole.T)):
-        np.minimum.at(ends[i], block, values)
-    low, high = np.split(reduced(ends, "min"), 2)
-    return frozen_int(np.argmin(high + low, axis=0))
+    low, high = np.full((len(axes), count), 1 << _BITS), np.full((len(axes), count), -1 << _BITS)
+    for k, along in enumerate(axes):
+        np.minimum.at(low[k], block, along)
+        np.maximum.at(high[k], block, along)
+    low, high = reduced(np.stack((low, -high)), "min")
+    return frozen_int(np.argmin(low + high, axis=0))
 
 
 def _medians(along: Int, block: Int, count: int, reduced: Reduced) -> Int:

@@ -108,11 +108,13 @@ def test_labels_of_a_mesh_shared_out_do_not_depend_on_the_ranks(size: int) -> No
             assert mesh.graph.components(other).max() == other.max(), name
 
 
-def in_several_ways() -> dict[str, Any]:
+def in_several_ways() -> dict[Any, Any]:
     """Along a curve, that is with blocks in pieces: by default, where cells lie, sent to one rank each."""
     split, whole = shared(cracked(), "curve"), shared(cracked())
     options = CASES["barriers"]
     ways = {how: labelled(split, options, how) for how in (None, False, True)}
+    last = split.redistributed(np.full(len(split.own), split.ranks.size - 1))  # others have no cells
+    ways["last"] = labelled(last, options, True)
     return ways | {"whole": [labelled(whole, options, how) for how in (None, True, False)]}
 
 
@@ -125,9 +127,9 @@ def test_blocks_in_pieces_are_agglomerated_where_they_lie_unless_asked_for() -> 
     (given, _, _), (moved, _, less), (ranked, kept, _) = found["whole"]
     assert less < sent  # no cells
     assert not kept
-    for one, two, three in zip(asked, given, moved, strict=True):
-        np.testing.assert_array_equal(one, two)
-        np.testing.assert_array_equal(two, three)
+    for levels in (asked, moved, found["last"][0]):
+        for one, other in zip(given, levels, strict=True):
+            np.testing.assert_array_equal(one, other)
     assert any((one != other).any() for one, other in zip(given, ranked, strict=True))
 
 
