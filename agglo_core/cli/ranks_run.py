@@ -138,7 +138,7 @@ def agglomerated(
         base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=trusted)
         pipeline = changed(base, own)
     start = time.perf_counter()
-    hierarchy = agglomerate(mesh, pipeline, independent_of_ranks=independent, progress=progress)
+    hierarchy = agglomerate(mesh, pipeline, independent_of_ranks=independent or None, progress=progress)
     return hierarchy, mesh.ranks.largest(time.perf_counter() - start)
 
 

@@ -8,6 +8,7 @@ from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.choices import short_name
 from agglo_core.agglomeration.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
+from agglo_core.distributed.blocks_by_coordinates import BLOCK_CELLS
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_levels import made_levels
@@ -18,17 +19,14 @@ from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
 from agglo_core.threads import using_threads
 
-__all__ = ["BLOCK_CELLS", "agglomerate"]
-
-BLOCK_CELLS = 32768
-"""Cells that are agglomerated by themselves, at most about, if the result is not to depend on the ranks."""
+__all__ = ["agglomerate"]
 
 
 def agglomerate(
     mesh: DistributedMesh,
     pipeline: Pipeline | None = None,
     *,
-    independent_of_ranks: bool = False,
+    independent_of_ranks: bool | None = None,
     block_cells: int = BLOCK_CELLS,
     registry: Registry | None = None,
     progress: Listener | None = None,
@@ -37,9 +35,11 @@ def agglomerate(
 ) -> DistributedHierarchy:
     """Agglomerate a distributed mesh; all ranks must call it with the same arguments.
 
-    Each rank agglomerates its own cells, as a mesh of its own would be; counts are shared out by one
-    exchange. Levels of few parts are made of the agglomerates of a finer level on half as many ranks, or a
-    quarter, so that parts grow across the borders of ranks there.
+    Cells are agglomerated in blocks by their coordinates if each block lies on one rank, as in a mesh shared
+    out by :meth:`DistributedMesh.scatter`: the labels are then the same for any number of ranks, also one.
+    Otherwise each rank agglomerates its own cells. Counts are shared out by one exchange. Levels of few parts
+    are made of the agglomerates of a finer level, on fewer ranks where need be, so that parts grow across the
+    borders of blocks and ranks there.
 
     Parameters
     ----------
@@ -47,11 +47,12 @@ def agglomerate(
     pipeline : Pipeline, optional
         Components, targets and rules, as for a mesh on one machine; arrays hold a value for each own cell
         (``barriers``: for each face of ``mesh.local``). Lines of cells end at the borders of ranks.
-    independent_of_ranks : bool
-        Whether the labels must be the same for any number of ranks, also one. Cells are then agglomerated in
-        blocks by their coordinates, sent to one rank each, instead of where they lie.
+    independent_of_ranks : bool, optional
+        Whether the labels must be the same for any number of ranks, also one: True sends the cells of each
+        block to one rank where they do not lie so, False has each rank agglomerate its own. By default it is
+        blocks if nothing need be sent; ``statistics["independent_of_ranks"]`` says whether it was.
     block_cells : int
-        In that case, how many cells make a block, at most about.
+        How many cells make a block, at most about; as for :meth:`DistributedMesh.scatter`.
     registry, progress, verbose, threads : optional
         As for :func:`agglo_core.agglomerate`; only rank 0 tells of progress.
 
@@ -78,7 +79,7 @@ def agglomerate(
     first = ranks.rank == 0
     with followed(progress if first else None, verbose and first) as listen, using_threads(threads):
         start = started(mesh, given, known)
-        begun = start.in_blocks(block_cells) if independent_of_ranks else start.where_they_lie()
+        begun = start.begun(independent_of_ranks, block_cells)
         with ranks.together():
             run = given.new_run(known)
         with phase(listen, "agglomerating") as tell:
@@ -96,6 +97,7 @@ def agglomerate(
         given.nested or len(levels) == 1,
         asdict(statistics)
         | {"bisector": short_name(given.bisector), "method": given.method}
+        | {"independent_of_ranks": begun.in_blocks}
         | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes}
         | {"sent_by_level": [asdict(level.sent) for level in levels]},
     )

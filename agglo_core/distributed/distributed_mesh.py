@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.distributed.blocks_by_coordinates import BLOCK_CELLS
 from agglo_core.distributed.cell_values import CellValues
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.given_cells import given_cells
@@ -35,9 +36,8 @@ class DistributedMesh(CellValues):
     all other methods, together. What is computed of own cells (measures, centroids, interfaces) does
     not depend on the number of ranks, not in the last bit: cells, faces and points of the local mesh are in
     the order of their global numbers, and its ``origin`` is that of the whole mesh. Of ghosts it may differ
-    by rounding; :meth:`exchange` brings the values of their owners.
-
-    A rank may have no cells: its local mesh has none then, and no faces and points.
+    by rounding; :meth:`exchange` brings the values of their owners. A rank may have no cells: its local mesh
+    has none then, and no faces and points.
 
     Attributes
     ----------
@@ -61,8 +61,6 @@ class DistributedMesh(CellValues):
     --------
     >>> from agglo_core import samples
     >>> whole = DistributedMesh.scatter(samples.squares(4))  # on rank 0 of several; None on the others
-    >>> whole
-    DistributedMesh(16 cells; rank 0 of 1: 16 own, 0 ghosts)
     >>> whole.h
     0.3535533905932738
     """
@@ -77,7 +75,14 @@ class DistributedMesh(CellValues):
     n_cells: int
 
     @classmethod
-    def scatter(cls, mesh: Mesh | None, ranks: Ranks | None = None, method: str = "curve") -> DistributedMesh:
+    def scatter(
+        cls,
+        mesh: Mesh | None,
+        ranks: Ranks | None = None,
+        method: str = "coordinates",
+        *,
+        block_cells: int = BLOCK_CELLS,
+    ) -> DistributedMesh:
         """Share out a mesh that rank 0 has; global ids are its numbers of cells, faces and points.
 
         Parameters
@@ -87,22 +92,25 @@ class DistributedMesh(CellValues):
         ranks : Ranks, optional
             By default those of ``MPI.COMM_WORLD``.
         method : str
-            ``"curve"``: stretches of a space-filling curve; ``"coordinates"``: boxes, halved recursively.
+            ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes the same parts on any number of
+            ranks; boxes if a rank had 1.2 times the mean. ``"curve"``: stretches of a space-filling curve.
+        block_cells : int
+            How many cells make a block, at most about; as for :func:`agglomerate`.
 
         Raises
         ------
         OptionError
-            If rank 0 has no mesh, for an unknown method, or without mpi4py.
+            If rank 0 has no mesh, for an unknown method or no cells in blocks, or without mpi4py.
 
         Examples
         --------
         >>> from agglo_core import samples
-        >>> DistributedMesh.scatter(samples.boxes(2), method="coordinates")
+        >>> DistributedMesh.scatter(samples.boxes(2), method="curve")
         DistributedMesh(8 cells; rank 0 of 1: 8 own, 0 ghosts)
         """
         ranks = ranks or Ranks()
         name = ranks.from_first(mesh.name if mesh is not None and ranks.rank == 0 else "")
-        return cls._with_ghosts(ranks, scattered(mesh, ranks, method), name)
+        return cls._with_ghosts(ranks, scattered(mesh, ranks, method, block_cells), name)
 
     @classmethod
     def from_local(
@@ -128,8 +136,8 @@ class DistributedMesh(CellValues):
         points : (n_points, d) float
             Those that the cells use, and maybe others. A rank without cells may give anything.
         cells
-            Own cells alone, with numbers of these points: polygons as in :meth:`Mesh.from_polygons` if d is
-            2, polyhedra as in :meth:`Mesh.from_polyhedra` if d is 3.
+            Own cells alone, with numbers of these points: as in :meth:`Mesh.from_polygons` or, if d is 3,
+            :meth:`Mesh.from_polyhedra`.
         point_ids : (n_points,) int
             Global ids: points with the same one are one, on whichever ranks, and must be at one place.
         cell_ids : (n_own,) int, optional
@@ -137,14 +145,13 @@ class DistributedMesh(CellValues):
         cell_tags : mapping of name to (n_own,) int, optional
             The same names on all ranks that have cells.
         face_tags : mapping of name to (faces, values), optional
-            Faces as lists of points (in 2-D pairs) and an integer for each; all others get 0. Of a face
-            between two ranks one of them or both may say it.
+            Faces as lists of points and an integer for each; others get 0. Between ranks either may say it.
         weak : bool
             As in :meth:`Mesh.from_polygons`: plane cells may have bridges to holes.
         allow_gaps : bool
-            Whether outer faces that lie on one another are meant to be apart, as at fractures. Otherwise they
-            are refused if they have points in common, such as at vertices that hang on a face, on one rank
-            or between two, and told by a warning if not. Unlike :meth:`Mesh.conforming` nothing is joined.
+            Whether outer faces that lie on one another are to be apart, as at fractures. Otherwise those
+            with points in common, such as at vertices that hang on a face, are refused, others told by a
+            warning. Unlike :meth:`Mesh.conforming` nothing is joined.
         name : str
 
         Raises
@@ -211,8 +218,8 @@ class DistributedMesh(CellValues):
 
     def __repr__(self) -> str:
         rank, own = self.ranks, len(self.own)
-        told = f"rank {rank.rank} of {rank.size}: {own} own, {len(self.owners) - own} ghosts"
-        return f"DistributedMesh({self.n_cells} cells; {told})"
+        told = f"{own} own, {len(self.owners) - own} ghosts"
+        return f"DistributedMesh({self.n_cells} cells; rank {rank.rank} of {rank.size}: {told})"
 
     def check(self) -> None:
         """See that each cell is owned once, and that each rank has all ghosts, as their owners have them.
@@ -230,7 +237,6 @@ class DistributedMesh(CellValues):
         held = LocalMesh(self.local, self.hidden)
         check_laws(self._own_cells(), self.global_ids, self.owners, held, self.n_cells, self.ranks)
 
-    # -- other cells, other ranks ---------------------------------------------------------------
     def coarsen(self, labels: ArrayLike, bounds: ArrayLike) -> DistributedMesh:
         """Mesh whose cells are the agglomerates of this one's.
 
@@ -247,8 +253,7 @@ class DistributedMesh(CellValues):
         Raises
         ------
         MeshError
-            Unless the bounds rise from 0 and each part below the last one has a cell; on other ranks
-            RankError.
+            Unless the bounds rise from 0 and each part has a cell; on other ranks RankError.
 
         Examples
         --------

@@ -34,7 +34,7 @@ def read(
     a rank may get several, or none. Points with the same global id are one, where all pieces have such ids,
     else those at exactly the same place. Cells are numbered as :func:`agglo_core.read` does: by their global
     ids in files of :func:`write`, else piece by piece. A file of any other format is read by rank 0 and
-    shared out along a space-filling curve.
+    shared out by coordinates, as by :meth:`DistributedMesh.scatter`.
 
     Parameters
     ----------

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.distributed.blocks_by_coordinates import coordinate_blocks, halvings, rank_of_block
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.whole_cells import WholeCells, parcels
 from agglo_core.errors import OptionError
 from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh import Mesh
 
-__all__ = ["SHARES", "scattered"]
+__all__ = ["scattered"]
+
+_METHODS = ("coordinates", "curve")
+
+_LARGEST_SHARE = 1.2
+"""Over the mean: with whole blocks no rank may have more."""
 
 
 def _along_curve(centroids: Float, size: int) -> Int:
@@ -23,7 +27,15 @@ def _along_curve(centroids: Float, size: int) -> Int:
     return frozen_int(rank)
 
 
-def _by_coordinates(centroids: Float, size: int) -> Int:
+def _by_coordinates(centroids: Float, size: int, block_cells: int) -> Int:
+    """Rank of each cell: whole blocks by coordinates, boxes if these are too few for even shares."""
+    depth = halvings(len(centroids), block_cells)
+    rank = rank_of_block(coordinate_blocks(centroids, depth), 1 << depth, size)
+    largest = int(np.bincount(rank).max(initial=0))
+    return rank if largest * size <= _LARGEST_SHARE * len(rank) else _in_boxes(centroids, size)
+
+
+def _in_boxes(centroids: Float, size: int) -> Int:
     """Rank of each cell: boxes, each halved across its longer side."""
     rank = np.zeros(len(centroids), np.int64)
     waiting = [(np.arange(len(rank)), 0, size)]
@@ -41,29 +53,24 @@ def _by_coordinates(centroids: Float, size: int) -> Int:
     return frozen_int(rank)
 
 
-SHARES: Mapping[str, Callable[[Float, int], Int]] = {
-    "curve": _along_curve,
-    "coordinates": _by_coordinates,
-}
-"""How cells with ``centroids (n, d)`` are shared out among ``size`` ranks."""
-
-
-def scattered(mesh: Mesh | None, ranks: Ranks, method: str) -> WholeCells:
+def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int) -> WholeCells:
     """The cells of this rank, of a mesh that rank 0 has.
 
     Raises
     ------
     OptionError
-        If rank 0 has no mesh, or for an unknown method.
+        If rank 0 has no mesh, for an unknown method, or blocks of no cells.
     """
     sent: dict[int, WholeCells] = {}
     with ranks.together():
-        if method not in SHARES:
-            raise OptionError(f"unknown method {method!r}; known: {', '.join(SHARES)}")
+        if method not in _METHODS:
+            raise OptionError(f"unknown method {method!r}; known: {', '.join(_METHODS)}")
         if ranks.rank == 0:
             if mesh is None:
                 raise OptionError("rank 0 must have a mesh to share out; it has none")
-            sent = _shares(mesh, SHARES[method](mesh.local_centroids, ranks.size), ranks.size)
+            x, size = mesh.local_centroids, ranks.size
+            rank = _along_curve(x, size) if method == "curve" else _by_coordinates(x, size, block_cells)
+            sent = _shares(mesh, rank, size)
     return ranks.exchanged(sent)[0]
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.blocks_by_coordinates import rank_of_block
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.domain import Domain, joined
 
@@ -58,7 +59,7 @@ class Stage:
 
     def rank_of(self, domain: Int) -> Int:
         """The ranks that have these domains."""
-        return frozen_int(np.asarray(domain) * self.ranks.size // self.count)
+        return rank_of_block(domain, self.count, self.ranks.size)
 
     def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
         """What is asked of each domain, on every rank: one row for each domain of all ranks, in order."""
@@ -163,7 +164,7 @@ def moved(
     """
     sent: dict[int, list[int]] = {}
     for place, (number, _) in enumerate(pieces):
-        sent.setdefault(number * ranks.size // count, []).append(place)
+        sent.setdefault(int(rank_of_block(frozen_int(number), count, ranks.size)), []).append(place)
     with ranks.together():
         packed = {
             rank: [(pieces[place][0], pieces[place][1].to_send()) for place in places]

@@ -11,13 +11,13 @@ from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.goals import CountGoal, Goal
 from agglo_core.agglomeration.stretching import in_metric
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.distributed.blocks_by_coordinates import coordinate_blocks
+from agglo_core.distributed.blocks_by_coordinates import coordinate_blocks, halvings, rank_of_block
 from agglo_core.distributed.cells import Cells
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.distributed_rules import Kept, kept_rules, with_ghosts
+from agglo_core.distributed.domain import Domain
 from agglo_core.distributed.first_domains import first_domains
 from agglo_core.distributed.stages import Return, Stage, moved
-from agglo_core.errors import OptionError
 from agglo_core.registry import Registry
 
 __all__ = ["Beginning", "Start", "started"]
@@ -32,47 +32,65 @@ class Start:
     kept: Kept
     goals: Sequence[Goal]
 
+    def begun(self, independent_of_ranks: bool | None, block_cells: int) -> Beginning:
+        """Domains by coordinates or as cells lie; None: by coordinates if all cells are where those go."""
+        if independent_of_ranks is False:
+            return self.where_they_lie()
+        ranks, mesh = self.cells.ranks, self.mesh
+        depth = halvings(mesh.n_cells, block_cells)
+        block = coordinate_blocks(mesh.local.local_centroids[mesh.own], depth, ranks.reduced)
+        away = bool((rank_of_block(block, 1 << depth, ranks.size) != ranks.rank).any())
+        there = not any(ranks.gathered(away))
+        if independent_of_ranks is None and not there:
+            return self.where_they_lie()
+        return self._in_blocks(frozen_int(mesh.exchange(block)), 1 << depth, there=there)
+
     def where_they_lie(self) -> Beginning:
         """Each rank has one domain: its cells."""
         ranks = self.cells.ranks
         with ranks.together():
             domains = first_domains(self.cells, self.kept, self.cells.owners, [ranks.rank])
-        return Beginning(self.cells, Stage(ranks, ranks.size, dict(domains)), None, [])
+        return Beginning(self.cells, Stage(ranks, ranks.size, dict(domains)), domains, None, in_blocks=False)
 
-    def in_blocks(self, block_cells: int) -> Beginning:
-        """Domains are blocks by coordinates, whatever the rank of their cells."""
-        if not block_cells >= 1:
-            raise OptionError(f"block_cells must be at least 1, given {block_cells!r}")
-        cells, ranks = self.cells, self.cells.ranks
-        depth = max(0, int(np.ceil(np.log2(self.mesh.n_cells / block_cells))))
-        own = cells.graph.centroids[cells.own]
-        block = frozen_int(self.mesh.exchange(coordinate_blocks(ranks, own, depth)))
-        count = 1 << depth
+    def _in_blocks(self, block: Int, count: int, *, there: bool) -> Beginning:
+        """Domains are blocks ``(n,)`` of cells, sent to their ranks unless all are there."""
+        ranks, numbers = self.cells.ranks, frozen_int(np.arange(count))
+        ours = np.flatnonzero(rank_of_block(numbers, count, ranks.size) == ranks.rank)
         with ranks.together():
-            numbers = np.arange(count)
-            ours = numbers[numbers * ranks.size // count == ranks.rank].tolist()
-            pieces = first_domains(cells, self.kept, block, ours)
+            pieces = first_domains(self.cells, self.kept, block, ours.tolist())
+        if there:
+            return Beginning(self.cells, Stage(ranks, count, dict(pieces)), pieces, None, in_blocks=True)
         stage, way = moved(ranks, pieces, count, lambda numbers: numbers)
-        return Beginning(cells, stage, way, [piece.ids for _, piece in pieces])
+        return Beginning(self.cells, stage, pieces, way, in_blocks=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """The first domains, and the way back from them to the cells of each rank."""
+    """The first domains, and the way back from them to the cells of each rank.
+
+    Attributes
+    ----------
+    cells : Cells
+    stage : Stage
+    pieces : sequence of (int, Domain)
+        The own cells, by number of the domain.
+    way : Return or None
+        Back from the domains to the pieces; None if these are the same.
+    in_blocks : bool
+        Whether domains are blocks by coordinates.
+    """
 
     cells: Cells
     stage: Stage
+    pieces: Sequence[tuple[int, Domain]]
     way: Return | None
-    pieces: Sequence[Int]
+    in_blocks: bool
 
     def of_own_cells(self, values: Mapping[int, Int]) -> Int:
         """Values of the own cells of this rank, in the order of their ids; ``values`` are by own domain."""
-        if self.way is None:
-            return values[self.cells.ranks.rank]
-        ids = np.concatenate(self.pieces)
-        found = np.empty(len(ids), np.int64)
-        found[np.argsort(np.argsort(ids))] = np.concatenate(self.way.brought(values))
-        return frozen_int(found)
+        way, ids = self.way, np.concatenate([piece.ids for _, piece in self.pieces])
+        found = [values[number] for number, _ in self.pieces] if way is None else way.brought(values)
+        return frozen_int(np.concatenate(found)[np.argsort(ids)])
 
 
 def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:

@@ -5,13 +5,16 @@
 Meshes: triangles, voronoi, tetrahedra. Each is made once, read by rank 0 and shared out; levels of 16, 256
 and 4,096 cells per part, and by size h* = (2, 4, 8) h. ``seconds`` are CPU seconds of the slowest rank for
 the counts, kernels compiled; ranks wait for one another in loops, so more ranks than cores cost more than
-they work. ``same`` tells whether the labels of ``independent_of_ranks`` are those of one rank. Then weak
-scaling, as many cells on each rank, and a model fitted to both: seconds, messages and bytes of a rank.
-Below each run is what the rank that sends most sends for each level, finest first: messages, kB; for
-a level on fewer ranks the graph that goes there, and the labels that come back, are in it.
+they work. ``same`` tells whether all labels are those of one rank: cells are agglomerated in blocks by
+coordinates, which lie whole on ranks. Below it ``lying`` is ``independent_of_ranks=False``, where each rank
+agglomerates its own cells as they lie. Then weak scaling, as many cells on each rank, and a model fitted to
+both: seconds, messages and bytes of a rank. Below each run is what the rank that sends most sends for each
+level, finest first: messages, kB; for a level on fewer ranks the graph that goes there, and the labels that
+come back, are in it.
 
-Where borders of ranks lie changes parts as another seed does, so first shapes on ``--seeds`` meshes of a
-tenth of the triangles each: means, and the standard error of a difference to one rank on the same meshes.
+Where borders of blocks and ranks lie changes parts as another seed does, so first shapes on ``--seeds``
+meshes of a tenth of the triangles each, both ways: means, and the standard error of a difference to the
+whole mesh without any border.
 """
 
 from __future__ import annotations
@@ -66,19 +69,22 @@ def digest(mesh: DistributedMesh, levels: Sequence[Any]) -> str:
 def on_rank(file: str, full: bool) -> None:
     """What one rank does; rank 0 prints what all have found, as JSON."""
     ranks = Ranks()
-    mesh = DistributedMesh.scatter(agglo.read(file) if ranks.rank == 0 else None, ranks, method="coordinates")
+    mesh = DistributedMesh.scatter(agglo.read(file) if ranks.rank == 0 else None, ranks)
     warm = DistributedMesh.scatter(samples.squares(16) if mesh.local.dim == 2 else samples.boxes(6), ranks)
     for pipeline in (COUNTS, SIZES):
         agglomerate(warm, pipeline)
     mesh.local.graph.ensure_valid()
     start = time.process_time()
+    lying = agglomerate(mesh, COUNTS, independent_of_ranks=False)
+    middle = time.process_time()
     made = agglomerate(mesh, COUNTS)
-    seconds = time.process_time() - start
+    seconds = time.process_time() - middle
     told: dict[str, Any] = {
         "cells": mesh.n_cells,
         "own": len(mesh.own),
         "ghosts": len(mesh.owners) - len(mesh.own),
         "seconds": seconds,
+        "lying": middle - start,
         "messages": made.statistics["messages"],
         "bytes": made.statistics["bytes"],
         "by_level": made.statistics["sent_by_level"],
@@ -88,10 +94,16 @@ def on_rank(file: str, full: bool) -> None:
     mesh.exchange(made.levels[0])
     told["halo"] = ranks.traffic.bytes - before
     if full:
-        told |= quality(mesh, made)
+        told |= quality(mesh, made) | {"lying shapes": shapes_of(mesh, lying, False)}
     every = ranks.gathered(told)
     if ranks.rank == 0:
         print("RESULT" + json.dumps(every), flush=True)
+
+
+def shapes_of(mesh: DistributedMesh, made: Any, independent: bool | None) -> list[float]:
+    """UF and CR of the finest level by counts, number of parts and CR by sizes."""
+    sized, found = agglomerate(mesh, SIZES, independent_of_ranks=independent), made.quality(0, ["UF", "CR"])
+    return [found["UF"], found["CR"], sized.parts[0], sized.quality(0, ["CR"])["CR"]]
 
 
 def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
@@ -104,9 +116,6 @@ def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
     kept = all(
         q["max_diameter"] <= t["h_star"] * (1 + 1e-9) for q, t in zip(sizes, sized.targets, strict=True)
     )
-    free = agglomerate(mesh, COUNTS, independent_of_ranks=True)
-    free_sized = agglomerate(mesh, SIZES, independent_of_ranks=True)
-    alike = free.quality(0, ["UF", "CR"])
     connected = min(found["connected"], *(q["connected"] for q in sizes))
     return {
         "parts": made.parts,
@@ -116,39 +125,37 @@ def quality(mesh: DistributedMesh, made: Any) -> dict[str, Any]:
         "sized": sized.parts,
         "sized CR": sizes[0]["CR"],
         "connected": connected,
-        "free": [alike["UF"], alike["CR"], free_sized.quality(0, ["CR"])["CR"], free_sized.parts[0]],
-        "labels": digest(mesh, [*free.levels, *free_sized.levels]),
+        "labels": digest(mesh, [*made.levels, *sized.levels]),
     }
 
 
 def shapes_on_rank(cells: int, seeds: int) -> None:
-    """UF and CR of the finest level by counts, CR by sizes, mesh by mesh; rank 0 prints them as JSON."""
+    """Shapes both ways, mesh by mesh; rank 0 prints them as JSON."""
     ranks = Ranks()
     rows = []
     for seed in range(1, seeds + 1):
         whole = samples.random_triangles(cells // 2, seed=seed) if ranks.rank == 0 else None
-        mesh = DistributedMesh.scatter(whole, ranks, method="coordinates")
-        found = agglomerate(mesh, COUNTS).quality(0, ["UF", "CR"])
-        sized = agglomerate(mesh, SIZES)
-        rows.append([found["UF"], found["CR"], sized.quality(0, ["CR"])["CR"], sized.parts[0]])
+        mesh = DistributedMesh.scatter(whole, ranks)
+        ways = [(each, agglomerate(mesh, COUNTS, independent_of_ranks=each)) for each in (None, False)]
+        rows.append([shapes_of(mesh, made, each) for each, made in ways])
     if ranks.rank == 0:
         print("RESULT" + json.dumps(rows), flush=True)
 
 
 def shapes(cells: int, seeds: int, sizes: Sequence[int]) -> None:
-    """Means over fresh meshes, and how they differ from one rank."""
-    print(f"\n{seeds} meshes of {cells:,} triangles: mean (difference to {sizes[0]} ± standard error)")
-    print("ranks              UF                     CR               sizes: CR            parts")
-    first = None
-    for size in sizes:
-        rows = np.array(launched(size, ["--shapes-of", str(cells), "--seeds", str(seeds)]))
-        first = rows if first is None else first
-        off = rows - first
-        error = off.std(axis=0, ddof=1) / np.sqrt(seeds)
-        told = [f"{rows[:, k].mean():.3f} ({off[:, k].mean():+.4f} ± {error[k]:.4f})" for k in range(3)] + [
-            f"{rows[:, 3].mean():8.0f}"
-        ]
-        print(f"{size:5}  " + "  ".join(told), flush=True)
+    """Means over fresh meshes, and how they differ from the whole mesh on one rank."""
+    print(f"\n{seeds} meshes of {cells:,} triangles: mean (difference to no borders ± standard error)")
+    print("ranks                    UF                      CR                sizes: CR        parts")
+    asked = ["--shapes-of", str(cells), "--seeds", str(seeds)]
+    rows = {size: np.array(launched(size, asked)) for size in {1: None} | dict.fromkeys(sizes)}
+    for way, name in enumerate(("blocks", "lying")):
+        for size in sizes:
+            there = rows[size][:, way]
+            off = there - rows[1][:, 1]
+            error = off.std(axis=0, ddof=1) / np.sqrt(seeds)
+            told = [f"{there[:, k].mean():.3f} ({off[:, k].mean():+.4f} ± {error[k]:.4f})" for k in (0, 1, 3)]
+            parts = f"{there[:, 2].mean():8.0f} ({off[:, 2].mean():+.0f} ± {error[2]:.0f})"
+            print(f"{size:5} {name:>6}  " + "  ".join(told) + parts, flush=True)
 
 
 def launched(size: int, arguments: Sequence[str]) -> Any:
@@ -170,7 +177,7 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
     file = folder / f"{name}.npz"
     agglo.write(file, mesh)
     print(f"\n{name}, {mesh.n_cells:,} cells")
-    heads = "ranks  seconds   parts     UF    CR  kept  connected   sizes: parts     CR  same  messages"
+    heads = "ranks  seconds    parts     UF    CR  kept  connected   sizes: parts     CR  same  messages"
     print(heads + "   kB sent  halo kB  B/cell")
     every = []
     for size in sizes:
@@ -188,14 +195,15 @@ def strong(name: str, mesh: Mesh, sizes: Sequence[int], folder: Path) -> list[li
             f"{row['bytes'] / 1e3:9.1f} {row['halo'] / 1e3:8.1f} {memory:7.0f}",
             flush=True,
         )
+        UF, CR, parts, sized = first["lying shapes"]
+        seconds = max(each["lying"] for each in ranks)
+        print(f"lying {seconds:8.2f} {'':8} {UF:6.3f} {CR:5.3f} {'':16}{parts:14,} {sized:6.3f}")
         for level in range(len(first["by_level"])):
             most = {key: max(each["by_level"][level][key] for each in ranks) for key in ("messages", "bytes")}
             print(
                 f"{'':6}level {level}: {most['messages']:6} messages {most['bytes'] / 1e3:9.1f} kB",
                 flush=True,
             )
-    UF, CR, sized, parts = every[0][0]["free"]
-    print(f" free {'':17}{UF:6.3f} {CR:5.3f} {'':33}{parts:6,} {sized:6.3f}   (independent_of_ranks)")
     return every
 
 

@@ -200,7 +200,7 @@ def test_many_bodies_are_agglomerated_where_they_lie() -> None:
 
 def bytes_of_bodies(mesh: Mesh) -> tuple[NDArray[Any], int]:
     whole = shared(mesh)
-    made = agglomerate(whole, Pipeline(regions="body", h_star=0.18))
+    made = agglomerate(whole, Pipeline(regions="body", h_star=0.18), independent_of_ranks=False)
     return whole.gather(made.levels[0]), made.statistics["bytes"]
 
 
