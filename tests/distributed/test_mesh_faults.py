@@ -244,7 +244,7 @@ def laws(ranks: Ranks, mesh: DistributedMesh) -> None:
 
 def scattered(ranks: Ranks) -> DistributedMesh:
     whole = samples.voronoi(60, seed=4).with_tags(rock=np.arange(60))
-    return DistributedMesh.scatter(whole if ranks.rank == 0 else None, ranks)
+    return DistributedMesh.scatter(whole if ranks.rank == 0 else None, ranks, "curve")  # corners as below
 
 
 def refuse_all() -> list[str]:
