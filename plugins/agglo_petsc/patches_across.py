@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.authoring import Int, Patches, distributed, frozen_int, multigrid
+from agglo_petsc.border_plan import starts_of
 
 __all__ = ["patches_across"]
 
@@ -65,7 +66,7 @@ def _of_own_cells(mesh: distributed.DistributedMesh, numbers: Int) -> Patches:
     own = patches.parts % 2 == 0
     group = np.repeat(np.arange(len(patches)), np.diff(patches.offsets))
     sizes = np.bincount(group[own], minlength=len(patches))
-    cut = Patches(_starts(sizes), frozen_int(patches.parts[own] // 2))
+    cut = Patches(starts_of(sizes), frozen_int(patches.parts[own] // 2))
     return _chosen(cut, sizes > 1)
 
 
@@ -85,7 +86,7 @@ def _border_pairs(mesh: distributed.DistributedMesh, numbers: Int) -> Int:
 def _around_points(pairs: Any) -> Patches:
     """The parts at each point, of pairs that are sorted."""
     sizes = np.unique(pairs[0], return_counts=True)[1]
-    return _chosen(Patches(_starts(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
+    return _chosen(Patches(starts_of(sizes), frozen_int(pairs[1])), (sizes > 1) & (sizes <= _MOST))
 
 
 def _ascending(patches: Patches) -> Patches:
@@ -97,7 +98,7 @@ def _ascending(patches: Patches) -> Patches:
     table[group, np.arange(len(parts)) - patches.offsets[group]] = parts
     table = np.unique(table, axis=0)  # sorts them, too
     inside = table >= 0
-    return Patches(_starts(inside.sum(axis=1)), frozen_int(table[inside]))
+    return Patches(starts_of(inside.sum(axis=1)), frozen_int(table[inside]))
 
 
 def _without_contained(patches: Patches) -> Patches:
@@ -119,15 +120,12 @@ def _numbered(patches: Patches, names: Int) -> Patches:
 
 def _chosen(patches: Patches, which: Any) -> Patches:
     sizes = np.diff(patches.offsets)
-    return Patches(_starts(sizes[which]), frozen_int(patches.parts[np.repeat(which, sizes)]))
+    return Patches(starts_of(sizes[which]), frozen_int(patches.parts[np.repeat(which, sizes)]))
 
 
 def _joined(pieces: list[Patches]) -> Patches:
     sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(each.offsets) for each in pieces)])
     return Patches(
-        _starts(sizes), frozen_int(np.concatenate([np.empty(0, np.int64), *(each.parts for each in pieces)]))
+        starts_of(sizes),
+        frozen_int(np.concatenate([np.empty(0, np.int64), *(each.parts for each in pieces)])),
     )
-
-
-def _starts(sizes: Any) -> Int:
-    return frozen_int(np.concatenate(([0], np.cumsum(sizes))))
