@@ -184,7 +184,7 @@ main()
 def test_an_error_in_a_callback_of_petsc_ends_all_ranks(size, method, tmp_path):
     done = launch(size, *SOLVE, "--solver", "petsc_mg", method, cwd=tmp_path, program=FAULTY, seconds=60.0)
     assert done.code != 0
-    assert done.out == ""
+    assert "converged" not in done.out  # mpiexec may say there whom it has killed
     assert "rank 1: " in done.err
     assert "ValueError: a bug in a callback" in done.err
 
