@@ -162,7 +162,7 @@ def test_tables_by_tag_are_spoken_of_where_they_are_the_matter(tmp_path):
 
 
 FAULTY = """
-import os, sys
+import os, sys, time
 from agglo_core.cli import main
 from agglo_petsc.sweep_preconditioner import PatchSweeps
 
@@ -204,6 +204,7 @@ from mpi4py import MPI
 
 def abort(*error):
     sys.__excepthook__(*error)
+    time.sleep(1.0)
     MPI.COMM_WORLD.Abort(1)
 
 sys.excepthook = abort
