@@ -35,6 +35,10 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 def stopped_by(error: BaseException | None) -> KeyboardInterrupt | None:
     """The interrupt an error goes back to, if any: within a kernel it comes out as a SystemError."""
+    seen = list[BaseException]()  # errors of plugins may go back to one another
     while error is not None and not isinstance(error, KeyboardInterrupt):
+        if error in seen:
+            return None
+        seen.append(error)
         error = error.__cause__ or error.__context__
     return error

@@ -1,8 +1,8 @@
 """Patches at the borders of ranks: whose turn it is, which rows they need, who is told what they change.
 
 Ranks with patches that touch one another take turns, by colours: M. F. Adams, "A distributed memory
-unstructured Gauss-Seidel algorithm for multigrid smoothers", Proc. SC 2001. Patches farther inside touch
-nothing that other ranks see: each rank sweeps through them while it waits for others, or others for it.
+unstructured Gauss-Seidel algorithm for multigrid smoothers", Proc. SC 2001. Patches farther from the borders
+touch nothing of other ranks: all ranks sweep through theirs at once.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from agglo_core.authoring import Int, Mask, Patches, frozen_int
+from agglo_core.authoring import Int, Patches, frozen_int
 from agglo_petsc.rank_messages import by_owner, swapped
 
 __all__ = ["BorderPlan", "border_plan", "in_blocks", "starts_of"]
@@ -26,26 +26,18 @@ _EMPTY = frozen_int(np.empty(0, np.int64))
 class BorderPlan:
     """What a rank has to know for sweeps through patches that others touch, too.
 
-    Its border are the parts that its patches there see, and those that other ranks see there, by rising
-    number: some own ones in a row, and copies of parts of other ranks.
+    Its own parts come first, then copies of parts of other ranks, both by rising number.
 
     Attributes
     ----------
     inner, outer : Patches
-        Those that change nothing others see, and see nothing others change, by own parts; the rest, by places
-        in the border.
+        Those that touch no other rank, by own parts; the others, by own parts and copies.
     rows : bsr
-        The rows of all parts in ``outer``, square, by places; those of other parts are empty.
-    own, places : (m,) int
-        The own parts of the border, and their places in it.
-    shared, shared_places : (m,) int
-        Those of them that other ranks see.
-    copied : mapping of rank to (m,) int
-        Own parts of which that rank has copies.
-    copies : mapping of rank to (m,) int
-        Places of the copies of its parts.
+        The rows of all parts in ``outer``, square; those of other parts are empty.
+    copied, copies : mapping of rank to (m,) int
+        Own parts of which that rank has copies; copies of its parts.
     told, tellers : mapping of rank to (m,) int
-        Places of parts that this rank changes and that one has, too; of those that that one changes.
+        Parts in ``outer`` that the rank has, too; those that it changes.
     colours : mapping of rank to int
         Turns: of this rank, if it has such patches, and of all ``tellers``.
     """
@@ -53,10 +45,6 @@ class BorderPlan:
     inner: Patches
     outer: Patches
     rows: Any
-    own: Int
-    places: Int
-    shared: Int
-    shared_places: Int
     copied: Mapping[int, Int]
     copies: Mapping[int, Int]
     told: Mapping[int, Int]
@@ -79,34 +67,25 @@ def border_plan(comm: Any, own: Any, starts: Int, patches: Patches | None) -> Bo
     """
     first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
     groups = _with_single_parts(comm, starts, patches)
-    near = _near_others(groups, own, first, last)
-    rows, away = _rows_seen(comm, own, starts, frozen_int(np.unique(_chosen(groups, near).parts)))
-    asked = by_owner(away, starts)
-    copied = {rank: frozen_int(each - first) for rank, each in swapped(comm, asked).items()}
-    shared = frozen_int(np.unique(np.concatenate([_EMPTY, *copied.values()])))
-    outer = near | _touches(groups, own, shared, first, last)
-    inside, border = _chosen(groups, ~outer), _chosen(groups, outer)
-    changed = frozen_int(np.unique(border.parts))
-    mine = frozen_int(changed[(changed >= first) & (changed < last)] - first)
-    all_rows = [_taken(own, mine), *rows]
-    seen = np.unique(np.concatenate((changed, away, first + shared, *(each[1] for each in all_rows))))
-    told, tellers = _tellers(comm, starts, changed, copied)
+    inner, outer = _divided(groups, own, first, last)
+    changed = frozen_int(np.unique(outer.parts))
+    rows, ids = _rows_for(comm, own, starts, changed)
+    seen = np.unique(np.concatenate((ids, changed)))
+    away = frozen_int(seen[(seen < first) | (seen >= last)])
 
     def here(parts: Int) -> Int:
-        """Places in the border."""
-        return frozen_int(np.searchsorted(seen, parts))
+        """Places of parts among own ones and copies."""
+        inside = (parts >= first) & (parts < last)
+        return frozen_int(np.where(inside, parts - first, last - first + np.searchsorted(away, parts)))
 
-    kept = frozen_int(seen[(seen >= first) & (seen < last)])
-    counts, columns, blocks = (np.concatenate(each) for each in zip(*all_rows, strict=True))
-    ordered = np.concatenate((mine + first, changed[(changed < first) | (changed >= last)]))
+    asked = by_owner(away, starts)
+    copied = {rank: frozen_int(each - first) for rank, each in swapped(comm, asked).items()}
+    told, tellers = _tellers(comm, starts, changed, copied)
+    matrix = _square(rows, here(changed), here(ids), last - first + len(away), own.blocksize[0])
     return BorderPlan(
-        inner=Patches(inside.offsets, frozen_int(inside.parts - first)),
-        outer=Patches(border.offsets, here(border.parts)),
-        rows=_square((counts, here(columns), blocks), here(ordered), len(seen), own.blocksize[0]),
-        own=frozen_int(kept - first),
-        places=here(kept),
-        shared=shared,
-        shared_places=here(frozen_int(first + shared)),
+        inner=Patches(inner.offsets, frozen_int(inner.parts - first)),
+        outer=Patches(outer.offsets, here(frozen_int(outer.parts))),
+        rows=matrix,
         copied=copied,
         copies={rank: here(each) for rank, each in asked.items()},
         told={rank: here(each) for rank, each in told.items()},
@@ -135,51 +114,30 @@ def _with_single_parts(comm: Any, starts: Int, patches: Patches | None) -> Patch
     return Patches(starts_of(sizes), frozen_int(np.concatenate((parts, single))))
 
 
-def _near_others(groups: Patches, own: Any, first: int, last: int) -> Mask:
-    """Which patches have a part of another rank, or a neighbour there."""
+def _divided(groups: Patches, own: Any, first: int, last: int) -> tuple[Patches, Patches]:
+    """Patches of own parts whose neighbours are all own, and the others."""
     away = (own.indices < first) | (own.indices >= last)
-    return _with_any(groups, _rows_with(own, away), first, last)
-
-
-def _touches(groups: Patches, own: Any, parts: Int, first: int, last: int) -> Mask:
-    """Which patches have one of some own parts, or a neighbour among them, or parts of other ranks."""
-    marked = np.zeros(last - first + 1, bool)
-    marked[parts] = True
-    columns = np.clip(own.indices - first, -1, last - first)  # others are none of them
-    return _with_any(groups, marked[:-1] | _rows_with(own, marked[columns]), first, last)
-
-
-def _rows_with(own: Any, entries: Mask) -> Mask:
-    """Own parts ``(n_own,)`` with at least one of some entries of a BSR."""
-    found = np.zeros(len(own.indptr) - 1, bool)
-    found[np.repeat(np.arange(len(found)), np.diff(own.indptr))[entries]] = True
-    return found
-
-
-def _with_any(groups: Patches, marked: Mask, first: int, last: int) -> Mask:
-    """Which patches have a marked own part, or one of another rank."""
+    coupled = np.zeros(last - first, bool)
+    coupled[np.repeat(np.arange(last - first), np.diff(own.indptr))[away]] = True
     inside = (groups.parts >= first) & (groups.parts < last)
-    counts = np.ones(len(groups.parts), bool)
-    counts[inside] = marked[groups.parts[inside] - first]
+    free = np.zeros(len(groups.parts), bool)
+    free[inside] = ~coupled[groups.parts[inside] - first]
     group = np.repeat(np.arange(len(groups)), np.diff(groups.offsets))
-    return np.asarray(np.bincount(group[counts], minlength=len(groups)) > 0)
+    inner = np.bincount(group[~free], minlength=len(groups)) == 0
+    return tuple(
+        Patches(starts_of(np.diff(groups.offsets)[which]), frozen_int(groups.parts[which[group]]))
+        for which in (inner, ~inner)
+    )  # type: ignore[return-value]
 
 
-def _chosen(groups: Patches, which: Mask) -> Patches:
-    sizes = np.diff(groups.offsets)
-    return Patches(starts_of(sizes[which]), frozen_int(groups.parts[np.repeat(which, sizes)]))
-
-
-def _rows_seen(comm: Any, own: Any, starts: Int, changed: Int) -> tuple[list[tuple[Any, Any, Any]], Int]:
-    """Rows of the changed parts of other ranks: counts, columns, blocks; parts of theirs in any such row."""
-    first, last = int(starts[comm.rank]), int(starts[comm.rank + 1])
-    asked = by_owner(changed, starts)
+def _rows_for(comm: Any, own: Any, starts: Int, parts: Int) -> tuple[tuple[Any, Any, Any], Int]:
+    """Rows of parts of any ranks, own ones first: counts, columns, blocks; and the columns again."""
+    first, asked = int(starts[comm.rank]), by_owner(parts, starts)
     mine = asked.pop(comm.rank, _EMPTY)
     answers = {rank: _taken(own, frozen_int(each - first)) for rank, each in swapped(comm, asked).items()}
-    rows = list(swapped(comm, answers).values())
-    columns = [each[1] for each in (_taken(own, frozen_int(mine - first)), *rows)]
-    seen = np.unique(np.concatenate((changed, *columns)))
-    return rows, frozen_int(seen[(seen < first) | (seen >= last)])
+    found = [_taken(own, frozen_int(mine - first)), *swapped(comm, answers).values()]
+    counts, columns, blocks = (np.concatenate(each) for each in zip(*found, strict=True))
+    return (counts, columns, blocks), frozen_int(columns)
 
 
 def _taken(rows: Any, which: Int) -> tuple[Any, Any, Any]:
@@ -191,15 +149,13 @@ def _taken(rows: Any, which: Int) -> tuple[Any, Any, Any]:
     return counts, rows.indices[at], rows.data[at]
 
 
-def _square(rows: tuple[Any, Int, Any], places: Int, n: int, width: int) -> Any:
+def _square(rows: tuple[Any, Any, Any], places: Int, columns: Int, n: int, width: int) -> Any:
     """Rows at their places in a square BSR whose others are empty."""
-    counts, columns, blocks = rows
-    order = np.argsort(places, kind="stable")
-    sizes, ends = np.zeros(n, np.int64), np.cumsum(counts)
-    sizes[places] = counts
-    entries = np.repeat((ends - counts)[order] - starts_of(counts[order])[:-1], counts[order])
-    entries += np.arange(len(entries))
-    arrays = blocks[entries], columns[entries], np.array(starts_of(sizes))
+    counts, _, blocks = rows
+    order = np.argsort(places, kind="stable")  # own ones first, as the rows are
+    sizes = np.zeros(n, np.int64)
+    sizes[places[order]] = counts
+    arrays = blocks, np.array(columns), np.array(starts_of(sizes))  # sorted in place
     found = sparse.bsr_array(arrays, shape=(n * width, n * width))
     found.sort_indices()
     return found

@@ -154,7 +154,13 @@ class _Run:
         self.ksp.setConvergenceHistory(most + 1, reset=True)
         self.ksp.setTolerances(rtol=0.0, atol=size, divtol=1e10, max_it=most)
         self.ksp.setInitialGuessNonzero(not from_zero)
-        self.ksp.solve(b, x)
+        failure = None
+        try:
+            self.ksp.solve(b, x)
+        except petsc().Error as error:  # what a callback raised says more than the number PETSc makes of it
+            failure = error.__cause__ or error
+        if failure is not None:  # not inside, where each would be the reason of the other
+            raise failure
 
     def _measured(self) -> float:
         if self.measure is None:

@@ -135,12 +135,16 @@ def pc(
 
 def _set_up(ksp: Any) -> None:
     """Set a solver up; what PETSc finds wrong with the matrix is a LinAlgError."""
-    PETSc = petsc()
+    PETSc, failure = petsc(), None
     try:
         ksp.setUp()
         ksp.setUpOnBlocks()
     except PETSc.Error as error:
-        raise np.linalg.LinAlgError(f"PETSc cannot set up the levels: {error}") from error
+        failure = error.__cause__  # what a callback raised
+        if failure is None or isinstance(failure, OptionError):
+            raise np.linalg.LinAlgError(f"PETSc cannot set up the levels: {failure or error}") from error
+    if failure is not None:
+        raise failure
     if ksp.getPC().getFailedReason():
         raise np.linalg.LinAlgError(
             "PETSc cannot factorise a matrix of the levels: it is singular, or nearly so"

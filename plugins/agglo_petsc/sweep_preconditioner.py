@@ -1,9 +1,8 @@
 """Our sweeps through patches as a preconditioner of PETSc: solves in turn, where PCASM solves all at once.
 
-On several ranks the sweep is that of one rank in another order: through the patches at the borders the ranks
-that touch one another go in turn, through the others all at once. Ranks of the first turn begin with their
-borders, while the others go through their inner patches, and the other way round after that. So it needs no
-damping, and takes about as many iterations on any number of ranks.
+On several ranks the sweep is that of one rank in another order: first, all at once, through the patches that
+touch no other rank, then through those at the borders, the ranks that touch one another in turn. So it needs
+no damping, and takes about as many iterations on any number of ranks.
 """
 
 from __future__ import annotations
@@ -46,60 +45,41 @@ class _RankSweeps:
 
     def forwards(self, b: Float) -> Float:
         """The sweep from zero for a right-hand side ``(n_own,)``."""
-        return self._swept(b, back=False)
+        x: Float = np.zeros(len(b)) if self._inner is None else np.asarray(self._inner.before(b)[0], float)
+        return self._through_borders(b, x, back=False)[: len(b)]
 
     def backwards(self, b: Float) -> Float:
         """Its transpose: the same in the opposite order."""
-        return self._swept(b, back=True)
+        x = self._through_borders(b, np.zeros(len(b)), back=True)[: len(b)]
+        return x if self._inner is None else np.asarray(self._inner.after(b, x), np.float64)
 
-    def _swept(self, b: Float, *, back: bool) -> Float:
-        if self._comm.size == 1:
-            return self._inside(b, None, back=back)
-        plan, n = self._plan, self._width
-        sent = [self._comm.Isend(b.reshape(-1, n)[each], rank, _TAG) for rank, each in plan.copied.items()]
-        inner_first = (plan.colours[self._comm.rank] > 0) != back
-        x: Float = self._inside(b, None, back=back) if inner_first else np.zeros(len(b))
-        border, own = np.zeros((2, plan.rows.shape[0] // n, n)), x.reshape(-1, n)
-        border[:, plan.places] = b.reshape(-1, n)[plan.own], own[plan.own]
+    def _through_borders(self, b: Float, x: Float, *, back: bool) -> Float:
+        """x on own parts and copies after the turns of all ranks."""
+        plan, comm, n = self._plan, self._comm, self._width
+        if comm.size == 1:
+            return x
+        known = np.zeros((2, plan.rows.shape[0] // n, n))
+        known[:, : len(b) // n] = b.reshape(-1, n), x.reshape(-1, n)
+        sent = [
+            comm.Isend(np.ascontiguousarray(known[:, each]), rank, _TAG) for rank, each in plan.copied.items()
+        ]
         for rank, each in plan.copies.items():
-            border[0, each] = self._received(rank, (len(each), n))
-        later, told = self._own_turn(*border, back=back)
-        own[plan.own] = border[1, plan.places]
-        if not inner_first:
-            own = self._inside(b, x, back=back).reshape(-1, n)
-        self._receive(later, border[1])
-        own[plan.shared] = border[1, plan.shared_places]
-        for request in sent + told:
-            request.Wait()
-        return own.ravel()
-
-    def _inside(self, b: Float, x: Float | None, *, back: bool) -> Float:
-        """x ``(n_own,)``, or zero, after a sweep through the patches inside."""
-        if self._inner is None:
-            return np.zeros(len(b)) if x is None else x
-        if x is None and not back:
-            return np.asarray(self._inner.before(b)[0], np.float64)
-        start = np.zeros(len(b)) if x is None else x
-        return np.asarray(self._inner.after(b, start) if back else self._inner.sweep(b, start), np.float64)
-
-    def _own_turn(self, b: Float, x: Float, *, back: bool) -> tuple[list[int], list[Any]]:
-        """Change x on the border in its turn; ranks whose turn is later, and what was sent."""
-        plan = self._plan
-        mine = plan.colours[self._comm.rank]
+            known[:, each] = self._received(rank, (2, len(each), n))
+        there, mine = known[1], plan.colours[comm.rank]
         turns = sorted(plan.tellers, key=lambda rank: (plan.colours[rank], rank), reverse=back)
-        if self._outer is None:
-            return turns, []
-        before = [rank for rank in turns if (plan.colours[rank] > mine) == back]
-        self._receive(before, x)
-        x[:] = self._outer.sweep(b.ravel(), x.ravel(), back=back).reshape(x.shape)
-        told = [self._comm.Isend(x[each], rank, _TAG) for rank, each in plan.told.items()]
-        return [rank for rank in turns if rank not in before], told
-
-    def _receive(self, ranks: list[int], x: Float) -> None:
-        """Put what these ranks have changed into x on the border."""
-        for rank in ranks:
-            each = self._plan.tellers[rank]
-            x[each] = self._received(rank, (len(each), self._width))
+        before = [rank for rank in turns if (plan.colours[rank] > mine) == back and self._outer is not None]
+        for rank in before:
+            there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+        if self._outer is not None:
+            there[:] = self._outer.sweep(known[0].ravel(), there.ravel(), back=back).reshape(-1, n)
+            sent += [comm.Isend(there[each], rank, _TAG) for rank, each in plan.told.items()]
+        for rank in turns:
+            if rank not in before:
+                there[plan.tellers[rank]] = self._received(rank, (len(plan.tellers[rank]), n))
+        for each in sent:
+            each.Wait()
+        better: Float = there.ravel()
+        return better
 
     def _received(self, rank: int, shape: tuple[int, ...]) -> Float:
         found = np.empty(shape)

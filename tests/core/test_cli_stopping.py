@@ -159,3 +159,11 @@ def test_sigterm_is_handled_only_where_nobody_else_does() -> None:
             assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def test_errors_that_go_back_to_one_another_are_no_interrupt() -> None:
+    first, second = ValueError("first"), ValueError("second")
+    first.__cause__, second.__context__ = second, first
+    assert stopped_by(first) is None
+    second.__context__ = KeyboardInterrupt()
+    assert stopped_by(first) is second.__context__

@@ -143,24 +143,13 @@ def sweep() -> list[float]:
 
 
 def _in_order(lists: list[object], whole: object, starts: object) -> list[object]:
-    """All patches of all ranks: at the borders those of even ranks, then those inside, then of odd ranks."""
+    """All patches of all ranks: those away from borders, then those of even ranks, of odd ones."""
     owner = np.searchsorted(starts, np.arange(64), side="right") - 1
-    links = abs(whole).toarray() > 0
-    every = [(rank, p) for rank, each in enumerate(COMM.allgather(lists)) for p in each]
-    shared = np.zeros(64, bool)  # parts that another rank sees when it changes its patches at the border
-    for rank, p in every:
-        seen = links[p].any(axis=0)
-        if len(set(owner[seen])) > 1:
-            shared |= seen & (owner != rank)
-    inside = [
-        len(set(owner[links[p].any(axis=0)])) == 1 and not shared[links[p].any(axis=0)].any()
-        for _, p in every
-    ]
-    turns = [  # ranks lie in a row
-        [p for (rank, p), free in zip(every, inside, strict=True) if not free and rank % 2 == k]
-        for k in (0, 1)
-    ]
-    return [*turns[0], *(p for (_, p), free in zip(every, inside, strict=True) if free), *turns[1]]
+    alone = [int(np.ptp(owner[(abs(whole) @ np.isin(np.arange(64), each)) > 0])) == 0 for each in lists]
+    every = COMM.allgather((lists, alone))
+    turns = [*every[::2], *every[1::2]]  # ranks lie in a row
+    inner = [p for these, own in every for p, free in zip(these, own, strict=True) if free]
+    return inner + [p for these, own in turns for p, free in zip(these, own, strict=True) if not free]
 
 
 def patches() -> list[bool]:

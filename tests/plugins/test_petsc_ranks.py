@@ -12,8 +12,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from on_ranks import launch
+from on_ranks import ended, launch, started
 
+from agglo_core import samples, write
 from agglo_core.io.vtu_arrays import parse
 
 pytest.importorskip("petsc4py", reason="PETSc tests skipped: no petsc4py here")
@@ -136,14 +137,93 @@ def test_what_the_command_cannot_do_is_said_once(options, message, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def _sampled(file):
-    """Points and values of a written solution, by the number of their cell."""
+@pytest.mark.parametrize("size", [2, 3])
+def test_norms_of_the_error_are_those_of_one_process(size, tmp_path):
+    exact = (*SOLVE, "--solver", "petsc_mg", "--problem", "sine", "--tol", "1e-12")
+    alone, found = (launch(each, *exact, cwd=tmp_path) for each in (1, size))
+    assert (alone.code, found.code) == (0, 0), alone.err + found.err
+    assert "boundary" not in found.err
+    one, all_ = json.loads(alone.out), json.loads(found.out)
+    for name in ("error_l2", "error_dg"):
+        assert all_[name] == pytest.approx(one[name], rel=1e-10)
+
+
+def test_tables_by_tag_are_spoken_of_where_they_are_the_matter(tmp_path):
+    mesh = samples.squares(8).with_tags(corner=lambda x: (x.sum(axis=1) < 0.2).astype(int))
+    write(tmp_path / "m.vtu", mesh)
+    (tmp_path / "corner.toml").write_text("[kappa.corner]\n0 = 1.0\n1 = 10.0\n")
+    (tmp_path / "typo.toml").write_text("kapa = 1.0\n")
+    for name, hint in (("corner", True), ("typo", False)):
+        asked = ("m.vtu", "--parts", "4", "--solver", "petsc_mg", "--problem", f"{name}.toml")
+        done = launch(2, "solve", *asked, cwd=tmp_path)
+        assert (done.code, done.out) == (2, "")
+        assert ("tables by tag must fit the cells of each rank" in done.err) == hint
+        assert done.err.count("error: ") == 1
+
+
+FAULTY = """
+import os, sys, time
+from agglo_core.cli import main
+from agglo_petsc.sweep_preconditioner import PatchSweeps
+
+name = sys.argv.pop()
+kept, calls = getattr(PatchSweeps, name), []
+
+def faulty(self, *arguments, **options):
+    calls.append(1)
+    if os.environ["PMI_RANK"] == "1" and len(calls) == {"_sweep": 5, "setUp": 2}[name]:
+        raise ValueError("a bug in a callback")
+    return kept(self, *arguments, **options)
+
+setattr(PatchSweeps, name, faulty)
+main()
+"""
+
+
+@pytest.mark.parametrize(("size", "method"), [(2, "_sweep"), (3, "_sweep"), (2, "setUp")])
+def test_an_error_in_a_callback_of_petsc_ends_all_ranks(size, method, tmp_path):
+    done = launch(size, *SOLVE, "--solver", "petsc_mg", method, cwd=tmp_path, program=FAULTY, seconds=60.0)
+    assert done.code != 0
+    assert "converged" not in done.out  # mpiexec may say there whom it has killed
+    assert "rank 1: " in done.err
+    assert "ValueError: a bug in a callback" in done.err
+
+
+def test_scripts_end_that_abort_as_the_guide_says(tmp_path):
+    (tmp_path / "script.py").write_text(FAULTY.replace("main()", SCRIPTED))
+    done = ended(started(2, ["script.py", "_sweep"], cwd=tmp_path), 60.0)
+    assert done.code != 0
+    assert "ValueError: a bug in a callback" in done.err
+
+
+SCRIPTED = """
+import agglo_core as agglo
+import agglo_petsc
+from agglo_core import distributed
+from mpi4py import MPI
+
+def abort(*error):
+    sys.__excepthook__(*error)
+    time.sleep(1.0)
+    MPI.COMM_WORLD.Abort(1)
+
+sys.excepthook = abort
+ranks = distributed.Ranks()
+squares = agglo.samples.squares(16) if ranks.rank == 0 else None
+mesh = distributed.DistributedMesh.scatter(squares, ranks)
+pipeline = agglo.Pipeline(n_parts=(32,), bisector="coordinate", refiners=(), polish=False)
+agglo_petsc.solve_across(agglo.Diffusion(), distributed.agglomerate(mesh, pipeline))
+"""
+
+
+def _sampled(file, corners=3):
+    """Points and values of a written solution at the corners of its simplices, by cell."""
     document = parse(file.read_bytes())
     arrays = {each.get("Name"): document.array(each, 1 << 24) for each in document.root.iter("DataArray")}
-    corners = arrays["connectivity"].reshape(-1, 3)
-    assert (np.diff(arrays["offsets"], prepend=0) == 3).all()
+    simplices = arrays["connectivity"].reshape(-1, corners)
+    assert (np.diff(arrays["offsets"], prepend=0) == corners).all()
     values = np.column_stack((arrays["Points"].reshape(-1, 3), arrays["u"]))
-    return {cell: values[corners[arrays["cell"] == cell].ravel()] for cell in np.unique(arrays["cell"])}
+    return {cell: values[simplices[arrays["cell"] == cell].ravel()] for cell in np.unique(arrays["cell"])}
 
 
 @pytest.mark.parametrize("size", [2])
@@ -161,9 +241,23 @@ def test_a_solution_is_written_piece_by_piece(size, tmp_path):
     listed = ElementTree.parse(tmp_path / "u.pvtu").getroot()
     assert [each.get("Source") for each in listed.iter("Piece")] == pieces
     assert [each.get("Name") for each in listed.iter("PDataArray")] == ["u", "cell", "Points"]
-    whole, found = _sampled(tmp_path / "alone.vtu"), {}
+    _compare_pieces(tmp_path, pieces, 3)
+
+
+@pytest.mark.parametrize("mesh", ["tetrahedra:n=3", "boxes:n=4"])
+def test_a_solution_in_space_is_written_piece_by_piece(mesh, tmp_path):
+    asked = ("solve", mesh, "--parts", "12", "--bisector", "coordinate", "--no-cg", "--solver", "petsc_mg")
+    for size, file in ((1, "alone.vtu"), (2, "u.pvtu")):
+        done = launch(size, *asked, "--problem", "sine", "--tol", "1e-9", "-o", file, cwd=tmp_path)
+        assert done.code == 0, done.err
+    _compare_pieces(tmp_path, ["u/u_0.vtu", "u/u_1.vtu"], 4)
+
+
+def _compare_pieces(folder, pieces, corners):
+    """The pieces hold each cell once, with points and values of ``alone.vtu``."""
+    whole, found = _sampled(folder / "alone.vtu", corners), {}
     for piece in pieces:
-        own = _sampled(tmp_path / piece)
+        own = _sampled(folder / piece, corners)
         assert own
         assert not found.keys() & own.keys()
         found |= own
