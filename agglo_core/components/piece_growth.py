@@ -82,6 +82,10 @@ class PieceGrowth:
     ) -> None:
         from agglo_core.kernels.piece_splits import reach_of_cells, units_of
 
+        # in one array, which is filled: large ones get large pages of memory, but not those of np.zeros
+        self._tag, self._cells, self._local, room = np.full((4, graph.n), 0, np.int32)
+        reach = room.view(np.float32)
+        reach_of_cells(graph.indptr, graph.indices, graph.centroids, reach)
         self._graph = (
             graph.indptr,
             graph.indices,
@@ -89,14 +93,12 @@ class PieceGrowth:
             graph.centroids,
             graph.mass,
             graph.weights,
-            reach_of_cells(graph.indptr, graph.indices, graph.centroids),
+            reach,
             units_of(graph.centroids, graph.weights),
         )
         self._source = graph
         self._kernel, self._floor, self._tiny = kernel, floor, tiny
-        self._tag = np.empty(graph.n, np.int32)
-        self._marks = np.zeros((graph.n, 4), np.int32)
-        self._local = np.zeros(graph.n, np.int32)
+        self._marks = np.full((graph.n, 4), 0, np.int32)
         self._stamp = 1
         self.restart(pieces)
 
@@ -106,12 +108,12 @@ class PieceGrowth:
 
         count = int(pieces.max(initial=0)) + 1
         if count == 1:
-            cells, offsets = np.arange(len(pieces), dtype=np.int32), frozen_int([0, len(pieces)])
+            self._cells[:], offsets = np.arange(len(pieces)), frozen_int([0, len(pieces)])
             self._tag.fill(0)
         else:
-            cells, offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
+            self._cells[:], offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
             self._tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
-        self._cells, self._slices = cells, np.stack((offsets[:-1], offsets[1:]), axis=1)
+        self._slices = np.stack((offsets[:-1], offsets[1:]), axis=1)
 
     @classmethod
     def for_components(

@@ -169,7 +169,7 @@ class BlockGraph:
             # take is ten times faster than indexing where items are rows
             lambda: (
                 frozen_float(self.centroids.take(order, axis=0)),
-                frozen_float(self.measures[order]),
+                frozen_float(self.measures.take(order)),
                 order if places is None else frozen_int(places[order]),
             ),
         )

@@ -21,6 +21,7 @@ def curve_order(centroids: Float) -> Int:
     """
     from agglo_core.kernels.curve_keys import curve_keys
 
-    keys = curve_keys(frozen_float(centroids))
+    keys = np.empty(len(centroids), np.uint64)
+    curve_keys(frozen_float(centroids), keys)
     keys.sort()  # far faster than an order of keys; equal ones are in the order of their numbers
     return frozen_int(keys & np.uint64(0xFFFFFFFF))

@@ -28,8 +28,11 @@ def _spread_by_two(x):
 
 
 @kernel
-def curve_keys(points):
-    """Places of points on a Morton curve of 2^16 (2-D) or 2^10 (3-D) steps, times 2^32, plus numbers."""
+def curve_keys(points, keys):
+    """Write the places of points on a Morton curve, times 2^32 plus their numbers, to ``keys (n,)``.
+
+    The curve has 2^16 (2-D) or 2^10 (3-D) steps along each axis.
+    """
     n, d = points.shape
     low, extent, steps = np.empty(d), 0.0, 2.0**16 - 1.0 if d == 2 else 2.0**10 - 1.0
     for c in range(d):
@@ -38,11 +41,9 @@ def curve_keys(points):
             least, most = min(least, points[i, c]), max(most, points[i, c])
         low[c], extent = least, max(extent, most - least)
     rate = steps / (extent if extent > 0.0 else 1.0)
-    keys = np.empty(n, np.uint64)
     for i in range(n):
         key = np.uint64(0)
         for c in range(d):
             step = np.uint64((points[i, c] - low[c]) * rate)
             key |= (_spread_by_one(step) if d == 2 else _spread_by_two(step)) << np.uint64(c)
         keys[i] = key << np.uint64(32) | np.uint64(i)
-    return keys

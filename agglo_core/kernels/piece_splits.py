@@ -110,9 +110,9 @@ def is_chosen(weight, bands):
 
 
 @kernel
-def reach_of_cells(indptr, indices, centroids):
-    """Distance of each cell from the furthest of its neighbours, rounded up."""
-    reach, last = np.empty(len(indptr) - 1, np.float32), centroids.shape[1] - 1
+def reach_of_cells(indptr, indices, centroids, reach):
+    """Write the distance of each cell from the furthest of its neighbours, rounded up, to ``reach (n,)``."""
+    last = centroids.shape[1] - 1
     for i in range(len(reach)):
         largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
@@ -123,7 +123,6 @@ def reach_of_cells(indptr, indices, centroids):
                 square += (centroids[j, last] - z) ** 2
             largest = max(largest, square)
         reach[i] = 1.0001 * np.sqrt(largest)
-    return reach
 
 
 @helper

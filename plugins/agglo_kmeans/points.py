@@ -27,7 +27,7 @@ def means_room(m):
     """
     bins = max(_BINS_2D**2, _BINS_3D**3)
     return (
-        np.zeros((4, m + LANES), np.float32),
+        np.empty((4, m + LANES), np.float32),
         np.empty((bins, 4)),
         np.zeros((4, bins), np.float32),
         np.empty((_AXES, 3)),
@@ -119,9 +119,8 @@ def load_points(cells, lo, hi, centroids, weights, units, room):
         x[k] = (x[k] - cx) * scale
         y[k] = (y[k] - cy) * scale
         w[k] *= share
-    if d == 3:
-        for k in range(n):
-            z[k] = (z[k] - cz) * scale
+    for k in range(n):
+        z[k] = (z[k] - cz) * scale if d == 3 else np.float32(0.0)
     for k in range(n, rounded(n)):
         x[k], y[k], z[k], w[k] = 0.0, 0.0, 0.0, 0.0
     placing[0], placing[1] = centroids[first, 0] + cx / units[0], centroids[first, 1] + cy / units[0]

@@ -199,7 +199,8 @@ def test_keys_along_a_curve(seed: int, dim: int) -> None:
     wanted = [
         sum((int(x) >> b & 1) << dim * b + k for b in range(bits) for k, x in enumerate(p)) for p in steps
     ]
-    keys = curve_keys(frozen_float(points))
+    keys = np.empty(20, np.uint64)
+    curve_keys(frozen_float(points), keys)
     assert (keys >> np.uint64(32)).tolist() == wanted
     assert (keys & np.uint64(2**32 - 1)).tolist() == list(range(20))
     assert curve_order(points).tolist() == sorted(range(20), key=lambda i: (wanted[i], i))

@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int
 from agglo_core.draw.colours import PALETTE
 from agglo_core.draw.webpage.packing import bytes_apart, differences, integers, reals
-from agglo_core.kernels.curve_keys import curve_keys
+from agglo_core.graph.ordering import curve_order
 from agglo_core.mesh import Mesh
 
 __all__ = ["along_curve", "plane_faces", "tags"]
@@ -28,10 +28,7 @@ def along_curve(mesh: Mesh) -> Int:
     Labels are long runs of equal numbers in this order, and faces join cells of near numbers, whatever the
     numbers of the cells in the mesh.
     """
-    keys = curve_keys(mesh.local_centroids)
-    keys.sort()
-    order: Int = (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
-    return order
+    return curve_order(mesh.local_centroids)
 
 
 def plane_faces(mesh: Mesh, order: Int) -> dict[str, Any]:
