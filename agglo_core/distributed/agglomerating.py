@@ -8,7 +8,6 @@ from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.choices import short_name
 from agglo_core.agglomeration.recursion import warn_of_large_cells
 from agglo_core.agglomeration.run import Run, Statistics
-from agglo_core.distributed.blocks_by_coordinates import BLOCK_CELLS
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
 from agglo_core.distributed.distributed_levels import made_levels
@@ -27,7 +26,7 @@ def agglomerate(
     pipeline: Pipeline | None = None,
     *,
     independent_of_ranks: bool | None = None,
-    block_cells: int = BLOCK_CELLS,
+    block_cells: int | None = None,
     registry: Registry | None = None,
     progress: Listener | None = None,
     verbose: bool = False,
@@ -51,8 +50,9 @@ def agglomerate(
         Whether the labels must be the same for any number of ranks, also one: True sends the cells of each
         block to one rank where they do not lie so, False has each rank agglomerate its own. By default it is
         blocks if nothing need be sent; ``statistics["independent_of_ranks"]`` says whether it was.
-    block_cells : int
-        How many cells make a block, at most about; as for :meth:`DistributedMesh.scatter`.
+    block_cells : int, optional
+        How many cells make a block, at most about, by default 16,384, in space 131,072; as for
+        :meth:`DistributedMesh.scatter`.
     registry, progress, verbose, threads : optional
         As for :func:`agglo_core.agglomerate`; only rank 0 tells of progress.
 

@@ -12,8 +12,11 @@ from agglo_core.errors import OptionError
 
 __all__ = ["BLOCK_CELLS", "Reduced", "coordinate_blocks", "halvings", "rank_of_block"]
 
-BLOCK_CELLS = 16384
-"""Cells that are agglomerated by themselves, at most about, whatever the ranks."""
+BLOCK_CELLS = {2: 16_384, 3: 131_072}
+"""Cells that are agglomerated by themselves, at most about, in the plane and in space.
+
+In space more of a block's parts are at its border, where they are of worse shape.
+"""
 
 _BITS = 32
 """Of coordinates as whole numbers: rounding errors of cells in a row are far smaller than one."""
@@ -33,17 +36,18 @@ def _alone(values: NDArray[Any], how: Literal["sum", "min", "max"], /) -> NDArra
     return values
 
 
-def halvings(n_cells: int, block_cells: int) -> int:
-    """Cuts from all cells to a block of at most about ``block_cells``.
+def halvings(n_cells: int, dim: int, block_cells: int | None) -> int:
+    """Cuts from all cells to a block of at most about ``block_cells``, by default ``BLOCK_CELLS``.
 
     Raises
     ------
     OptionError
         For blocks of no cells.
     """
-    if not block_cells >= 1:
+    most = BLOCK_CELLS[dim] if block_cells is None else block_cells
+    if not most >= 1:
         raise OptionError(f"block_cells must be at least 1, given {block_cells!r}")
-    return max(0, int(np.ceil(np.log2(max(n_cells, 1) / block_cells))))
+    return max(0, int(np.ceil(np.log2(max(n_cells, 1) / most))))
 
 
 def rank_of_block(block: Int, count: int, size: int) -> Int:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Int, Mask, frozen_int
-from agglo_core.distributed.blocks_by_coordinates import BLOCK_CELLS
 from agglo_core.distributed.cell_values import CellValues
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.given_cells import given_cells
@@ -81,7 +80,7 @@ class DistributedMesh(CellValues):
         ranks: Ranks | None = None,
         method: str = "coordinates",
         *,
-        block_cells: int = BLOCK_CELLS,
+        block_cells: int | None = None,
     ) -> DistributedMesh:
         """Share out a mesh that rank 0 has; global ids are its numbers of cells, faces and points.
 
@@ -94,8 +93,8 @@ class DistributedMesh(CellValues):
         method : str
             ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes the same parts on any number of
             ranks; boxes if a rank had 1.2 times the mean. ``"curve"``: stretches of a space-filling curve.
-        block_cells : int
-            How many cells make a block, at most about; as for :func:`agglomerate`.
+        block_cells : int, optional
+            How many cells make a block, at most about: 16,384, in space 131,072; as for :func:`agglomerate`.
 
         Raises
         ------

@@ -27,9 +27,9 @@ def _along_curve(centroids: Float, size: int) -> Int:
     return frozen_int(rank)
 
 
-def _by_coordinates(centroids: Float, size: int, block_cells: int) -> Int:
+def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int:
     """Rank of each cell: whole blocks by coordinates, boxes if these are too few for even shares."""
-    depth = halvings(len(centroids), block_cells)
+    depth = halvings(len(centroids), centroids.shape[1], block_cells)
     rank = rank_of_block(coordinate_blocks(centroids, depth), 1 << depth, size)
     largest = int(np.bincount(rank).max(initial=0))
     return rank if largest * size <= _LARGEST_SHARE * len(rank) else _in_boxes(centroids, size)
@@ -53,7 +53,7 @@ def _in_boxes(centroids: Float, size: int) -> Int:
     return frozen_int(rank)
 
 
-def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int) -> WholeCells:
+def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
     """The cells of this rank, of a mesh that rank 0 has.
 
     Raises

@@ -32,12 +32,12 @@ class Start:
     kept: Kept
     goals: Sequence[Goal]
 
-    def begun(self, independent_of_ranks: bool | None, block_cells: int) -> Beginning:
+    def begun(self, independent_of_ranks: bool | None, block_cells: int | None) -> Beginning:
         """Domains by coordinates or as cells lie; None: by coordinates if all cells are where those go."""
         if independent_of_ranks is False:
             return self.where_they_lie()
         ranks, mesh = self.cells.ranks, self.mesh
-        depth = halvings(mesh.n_cells, block_cells)
+        depth = halvings(mesh.n_cells, mesh.local.dim, block_cells)
         block = coordinate_blocks(mesh.local.local_centroids[mesh.own], depth, ranks.reduced)
         away = bool((rank_of_block(block, 1 << depth, ranks.size) != ranks.rank).any())
         there = not any(ranks.gathered(away))

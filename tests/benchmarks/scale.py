@@ -35,6 +35,7 @@ from typing import Any
 os.environ["OMP_NUM_THREADS"] = "1"  # before numpy is imported
 
 import numpy as np
+from scipy.optimize import nnls
 
 import agglo_core as agglo
 from agglo_core import Mesh, Pipeline, samples
@@ -231,7 +232,9 @@ def model(runs: Sequence[list[dict[str, Any]]]) -> None:
     turns = np.stack((size - 1, np.ceil(np.log2(size))), axis=1)
 
     def fitted(key: str) -> Any:
-        return np.linalg.lstsq(turns, np.array([float(each[key]) for each in ranks]), rcond=None)[0]
+        return nnls(turns, np.array([float(each[key]) for each in ranks]))[
+            0
+        ]  # none is negative
 
     messages, sent = fitted("messages"), fitted("bytes")
     print("\nmodel of one rank with n cells, of P, fitted to the runs on triangles")
