@@ -232,9 +232,7 @@ def model(runs: Sequence[list[dict[str, Any]]]) -> None:
     turns = np.stack((size - 1, np.ceil(np.log2(size))), axis=1)
 
     def fitted(key: str) -> Any:
-        return nnls(turns, np.array([float(each[key]) for each in ranks]))[
-            0
-        ]  # none is negative
+        return nnls(turns, np.array([float(each[key]) for each in ranks]))[0]  # none is negative
 
     messages, sent = fitted("messages"), fitted("bytes")
     print("\nmodel of one rank with n cells, of P, fitted to the runs on triangles")
