@@ -6,7 +6,7 @@ A solver that can do this has ``solve_across(problem, hierarchy, progress)`` for
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,16 +14,16 @@ from agglo_core.cli.console import print_json
 from agglo_core.cli.outputs import Outputs
 from agglo_core.cli.ranks_run import agglomerated, shared_mesh, warm_up_in_turn
 from agglo_core.cli.runs import watched
-from agglo_core.cli.solver_choice import Posed, posed_by, solver_title
+from agglo_core.cli.solver_choice import posed_by, solver_title
 from agglo_core.cli.stdout import terminal_columns
 from agglo_core.cli.tables import print_lines
 from agglo_core.cli.under_mpi import launched
-from agglo_core.errors import AggloError, FileError, OptionError
+from agglo_core.errors import AggloError, OptionError
 from agglo_core.progress import phase
 from agglo_core.registry.attribution import attributed
 
 if TYPE_CHECKING:
-    from agglo_core.distributed import DistributedHierarchy, Ranks
+    from agglo_core.distributed import DistributedHierarchy
 
 __all__ = ["NOT_CONVERGED", "solve_on_ranks", "solves_across"]
 
@@ -69,8 +69,8 @@ def solve_on_ranks(
             mesh = shared_mesh(source, ranks)
         seen, _ = with_second_layer(mesh)  # what rows are assembled on: values of cells are of these
         trusted = bool(agglomeration.get("allow_code"))
-        asked = _posed(ranks, lambda: posed_by(problem, seen, tool, solver, allow_code=trusted))
         with ranks.together():
+            asked = posed_by(problem, seen, tool, solver, allow_code=trusted)
             if output is not None:
                 asked.refuse_without_meaning("-o is")
         warm_up_in_turn(agglomeration, ranks)
@@ -95,24 +95,6 @@ def solve_on_ranks(
             name = mesh.local.name or source
             print_lines(solution_report.text(f"{name} on {ranks.size} ranks, {solver}", data, columns))
     return outputs.finish(listed=not as_json) or (0 if found.converged else NOT_CONVERGED)
-
-
-def _posed(ranks: Ranks, pose: Callable[[], Posed]) -> Posed:
-    """The problem on the cells of each rank; where ranks disagree on what is wrong an error says why."""
-    posed, failure = None, None
-    try:
-        posed = pose()
-    except (FileError, OptionError) as error:
-        failure = error
-    said = ranks.gathered("" if failure is None else str(failure))
-    with ranks.together():
-        if failure is not None and any(each != said[0] for each in said):
-            beside = f" (on rank {ranks.rank}; tables by tag must fit the cells of each rank)"
-            raise type(failure)(f"{failure}{beside}") from failure
-        if failure is not None:
-            raise failure
-        assert posed is not None
-        return posed
 
 
 def _report(

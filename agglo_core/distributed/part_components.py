@@ -1,4 +1,4 @@
-"""Whether parts are connected that lie on several ranks."""
+"""Whether parts are connected that lie on several ranks, and which component of the domain cells are in."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 
-__all__ = ["components_of_parts"]
+__all__ = ["components_of_parts", "first_cells"]
 
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
@@ -25,6 +25,39 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
     bounds : (size + 1,) int
         Rank r has the parts ``bounds[r]:bounds[r + 1]``.
     """
+    ranks = mesh.ranks
+    told = _touching(mesh, labels)[1]
+    owner = np.searchsorted(bounds, told[:, 0], side="right") - 1
+    parcels = {rank: told[owner == rank] for rank in np.unique(owner).tolist()}
+    found = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
+    first, count = int(bounds[ranks.rank]), int(bounds[ranks.rank + 1] - bounds[ranks.rank])
+    component, ends = _joined(found[:, 1:])
+    of_parts = np.unique(np.stack((found[:, 0], component[ends[:, 0]]), axis=1), axis=0)
+    return frozen_int(np.bincount(of_parts[:, 0] - first, minlength=count))
+
+
+def first_cells(mesh: DistributedMesh) -> Int:
+    """The first cell of the component of the domain that each own cell ``(n_own,)`` is in.
+
+    All ranks must call it.
+    """
+    ranks, own = mesh.ranks, mesh.global_ids[mesh.own]
+    names, told = _touching(mesh, frozen_int(np.zeros(len(own))))
+    pieces, place, which = np.unique(names, return_index=True, return_inverse=True)
+    found = np.concatenate(ranks.gathered(told[:, 1:]))
+    first = np.concatenate(ranks.gathered(np.stack((pieces, own[place]), axis=1)))
+    component, _ = _joined(found)
+    every = np.unique(found)
+    least = np.full(component.max(initial=-1) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(least, component[np.searchsorted(every, first[:, 0])], first[:, 1])
+    return frozen_int(least[component[np.searchsorted(every, pieces)]][which])
+
+
+def _touching(mesh: DistributedMesh, labels: Int) -> tuple[Int, Int]:
+    """The piece that each own cell is in ``(n_own,)``, and ``(e, 3)``: part, two pieces of it that touch.
+
+    A piece is what of a part is connected on a rank; each is beside itself, too.
+    """
     ranks, graph = mesh.ranks, mesh.local.graph
     part = np.asarray(mesh.exchange(labels))
     with ranks.together():
@@ -38,23 +71,16 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
     across = ours[row] & ~ours[graph.indices] & (part[row] == part[graph.indices])
     edges = np.stack((part[row], names[row], names[graph.indices]), axis=1)[across]
     alone = np.stack((labels, names[mesh.own], names[mesh.own]), axis=1)
-    told = np.unique(np.concatenate((alone, edges)), axis=0)
-    owner = np.searchsorted(bounds, told[:, 0], side="right") - 1
-    parcels = {rank: told[owner == rank] for rank in np.unique(owner).tolist()}
-    found = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
-    first, count = int(bounds[ranks.rank]), int(bounds[ranks.rank + 1] - bounds[ranks.rank])
-    return _joined(found, first, count)
+    return frozen_int(names[mesh.own]), frozen_int(np.unique(np.concatenate((alone, edges)), axis=0))
 
 
 def _numbered(labels: Int) -> Int:
     return frozen_int(np.unique(labels, return_inverse=True)[1])
 
 
-def _joined(edges: Int, first: int, count: int) -> Int:
-    """Components of the parts ``first`` to ``first + count``; ``edges (e, 3)``: part, two of its pieces."""
-    names, place = np.unique(edges[:, 1:], return_inverse=True)
+def _joined(edges: Int) -> tuple[Int, Int]:
+    """Component of each piece, in order of their names, and the places of the ends of ``edges (e, 2)``."""
+    names, place = np.unique(edges, return_inverse=True)
     ends = place.reshape(-1, 2)
     joins = sparse.coo_array((np.ones(len(ends), bool), tuple(ends.T)), shape=(len(names), len(names)))
-    component = connected_components(joins, directed=False)[1]
-    of_parts = np.unique(np.stack((edges[:, 0], component[ends[:, 0]]), axis=1), axis=0)
-    return frozen_int(np.bincount(of_parts[:, 0] - first, minlength=count))
+    return frozen_int(connected_components(joins, directed=False)[1]), frozen_int(ends)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.halo import all_cells, local_mesh, part_of_whole
+from agglo_core.distributed.kinds_of_all import kinds_of_all
 from agglo_core.distributed.whole_cells import WholeCells, joined, places, taken
 from agglo_core.mesh import Mesh
 
@@ -27,7 +28,8 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
     """Own cells, ghosts and the neighbours of ghosts as a mesh, and their global ids, rising.
 
     In it ghosts have all their neighbours, too: the penalty at a face may look at all faces of both cells.
-    Its ``outer_faces`` are those of the whole mesh, without faces to cells that are not here.
+    Its ``outer_faces`` are those of the whole mesh, without faces to cells that are not here; its kinds of
+    cells and of faces on the boundary are all of the whole mesh's, so that problems by tag fit every rank.
     All ranks must call it.
 
     Examples
@@ -43,7 +45,7 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
             all_cells(local, mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids), mesh.hidden
         )
         parcels = {rank: _around(here, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()}
-    seen = [here, *ranks.exchanged(parcels).values()]
+    seen, kinds = [here, *ranks.exchanged(parcels).values()], kinds_of_all(mesh)
     with ranks.together():
         # of a face that several have, what is said by who sees both of its sides
         whole = [
@@ -53,7 +55,9 @@ def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
         every = joined(whole + faces)
         found, cut = local_mesh(every, local.origin, local.name)
         known = np.isin(every.faces, np.concatenate([each.faces for each in whole]))
-        return part_of_whole(found, local.origin, cut | ~known), every.cells
+        part = part_of_whole(found, local.origin, cut | ~known)
+        part.__dict__.update(cell_kinds=kinds[0], boundary_kinds=kinds[1])  # cached properties
+        return part, every.cells
 
 
 def _around(here: _Seen, cells: Int) -> _Seen:

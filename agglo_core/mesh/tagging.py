@@ -1,17 +1,19 @@
-"""New tags for a mesh, given by functions of where cells and faces are, or by arrays."""
+"""Tags of a mesh: new ones, by functions of where cells and faces are or by arrays, and which there are."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, Mask
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_tags
+from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
 
 __all__ = ["Tagged"]
 
@@ -19,12 +21,36 @@ TagValues = ArrayLike | Callable[[Float], ArrayLike]
 
 
 class Tagged:
-    """The part of :class:`~agglo_core.mesh.Mesh` that makes meshes with more tags."""
+    """The part of :class:`~agglo_core.mesh.Mesh` that knows its tags, and makes meshes with more of them."""
 
     cell_tags: Mapping[str, Int]
     face_tags: Mapping[str, Int]
     cell_centroids: Any
     face_centroids: Any
+    face_cells: Int
+    outer_faces: Any
+    graph: Any
+
+    @cached_property
+    def cell_kinds(self) -> Mapping[str, Int]:
+        """Values of the cell tags that occur together: ``(k,)`` of each.
+
+        Those of the whole mesh, where this one is the part of it that a rank has.
+        """
+        return dict(zip(self.cell_tags, distinct(list(self.cell_tags.values())), strict=True))
+
+    @cached_property
+    def boundary_kinds(self) -> BoundaryKinds:
+        """Values of the face tags that occur together on the boundary of each component of the domain.
+
+        Those of the whole mesh, where this one is the part of it that a rank has.
+        """
+        component = self.graph.components()
+        first = np.unique(component, return_index=True)[1]
+        outer: Mask = self.outer_faces
+        own = first[component[self.face_cells[outer, 0]]]
+        found, *tags = distinct([own, *(values[outer] for values in self.face_tags.values())])
+        return BoundaryKinds(found, dict(zip(self.face_tags, tags, strict=True)))
 
     def with_tags(self, /, **tags: TagValues) -> Self:
         """This mesh with more cell tags; those of the same name are replaced, all others stay.

@@ -54,9 +54,11 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     if tag not in mesh.cell_tags or not isinstance(values, Mapping):
         known = ", ".join(mesh.cell_tags) or "none"
         raise OptionError(f"{key}.{tag} must be a table by a cell tag of the mesh; it has: {known}")
-    cells = mesh.cell_tags[tag]
-    by_value = _by_whole(f"{key}.{tag}", values, _named(cells, mesh.cell_tags))
-    present, place = np.unique(cells, return_inverse=True)
+    kinds = mesh.cell_kinds
+    if tag not in kinds:
+        raise OptionError(f"{key}.{tag}: the tag has too many values for a table on several ranks")
+    by_value = _by_whole(f"{key}.{tag}", values, _named(kinds[tag], kinds))
+    present = np.unique(kinds[tag])
     lacking = [int(each) for each in present if int(each) not in by_value]
     if lacking:
         raise OptionError(f"{key}.{tag} has no number for {', '.join(map(str, lacking))}")
@@ -64,7 +66,8 @@ def cell_values(key: str, given: Any, mesh: Mesh) -> float | Float:
     if foreign:
         known = ", ".join(map(str, present[:20]))
         raise OptionError(f"{key}.{tag} names {foreign[0]}; the tag's values in the mesh are: {known}")
-    return frozen_float(np.array([by_value[int(each)] for each in present])[place])
+    numbers = np.array([by_value[int(each)] for each in present])
+    return frozen_float(numbers[np.searchsorted(present, mesh.cell_tags[tag])])
 
 
 def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int, float]:
@@ -80,11 +83,10 @@ def boundary_values(key: str, given: Any, mesh: Mesh, face_tag: str) -> dict[int
     """
     if not isinstance(given, Mapping):
         raise OptionError(f"{key} must be a table by boundary tag, given {given!r:.60}")
-    outside = mesh.face_cells[:, 1] < 0
-    tags = mesh.face_tags.get(face_tag, np.zeros(mesh.n_faces, np.int64))
-    present = sorted({int(each) for each in np.unique(tags[outside])})
-    marks = {name: marked[outside] for name, marked in mesh.face_tags.items()}
-    values = _by_whole(key, given, _named(tags[outside], marks))
+    kinds = mesh.boundary_kinds
+    tags = kinds.tags.get(face_tag, np.zeros_like(kinds.component))
+    present = np.unique(tags).tolist()
+    values = _by_whole(key, given, _named(tags, kinds.tags))
     for tag in values:
         if tag not in present:
             known = f"{', '.join(map(str, present))} ({_tags_of(mesh)})"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.authoring import Diffusion, Field, Float, Int, Mesh, OptionError, frozen_int
+from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
 from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.face_quadrature import FaceRule, face_rule, on_pieces
 from agglo_polydg_mg.quadrature import per_cell, sample
@@ -44,8 +44,9 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
         without Dirichlet faces.
     """
     tags = _tags(mesh, problem.boundary)
-    outer = mesh.face_cells[:, 1] < 0
-    present = np.unique(tags[outer]).tolist()
+    outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
+    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
+    present = np.unique(on_boundary).tolist()
     both = sorted(set(problem.dirichlet) & set(problem.neumann))
     if both:
         raise OptionError(f"boundary tags {both} have Dirichlet and Neumann data: give one of them")
@@ -55,8 +56,8 @@ def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
     given = problem.dirichlet or problem.neumann
     dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
     natural = outer & ~dirichlet
-    if natural.any():
-        _require_dirichlet(mesh, dirichlet)
+    if given:
+        _require_dirichlet(kinds.component, np.isin(on_boundary, list(problem.dirichlet)))
     return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
 
 
@@ -70,17 +71,14 @@ def _tags(mesh: Mesh, name: str) -> Int:
     return frozen_int(np.zeros(mesh.n_faces))
 
 
-def _require_dirichlet(mesh: Mesh, dirichlet: np.ndarray) -> None:
-    """Raise OptionError if some component of the domain has no Dirichlet face."""
-    component = mesh.graph.components()
-    fixed = np.zeros(int(component.max()) + 1, bool)
-    fixed[component[mesh.face_cells[dirichlet, 0]]] = True
-    if not fixed.all():
-        cell = int(np.flatnonzero(~fixed[component])[0])
+def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
+    """Raise OptionError if some component, of those that kinds of faces are on, has no Dirichlet face."""
+    free = np.setdiff1d(component, component[dirichlet])
+    if len(free):
         raise OptionError(
-            f"the component of cell {cell} has no boundary face with Dirichlet data: the solution is known "
-            "only up to a constant there; give a value on some boundary tag (where only others have data, "
-            "faces are insulated)"
+            f"the component of cell {free[0]} has no boundary face with Dirichlet data: the solution is "
+            "known only up to a constant there; give a value on some boundary tag (where only others have "
+            "data, faces are insulated)"
         )
 
 

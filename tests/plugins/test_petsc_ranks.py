@@ -148,17 +148,35 @@ def test_norms_of_the_error_are_those_of_one_process(size, tmp_path):
         assert all_[name] == pytest.approx(one[name], rel=1e-10)
 
 
-def test_tables_by_tag_are_spoken_of_where_they_are_the_matter(tmp_path):
+@pytest.mark.parametrize("size", [2, 3])
+def test_problems_by_tag_are_solved_where_a_rank_has_none_of_it(size, tmp_path):
     mesh = samples.squares(8).with_tags(corner=lambda x: (x.sum(axis=1) < 0.2).astype(int))
-    write(tmp_path / "m.vtu", mesh)
-    (tmp_path / "corner.toml").write_text("[kappa.corner]\n0 = 1.0\n1 = 10.0\n")
+    write(tmp_path / "m.vtu", mesh.with_face_tags(boundary=lambda x: x[:, 0] < 1e-9))
+    (tmp_path / "tags.toml").write_text("[kappa.corner]\n0 = 1.0\n1 = 10.0\n[dirichlet]\n1 = 2.0\n")
+    asked = (
+        "m.vtu",
+        "--parts",
+        "4",
+        "--solver",
+        "petsc_mg",
+        "--problem",
+        "tags.toml",
+        "--tol",
+        "1e-12",
+        "--json",
+    )
+    alone, found = (launch(each, "solve", *asked, cwd=tmp_path) for each in (1, size))
+    assert (alone.code, found.code) == (0, 0), alone.err + found.err
+    assert json.loads(found.out)["energy"] == pytest.approx(json.loads(alone.out)["energy"], rel=1e-9)
+
+
+def test_what_is_wrong_with_a_problem_is_said_once(tmp_path):
+    write(tmp_path / "m.vtu", samples.squares(8))
     (tmp_path / "typo.toml").write_text("kapa = 1.0\n")
-    for name, hint in (("corner", True), ("typo", False)):
-        asked = ("m.vtu", "--parts", "4", "--solver", "petsc_mg", "--problem", f"{name}.toml")
-        done = launch(2, "solve", *asked, cwd=tmp_path)
-        assert (done.code, done.out) == (2, "")
-        assert ("tables by tag must fit the cells of each rank" in done.err) == hint
-        assert done.err.count("error: ") == 1
+    asked = ("m.vtu", "--parts", "4", "--solver", "petsc_mg", "--problem", "typo.toml")
+    done = launch(2, "solve", *asked, cwd=tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.count("error: ") == 1
 
 
 FAULTY = """
