@@ -44,7 +44,7 @@ MAY_IMPORT = {
     "interchange": EVERYBODY | {"graph", "hierarchy", "io", "kernels", "mesh"},
     "measure": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
     "draw": EVERYBODY
-    | {"hierarchy", "interchange", "io", "kernels", "measure", "mesh", "problems", "registry"},
+    | {"graph", "hierarchy", "interchange", "io", "kernels", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
     | {"agglomeration", "components", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},
