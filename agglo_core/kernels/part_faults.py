@@ -84,23 +84,45 @@ def lone_cells(start, stop, indptr, indices, labels, count, lone, marks, queue):
     return np.int64(kept)
 
 
+@helper
+def _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, queue):
+    """Mark the parts ``asked`` with a second cell that may not be connected with one before it; whether any.
+
+    A cell may be listed just because others looked at the cells before it, who know what its part is there.
+    """
+    left, doubtful = len(indices), False
+    seen[:] = False
+    for k in range(len(lone)):
+        x = np.uint64(np.uint32(lone[k]))
+        own = np.uint32(labels[x])
+        if seen[own] and asked[own] and not broken[own]:
+            met = False
+            if left >= 0:
+                met, left = _meets_earlier(x, indptr, indices, labels, marks, queue, left)
+            broken[own] = not met
+            doubtful |= not met
+        seen[own] = True
+    return doubtful
+
+
 @kernel
 def broken_parts(lone, indptr, indices, labels, asked):
     """Which of the parts ``asked (k,)`` are not connected; ``lone`` are all cells told by ``lone_cells``.
 
-    A part is connected if each of its cells but the first is with one before it. Of which that is not known
-    are flooded: nearly always none, in a good numbering.
+    A part is connected if each of its cells but the first is with one before it. Those of which that is not
+    known are flooded: nearly always none.
     """
     n, doubtful = len(labels), False
     seen, broken = np.zeros(len(asked), np.bool_), np.zeros(len(asked), np.bool_)
     for k in range(len(lone)):
         own = np.uint32(labels[np.uint32(lone[k])])
-        broken[own] |= seen[own] & asked[own]
-        doubtful |= broken[own]
+        doubtful |= seen[own] & asked[own]
         seen[own] = True
     if not doubtful:
         return broken
-    marks, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
+    marks, nodes = np.zeros(n, np.int32), np.empty(n + 1, np.int32)
+    if not _found_apart(lone, indptr, indices, labels, asked, seen, broken, marks, nodes):
+        return broken
     for i in range(n):
         marks[i] = labels[i] if broken[labels[i]] else -1
     for p in range(len(asked)):
