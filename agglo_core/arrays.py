@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "Bytes",
     "Float",
     "Index",
     "Int",
@@ -32,6 +33,7 @@ Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Index = NDArray[np.int32]
 UInt64 = NDArray[np.uint64]
+Bytes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))

@@ -42,7 +42,7 @@ def _by_first_cell(labels: Int, order: Int) -> Int:
     from agglo_core.kernels.graphs import numbered_as_met
 
     given = np.empty(len(order), np.int32)
-    given[order] = labels
+    given[order] = labels.astype(np.int32)  # as it is, each label would be converted by itself
     return frozen_int(numbered_as_met(frozen_index(given), int(labels.max()) + 1)[0])
 
 

@@ -132,9 +132,8 @@ def _without_bad_moves(
     changed = np.zeros(int(before.max()) + 1, bool)
     changed[before[moved]] = changed[after[moved]] = True
     result, asked = after, changed if tested else np.ones_like(changed)
-    broken, wide = np.zeros_like(changed), np.zeros_like(changed)
+    broken, wide, bad = (np.zeros_like(changed) for _ in range(3))  # a refiner has emptied none
     while asked.any():
-        bad = np.bincount(result, minlength=len(changed)) == 0
         if not bad.any():
             broken = broken & ~asked | broken_parts(graph.indptr, graph.indices, result, asked)
             if np.isfinite(limit):
@@ -149,4 +148,5 @@ def _without_bad_moves(
         result = result.copy()
         result[cells] = before[cells]
         moved = moved[~back]
+        bad = np.bincount(result, minlength=len(changed)) == 0
     return frozen_int(result), broken, wide

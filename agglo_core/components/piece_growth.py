@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Float, Index, Int, Mask, UInt64, frozen_index, frozen_int
+from agglo_core.arrays import Bytes, Float, Index, Int, UInt64, frozen_index, frozen_int
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
-from agglo_core.graph.connection import broken_parts
 from agglo_core.progress import Tell
 from agglo_core.threads import mapped, thread_count
 
@@ -37,6 +36,9 @@ _ROOM = 256
 _LAST_STAMP = 2**30
 """Beyond it the marks of cells, of 32 bits, start anew."""
 
+_COLUMNS = 5
+"""Of lists of pieces: the first place, the last plus 1, quota, depth, and what was done to it."""
+
 _DEPTHS = 256
 """Depths that are counted; in a long chain there may be more."""
 
@@ -54,14 +56,14 @@ class PieceGrowth:
         Connected pieces 0..k−1 to start from.
     kernel : callable
         ``kernel(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work)``: splits
-        the pieces ``todo (K, 4)``, of which each row has the first place, the last place plus 1, the quota (0
-        for a size) and the depth, the last first, until ``work`` cells were handled or no room is left.
-        ``cells`` is the list of cells, each piece a slice of it; ``leaf (n,)`` marks where finished pieces
-        start; pieces of at most ``goal[2]`` cells go to ``ready`` instead; ``goal`` is
-        (largest diameter or 0, floor of the refinement or −1, that number, whether sides are to be connected:
-        1, or 0, or −1 to count backwards besides); ``counts`` the rows of ``todo``
-        and ``ready`` in use, the next stamp, and whether the piece next to be split is tagged and has to be
-        connected first, or has been; ``tally`` counts pieces, cells and mended pieces by depth.
+        the pieces ``todo (K, 5)``, of which each row has the first place, the last place plus 1, the quota (0
+        for a size), the depth and what was done to it, the last first, until ``work`` cells were handled or
+        no room is left. ``cells`` is the list of cells, each piece a slice of it; ``leaf (n,)`` marks where
+        finished pieces start: 1, or 2 if one is not connected. Pieces of at most ``goal[2]`` cells, and those
+        of which a side is not connected, go to ``ready`` instead; ``goal`` is (largest diameter or 0, floor
+        of the refinement or −1, that number, whether sides are to be connected: 1, or 0, or −1 to count
+        backwards besides); ``counts`` the rows of ``todo`` and ``ready`` in use, and the next stamp;
+        ``tally`` counts pieces, cells and mended pieces by depth.
         Kernels of the module ``piece_splits`` do all but the cut.
     floor : float
         Of the refinement; negative for none.
@@ -143,8 +145,8 @@ class PieceGrowth:
         if self._stamp > _LAST_STAMP:
             self._marks[:], self._stamp = 0, 1
         self._shape = _shape(self._source, limit)
-        leaf, tally = np.zeros(len(self._cells), np.bool_), np.zeros((_DEPTHS, 3), np.int64)
-        todo = np.zeros((len(quotas), 4), np.int64)
+        leaf, tally = np.zeros(len(self._cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
+        todo = np.zeros((len(quotas), _COLUMNS), np.int64)
         todo[:, :2], todo[:, 2] = self._slices, quotas
         large = todo[:, 1] - todo[:, 0] > _SMALL
         halvings = np.log2((todo[:, 1] - todo[:, 0]).max() / _SMALL) if large.any() else 0.0
@@ -178,13 +180,12 @@ class PieceGrowth:
         self._mend_tiny(np.concatenate(unchecked), leaf, tally, limit)
         return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
 
-    def _mend_tiny(self, tiny: Int, leaf: Mask, tally: Int, limit: float) -> None:
-        """Test the connections of the parts of pieces that were split without a look at them.
+    def _mend_tiny(self, tiny: Int, leaf: Bytes, tally: Int, limit: float) -> None:
+        """Take back the few pieces of which parts are not connected, and split them with care.
 
-        The few of which parts are broken are taken back, what was counted too, and split with care.
+        What was counted of them is taken back, too: they are split once more as they were, counting down.
         """
-        every = np.ones(len(leaf), bool)
-        broken = np.flatnonzero(broken_parts(*self._graph[:2], self._places(), every))
+        broken = np.flatnonzero(leaf > 1)
         if len(broken) == 0:
             return
         tiny = tiny[tiny[:, 0].argsort()]
@@ -198,21 +199,27 @@ class PieceGrowth:
     def _advance(
         self,
         todo: Int,
-        leaf: Mask,
+        leaf: Bytes,
         tally: Int,
         goal: tuple[float, int, int],
         handled: Callable[[int], None] | None = None,
         stamp: int = 0,
     ) -> tuple[Int, int]:
         """Split the pieces until all are finished or put off; returns those, and the next stamp."""
-        counts = np.array([len(todo), 0, max(stamp, self._stamp), 0])
-        todo, ready = _enlarged(todo), np.zeros((_ROOM, 4), np.int64)
+        from agglo_core.kernels.piece_driver import TORN
+
+        counts = np.array([len(todo), 0, max(stamp, self._stamp)])
+        todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
         lists, (limit, small, check) = (self._cells, self._tag, self._marks), goal
         aim = (limit, self._floor, small, check)
         while counts[0]:
             self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
-            if counts[3]:
-                self._mend(*todo[counts[0] - 1, :2].tolist())
+            if counts[0] == 0:  # none is left but those that are torn
+                made = ready[: counts[1]].copy()
+                torn = made[:, 4] == TORN
+                todo, whole = _enlarged(self._mended(made[torn])), made[~torn]
+                ready[: len(whole)] = whole
+                counts[:2] = len(made) - len(whole), len(whole)
             if counts[0] + 2 > len(todo):
                 todo = _enlarged(todo)
             if counts[1] == len(ready):
@@ -224,7 +231,7 @@ class PieceGrowth:
     def _advance_together(
         self,
         todo: Int,
-        leaf: Mask,
+        leaf: Bytes,
         tally: Int,
         goal: tuple[float, int, int],
         handled: Callable[[int], None],
@@ -250,29 +257,29 @@ class PieceGrowth:
             sizes = todo[:, 1] - todo[:, 0]
         return todo, stamp
 
-    def _mend(self, lo: int, hi: int) -> None:
-        """Connect both sides of a piece, as the built-in fixer does."""
-        from agglo_core.kernels.repair import mend_piece
+    def _mended(self, torn: Int) -> Int:
+        """These pieces, both sides of each connected as the built-in fixer does."""
+        from agglo_core.kernels.piece_driver import MENDED
+        from agglo_core.kernels.repair import mend_sides
 
-        indptr, indices, interface, centroids, mass = self._graph[:5]
-        cells = self._cells[lo:hi]
-        sides = (self._tag[cells] & 1).astype(np.int64)
-        sides = mend_piece(cells, sides, 2, indptr, indices, interface, centroids, mass, self._local)
-        self._tag[cells] = np.where(sides, 2 * hi - 1, 2 * lo)
+        if len(torn):
+            mend_sides(torn[:, :2].copy(), self._cells, self._tag, *self._graph[:5], self._local)
+        return np.column_stack((torn[:, :4], np.full(len(torn), MENDED)))
 
     def _places(self) -> Index:
         """A place in the piece of each cell, the same for all of its cells."""
         return frozen_index(self._tag >> 1)
 
-    def _numbered(self, leaf: Mask) -> Int:
+    def _numbered(self, leaf: Bytes) -> Int:
         """Labels of the finished pieces, by their first cells; they become the pieces."""
         from agglo_core.kernels.graphs import numbered_as_met
 
         labels, places = numbered_as_met(self._places(), len(leaf))
         starts = np.flatnonzero(leaf)
         stops = np.append(starts[1:], len(leaf))
-        own = np.searchsorted(starts, places, "right") - 1
-        self._slices = np.stack((starts, stops), axis=1)[own]
+        piece = np.empty(len(leaf), np.int32)  # that starts or ends at a place
+        piece[starts] = piece[stops - 1] = np.arange(len(starts))
+        self._slices = np.stack((starts, stops), axis=1).take(piece[places], axis=0)
         return frozen_int(labels)
 
 
@@ -284,7 +291,7 @@ def _shape(graph: Graph, limit: float) -> tuple[Int, Index, Float]:
 
 
 def _enlarged(rows: Int) -> Int:
-    return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), 4), np.int64)))
+    return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), _COLUMNS), np.int64)))
 
 
 def _batches(todo: Int) -> list[Int]:

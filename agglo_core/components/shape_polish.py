@@ -40,7 +40,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     order = strip_order(tally[:, MASS], tally[:, CENTRE : CENTRE + 3], block, axes, places, graph.dim)
     rank = np.empty(k, np.int32)
     rank[order] = np.arange(k, dtype=np.int32)
-    parts, tally = rank[parts], tally[order]
+    parts, tally = rank.take(parts), tally.take(order, axis=0)  # several times faster than indexing
     starts = frozen_int(np.searchsorted(block[order], np.arange(count + 1)))
     by_turns = tuple(_slices(starts, shift, graph.dim) for shift in range(2))
     room = np.zeros((n, 2), np.int32), np.zeros(k + 1, np.int32), np.empty(n, np.int32)
@@ -50,7 +50,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
         sweep_all(cells, state, _work(n, k), *by_turns, _SWEEPS, *how)
     else:
         _swept_together(cells, state, by_turns, how)
-    return frozen_int(order[parts])
+    return frozen_int(order.take(parts))
 
 
 def _swept_together(cells: Any, state: Any, by_turns: Any, how: tuple[Any, ...]) -> None:

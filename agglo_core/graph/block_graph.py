@@ -97,7 +97,7 @@ class BlockGraph:
     def with_mass(self, mass: ArrayLike) -> Self:
         """The graph with another :attr:`mass`; subgraphs and quotients have theirs of it."""
         given = np.array(mass, dtype=np.float64)
-        if given.shape != (self.n,) or not (np.isfinite(given) & (given >= 0)).all():
+        if given.shape != (self.n,) or not 0.0 <= given.min(initial=0.0) <= given.max(initial=0.0) < np.inf:
             raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
         made = replace(self)
         made.__dict__["_mass"] = frozen_float(given)

@@ -7,6 +7,7 @@ import numpy as np
 from agglo_core.kernels.compiling import helper
 from agglo_core.kernels.piece_splits import (
     cells_beside,
+    is_connected,
     narrowness,
     part_list,
     piece_room,
@@ -18,7 +19,25 @@ from agglo_core.kernels.piece_splits import (
 )
 from agglo_core.kernels.widths import is_wider
 
-__all__ = ["largest_piece", "split_pieces", "tag_halves", "tag_sides"]
+__all__ = [
+    "APART",
+    "MENDED",
+    "TORN",
+    "UNCUT",
+    "WHOLE",
+    "largest_piece",
+    "split_pieces",
+    "tag_halves",
+    "tag_sides",
+]
+
+WHOLE, APART = 1, 2
+"""How a finished piece is marked where it starts: APART if it is not connected, of which only those are
+asked whose sides were not."""
+
+UNCUT, TORN, MENDED = 0, 1, 2
+"""What was done to a piece that is to be split: nothing; its sides are tagged, and one is not connected; both
+were connected since."""
 
 _ROUNDING = 1e-12  # of the extent: what heights in double precision may be off, with room
 
@@ -92,6 +111,22 @@ def _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room
     )
 
 
+@helper
+def _finished(graph, cells, lo, hi, tag, room, stamp, check):
+    """The mark of a finished piece."""
+    if check != 0 or is_connected(graph[0], graph[1], cells, lo, hi, tag, room[3], room[7], stamp):
+        return WHOLE
+    return APART
+
+
+@helper
+def _put_off(todo, row, ready, place, state):
+    """Copy a row of ``todo`` to ``ready``, with another state."""
+    for k in range(4):
+        ready[place, k] = todo[row, k]
+    ready[place, 4] = state
+
+
 @helper(allocates=True)
 def split_pieces(
     load, cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
@@ -119,33 +154,34 @@ def split_pieces(
         waiting -= 1
         lo, hi, quota, depth = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
         if quota == 1 or hi - lo == 1:
-            leaf[lo] = True
+            stamp += 1
+            leaf[lo] = _finished(graph, cells, lo, hi, tag, room, stamp, check)
             continue
+        state = todo[waiting, 4]
         if hi - lo <= small:
-            for k in range(4):
-                ready[put_off, k] = todo[waiting, k]
+            _put_off(todo, waiting, ready, put_off, UNCUT)
             put_off += 1
             continue
-        if counts[3] == 0:
+        if state == UNCUT:
             extent = load(graph, cells, lo, hi, own)
             if limit > 0.0 and extent <= limit:
                 narrow = narrowness(cells, lo, hi, shape, limit, ends)
                 if narrow < 0:
                     narrow = not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
                 if narrow:
-                    leaf[lo] = True
+                    stamp += 1
+                    leaf[lo] = _finished(graph, cells, lo, hi, tag, room, stamp, check)
                     continue
             edge, stamp = _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp)
             stamp += 2
             if check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):
-                waiting += 1
-                counts[3] = 1  # somebody else is to mend them
-                break
+                _put_off(todo, waiting, ready, put_off, TORN)
+                put_off += 1
+                continue
         else:
             side_sizes(tag, measures, cells, lo, hi, size)
         row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
-        tally[row, 2] += counts[3]
-        counts[3] = 0
+        tally[row, 2] += state == MENDED
         middle = part_list(tag, cells, lo, hi, room[0])
         first = quota_of_left(quota, size, middle - lo, hi - middle)
         tally[row, 0] += one
@@ -154,5 +190,6 @@ def split_pieces(
         todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
         todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
         todo[waiting, 3], todo[waiting + 1, 3] = depth + 1, depth + 1
+        todo[waiting, 4], todo[waiting + 1, 4] = UNCUT, UNCUT
         waiting += 2
     counts[0], counts[1], counts[2] = waiting, put_off, stamp

@@ -22,6 +22,7 @@ __all__ = [
     "SAMPLED",
     "cells_beside",
     "is_chosen",
+    "is_connected",
     "narrowness",
     "part_list",
     "piece_room",
@@ -75,14 +76,13 @@ def units_of(centroids, weights):
     Factors are powers of two: digits of what is scaled do not depend on what else there is. The sample is
     the chosen cells (1) and the heavy ones (2); there is none ``(0,)`` if the weights are not spread enough.
     """
-    extent, total = 0.0, 0.0
-    for k in range(centroids.shape[1]):
-        low, high = np.inf, -np.inf
-        for i in range(len(centroids)):
-            low, high = min(low, centroids[i, k]), max(high, centroids[i, k])
-        extent = max(extent, high - low)
+    total, last = 0.0, centroids.shape[1] - 1
+    x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
     for i in range(len(weights)):
+        x, y, z = centroids[i, 0], centroids[i, 1], centroids[i, last]
+        x0, y0, z0, x1, y1, z1 = min(x0, x), min(y0, y), min(z0, z), max(x1, x), max(y1, y), max(z1, z)
         total += weights[i]
+    extent = max(0.0, x1 - x0, y1 - y0, z1 - z0)
     mean = total / len(weights)
     length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, -math.frexp(mean)[1])
     bands = _BANDS / mean if mean > 0.0 else 0.0
@@ -159,6 +159,24 @@ def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
         search = (queue, root, marks)
         whole &= connected(indptr, indices, tag, own, search, filled, stamp + side, everything, everything)
     return whole
+
+
+@helper
+def is_connected(indptr, indices, cells, lo, hi, tag, queue, marks, stamp):
+    """Whether a small piece is connected; the ``stamp`` is not yet in the first column of the marks."""
+    first, done, filled = np.uint32(cells[lo]), np.uint64(0), ONE
+    own, queue[0], marks[first, 0] = tag[first], first, stamp
+    while done < filled:
+        i = np.uint64(np.uint32(queue[done]))
+        done += ONE
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+            j = np.uint32(indices[h])
+            last = marks[j, 0]
+            fresh = (tag[j] == own) & (last != stamp)
+            queue[filled] = j  # kept only if it is fresh; a branch would be mispredicted half the time
+            filled += np.uint64(fresh)
+            marks[j, 0] = stamp if fresh else last
+    return np.int64(filled) == hi - lo
 
 
 @helper

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.graphs import components
 
-__all__ = ["absorb", "keepers", "mend_blocks", "mend_piece"]
+__all__ = ["absorb", "keepers", "mend_blocks", "mend_piece", "mend_sides"]
 
 _TIE = 1e-7  # relative: closer sizes, interfaces and places count as equal (rounding far from the origin)
 
@@ -170,6 +170,22 @@ def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, meas
             for k in range(offsets[c], offsets[c + 1]):
                 kept[nodes[k]] = -1
     return absorb(rows, columns, lengths, kept, nodes, offsets, loose[:found], keeper, places)
+
+
+@kernel
+def mend_sides(pieces, cells, tag, indptr, indices, interface, centroids, measures, local):
+    """Connect both sides of each of the connected ``pieces (P, 2)``, slices of ``cells``: they are tags.
+
+    See ``piece_splits`` for all these, and :func:`mend_piece` for ``local``.
+    """
+    for p in range(len(pieces)):
+        lo, hi = pieces[p, 0], pieces[p, 1]
+        own, sides = np.empty(hi - lo, np.int32), np.empty(hi - lo, np.int64)
+        for k in range(hi - lo):
+            own[k], sides[k] = cells[lo + k], tag[cells[lo + k]] & 1
+        found = mend_piece(own, sides, 2, indptr, indices, interface, centroids, measures, local)
+        for k in range(hi - lo):
+            tag[own[k]] = 2 * hi - 1 if found[k] else 2 * lo
 
 
 @kernel

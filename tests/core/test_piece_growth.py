@@ -21,6 +21,7 @@ from agglo_core.kernels.piece_splits import (
     HEAVY,
     SAMPLED,
     cells_beside,
+    is_connected,
     piece_room,
     reach_of_cells,
     sides_connected,
@@ -240,6 +241,33 @@ def test_heavy_cells_are_in_every_sample() -> None:
     assert (weights[heavy] > HEAVY * weights.mean()).all()
     assert (sample[heavy] == 2).all()
     assert 0.08 < (sample > 0).mean() < 0.2
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 40), SEEDS)
+def test_a_piece_is_connected_as_networkx_finds(n: int, seed: int) -> None:
+    graph, rng = lumpy_graph(n, 2, seed), np.random.default_rng(seed)
+    count = int(rng.integers(1, n + 1))
+    cells = np.sort(rng.permutation(n)[:count]).astype(np.int32)
+    tag = np.ones(n, np.int32)
+    tag[cells] = 0
+    room = np.empty(count + 1, np.int32), np.zeros((n, 4), np.int32)
+    found = is_connected(graph.indptr, graph.indices, cells, 0, count, tag, *room, 1)
+    assert found == nx.is_connected(nx.from_scipy_sparse_array(graph.to_scipy()).subgraph(cells.tolist()))
+
+
+def test_pieces_that_cuts_tore_are_mended() -> None:
+    """A comb: most cuts go through its teeth."""
+    teeth = np.array([(x, y) for x in range(0, 80, 2) for y in range(1, 20)])
+    places = np.concatenate((np.stack((np.arange(80), np.zeros(80, int)), axis=1), teeth))
+    corners = (places[:, None] + np.array([(0, 0), (1, 0), (1, 1), (0, 1)])).reshape(-1, 2)
+    points, loops = np.unique(corners, axis=0, return_inverse=True)
+    mesh = Mesh.from_polygons(points.astype(float), loops.reshape(-1, 4))
+    hierarchy = grown(mesh, n_parts=50)
+    assert hierarchy.parts == [50]
+    assert hierarchy.statistics["repairs"] > 20
+    assert hierarchy.statistics["bisections"] == 49
+    assert_kept(hierarchy)
 
 
 def test_tiny_pieces_of_which_parts_broke_are_split_with_care() -> None:
