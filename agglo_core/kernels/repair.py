@@ -145,7 +145,7 @@ def _piece(cells, indptr, indices, interface, local):
     return rows, columns, lengths
 
 
-@kernel
+@helper(allocates=True)
 def mend_piece(cells, labels, parts, indptr, indices, interface, centroids, measures, local):
     """Labels ``(m,)`` of the connected piece ``cells (m,)``, every one of the ``parts`` connected.
 
