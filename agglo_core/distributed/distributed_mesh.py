@@ -92,7 +92,7 @@ class DistributedMesh(CellValues):
             By default those of ``MPI.COMM_WORLD``.
         method : str
             ``"coordinates"``: whole blocks, so that :func:`agglomerate` makes the same parts on any number of
-            ranks; boxes if a rank had 1.2 times the mean. ``"curve"``: stretches of a space-filling curve.
+            ranks; boxes if one had 1.6 times the mean. ``"curve"``: stretches of a space-filling curve.
         block_cells : int, optional
             How many cells make a block, at most about: 16,384, in space 131,072; as for :func:`agglomerate`.
 

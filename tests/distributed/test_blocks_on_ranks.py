@@ -136,7 +136,7 @@ def test_blocks_in_pieces_are_agglomerated_where_they_lie_unless_asked_for() -> 
 def shares() -> list[float]:
     """Largest share over the mean, of meshes of few and of many blocks."""
     ranks, found = Ranks(), []
-    for n in (10, 700, 5000):
+    for n in (10, 400, 700, 5000):
         whole = samples.voronoi(n, seed=n) if ranks.rank == 0 else None
         mesh = DistributedMesh.scatter(whole, ranks, block_cells=100)
         found.append(ranks.largest(len(mesh.own)) * ranks.size / n)
@@ -144,8 +144,9 @@ def shares() -> list[float]:
 
 
 def test_no_rank_has_many_more_cells_than_the_others() -> None:
-    few, some, many = on_ranks(3, shares)[0]
+    few, four, some, many = on_ranks(3, shares)[0]
     assert few == pytest.approx(1.2)  # 4 cells of 10
+    assert four == pytest.approx(1.5)  # 2 blocks of 4
     assert some == pytest.approx(1.125, abs=0.01)  # 3 blocks of 8
     assert many == pytest.approx(22 / 64 * 3, abs=0.01)
 
