@@ -104,14 +104,14 @@ def write_grids(
     check_names(mesh.face_tags, "face")
     taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
     with staging(path) as folder:
-        own = part(tell, 0, 1 + len(levels))
-        piece = piece_of(mesh, storage.faces, tags, {})
-        storage.write(folder / path.name, piece, compress=compress, tell=own)
-        for i, labels in enumerate(levels):
-            own = part(tell, 1 + i, 1 + len(levels), f"level {i}")
+        for i, labels in enumerate(levels):  # before the mesh, of which then less is derived: it would stay
+            own = part(tell, i, 1 + len(levels), f"level {i}")
             piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], taken)
             storage.write(folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=own)
             del piece  # or it would be there while the next one is made
+        own = part(tell, len(levels), 1 + len(levels))
+        piece = piece_of(mesh, storage.faces, tags, {})
+        storage.write(folder / path.name, piece, compress=compress, tell=own)
     if levels:
         _remove_stale(storage, path, len(levels))
 
