@@ -13,7 +13,7 @@ _BINS_2D, _BINS_3D = 32, 12  # along each axis; even: the middle is a border
 _BIN_TIE = 1e-4  # of a bin: points this close to a border lie below it
 _AXES = 8
 _COS, _SIN = np.cos(np.pi / _AXES), np.sin(np.pi / _AXES)
-_MANY = 2048  # cells of which a sample serves
+_MANY = 4096  # cells of which a sample serves
 LANES = 32
 """Points that loops over them take at a time: those of weight 0 fill the last round, or it would be slow."""
 
