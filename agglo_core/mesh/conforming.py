@@ -9,6 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import last_place
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
@@ -18,7 +19,7 @@ __all__ = ["TOLERANCE", "Joined", "join_outer_faces", "reach", "warn_of_gaps"]
 _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
-_NEAR = 1e-3  # tolerance at which faces are still told, though not joined
+_NEAR = 1e-2  # tolerance at which faces are still told, though not joined
 _WHOLE = 1e-6  # of a face: what others may leave uncovered
 _ROUNDING = 8  # units in the last place of the largest coordinate
 
@@ -125,16 +126,8 @@ def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
     height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / outer.measure
     small = np.minimum(size, height)[pairs].min(axis=1)
-    rounding = _ROUNDING * _last_place(mesh.points[outer.used])
+    rounding = _ROUNDING * last_place(mesh.points[outer.used])
     return frozen_float(np.minimum(np.maximum(tolerance * small, rounding), 0.01 * small))
-
-
-def _last_place(points: Float) -> float:
-    """Unit in the last place of the largest coordinate, in single precision if all are such numbers."""
-    largest = np.abs(points).max()
-    with np.errstate(over="ignore", under="ignore"):
-        single = (points == points.astype(np.float32)).all()
-    return float(np.spacing(np.float32(largest)) if single else np.spacing(largest))
 
 
 def _places(n: int, same: Int) -> Int:
