@@ -32,10 +32,11 @@ def read(
 
     The pieces of a ``.pvtu`` are shared out as they follow one another, about as many bytes to each rank:
     a rank may get several, or none. Points with the same global id are one, where all pieces have such ids,
-    else those at exactly the same place. Vertices that hang on faces of other cells, on whichever ranks, are
-    inserted there as by :meth:`agglo_core.Mesh.conforming` if points have no ids. Cells are numbered as :func:`agglo_core.read` does: by their global
-    ids in files of :func:`write`, else piece by piece. A file of any other format is read by rank 0 and
-    shared out by coordinates, as by :meth:`DistributedMesh.scatter`.
+    else those at exactly the same place, and vertices that hang on faces of other cells, on whichever ranks,
+    are inserted there as by :meth:`agglo_core.Mesh.conforming`. Cells are numbered as
+    :func:`agglo_core.read` does: by their global ids in files of :func:`write`, else piece by piece. A file
+    of any other format is read by rank 0 and shared out by coordinates, as by
+    :meth:`DistributedMesh.scatter`.
 
     Parameters
     ----------
