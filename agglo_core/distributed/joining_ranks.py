@@ -22,8 +22,6 @@ from agglo_core.mesh.touching import facing_pairs, find_contacts, outer_faces
 
 __all__ = ["joined_across"]
 
-_WITHIN = 1 - 1e-6  # share of a face that must lie on another to be one of its tiles
-
 
 def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
     """Own cells, with all points that hang on their faces, as a mesh that ends where others begin.
@@ -86,7 +84,7 @@ def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
     found = find_contacts(outer, pairs, reach(mesh, outer, pairs, TOLERANCE))
     others = ~is_own[owner[found.pairs]]
     shut[outer.faces[~is_own[owner]]] = True
-    shut[outer.faces[found.pairs[others & (found.share > _WITHIN)]]] = False
+    shut[outer.faces[found.pairs[others & (found.share > 1 - found.slack[:, None])]]] = False
     return shut
 
 

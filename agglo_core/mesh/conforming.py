@@ -20,7 +20,6 @@ _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
 _NEAR = 1e-2  # tolerance at which faces are still told, though not joined
-_WHOLE = 1e-6  # of a face: what others may leave uncovered
 _ROUNDING = 8  # units in the last place of the largest coordinate
 
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
@@ -207,13 +206,13 @@ def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
 def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
     """Faces that others, each on this one alone, cover without rest: the face and each of the others."""
     both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
-    within = np.concatenate((contacts.share[:, 1], contacts.share[:, 0])) > 1 - _WHOLE
-    large, small = both[within & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)].T
+    share, slack = np.concatenate((contacts.share, contacts.share[:, ::-1])), np.tile(contacts.slack, 2)
+    tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)
+    large, small = both[tile].T
     n = len(times)
-    cover = np.bincount(large, weights=outer.measure[small], minlength=n)
-    full = (np.abs(cover - outer.measure) <= _WHOLE * outer.measure) & (
-        np.bincount(large, minlength=n) == times
-    )
+    cover = np.bincount(large, weights=share[tile, 0], minlength=n)
+    rest = np.bincount(large, weights=(slack * share[:, 0])[tile], minlength=n)
+    full = (np.abs(cover - 1) <= 2 * rest) & (np.bincount(large, minlength=n) == times)
     return frozen_int(large[full[large]]), frozen_int(small[full[large]])
 
 

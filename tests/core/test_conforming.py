@@ -262,18 +262,6 @@ def test_a_finer_box_beside_a_coarse_one() -> None:
         assert ((between * each.face_normals).sum(axis=1)[(each.face_cells >= 0).all(axis=1)] > 0).all()
 
 
-def test_split_faces_of_single_precision_are_closed_enough(tmp_path: Path) -> None:
-    """The points that hang on an edge are rounded away from it: what is written is read back."""
-    points, cells = together(bricks(2, 0), bricks(4, 1))
-    bent = (points @ [[3.0, 0.7, 0.2], [-0.3, 2.0, 0.1], [0.1, 0.3, 1.1]]).astype(np.float32)
-    mesh = solids((bent, cells))
-    assert pairs(mesh) == 172
-    write(tmp_path / "bent.vtu", mesh)
-    back = read(tmp_path / "bent.vtu")
-    assert (back.n_cells, pairs(back)) == (mesh.n_cells, 172)
-    assert back.cell_measures == pytest.approx(mesh.cell_measures, rel=1e-12)
-
-
 def test_equal_faces_with_points_of_their_own() -> None:
     mesh = solids(bricks(2, 0), bricks(2, 1))
     assert mesh.repairs == {"points of outer faces merged": 9}
