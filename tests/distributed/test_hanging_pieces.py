@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from core.test_io_pvtu import listing
+from core.test_io_vtu import Writer
 from numpy.typing import NDArray
 from on_ranks import on_ranks
 from scipy import sparse
@@ -119,3 +120,28 @@ def test_hanging_vertices_are_found_across_ranks(tmp_path: Path, size: int, dim:
         assert abs(found - whole).max() < 1e-6
         np.testing.assert_allclose(answers[0][1], graph.boundary, rtol=0.0, atol=1e-6)
         assert [connected for *_, connected in answers] == [1.0] * size
+
+
+def face_tags(file: str) -> Any:
+    """Of the faces whose owner is on this rank."""
+    mesh = read_shared(file, Ranks())
+    owner = mesh.owners[mesh.local.face_cells[:, 0]]
+    return mesh.local.face_tags["mat"][owner == mesh.ranks.rank].tolist()
+
+
+def test_both_parts_of_a_split_face_have_its_tags(tmp_path: Path) -> None:
+    """A large square, two small ones on another rank; lines say 7 below, 8 between them, 9 on the right."""
+    large = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
+    small = [[2, 0, 0], [3, 0, 0], [3, 1, 0], [2, 1, 0], [3, 2, 0], [2, 2, 0]]
+    pieces = (
+        (large, [(9, [0, 1, 2, 3]), (3, [0, 1]), (3, [1, 2])], [4, 7, 8]),
+        (small, [(9, [0, 1, 2, 3]), (9, [3, 2, 4, 5]), (3, [1, 2])], [5, 6, 9]),
+    )
+    for rank, (points, cells, tags) in enumerate(pieces):
+        w = Writer()
+        piece = w.piece(np.array(points, float), cells, data=w.array("mat", tags, "i4"))
+        (tmp_path / f"{rank}.vtu").write_bytes(w.file(piece))
+    (tmp_path / "all.pvtu").write_text(listing("0.vtu", "1.vtu"))
+    answers = on_ranks(2, face_tags, str(tmp_path / "all.pvtu"))
+    assert sorted(tag for tags in answers for tag in tags) == [-1] * 6 + [7, 8, 8, 9]
+    assert sorted(read(tmp_path / "all.pvtu").face_tags["mat"].tolist()) == [-1] * 6 + [7, 8, 8, 9]
