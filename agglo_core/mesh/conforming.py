@@ -123,7 +123,8 @@ def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     if not len(pairs):
         return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
-    height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / outer.measure
+    area = np.where(outer.measure > 0, outer.measure, 1.0)  # faces without any are in no pair
+    height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / area
     small = np.minimum(size, height)[pairs].min(axis=1)
     rounding = _ROUNDING * last_place(mesh.points[outer.used])
     return frozen_float(np.minimum(np.maximum(tolerance * small, rounding), 0.01 * small))
