@@ -24,7 +24,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-__all__ = ["Ended", "ended", "launch", "on_ranks", "started"]
+__all__ = ["Ended", "by_open_mpi", "ended", "launch", "on_ranks", "started"]
 
 T = TypeVar("T")
 
@@ -108,6 +108,12 @@ def ended(running: subprocess.Popen[str], seconds: float) -> Ended:
             out, err = running.communicate()
         raise AssertionError(f"still running after {seconds:.0f} s\n{out}{err}") from None
     return Ended(running.returncode, out, err, time.monotonic() - start)
+
+
+def by_open_mpi() -> bool:
+    """Whether the ``mpiexec`` that is found is Open MPI's, which ends other ranks by SIGTERM."""
+    told = subprocess.run([_mpiexec(), "--version"], capture_output=True, text=True, check=False)
+    return "Open MPI" in told.stdout or "OpenRTE" in told.stdout
 
 
 _SURROUNDINGS = {

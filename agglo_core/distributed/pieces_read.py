@@ -12,7 +12,10 @@ import numpy as np
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.distributed_mesh import DistributedMesh
-from agglo_core.distributed.halo import part_of_whole
+from agglo_core.distributed.halo import own_cells, part_of_whole
+from agglo_core.distributed.joining_ranks import joined_across
+from agglo_core.distributed.touching_ranks import outer_faces_touch
+from agglo_core.distributed.whole_cells import WholeCells
 from agglo_core.errors import FileError, MeshError
 from agglo_core.io.bridges import single_loops
 from agglo_core.io.file_checks import naming
@@ -54,13 +57,31 @@ def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool
     tags = [name for name in facts[0].cell_tags if all(name in each.cell_tags for each in facts)]
     with ranks.together(), naming(file):
         usual = _common(facts)
-        given = _given(own, facts, tags, usual) | {"allow_gaps": allow_gaps}
+        given = _given(own, facts, tags, usual)
     if all(each.point_ids for each in facts):
-        mesh = DistributedMesh.from_local(ranks, **given)
-    else:
-        del given["point_ids"]
-        mesh = DistributedMesh.from_pieces(ranks, **given)
+        return _with_usual(DistributedMesh.from_local(ranks, **given, allow_gaps=allow_gaps), usual)
+    del given["point_ids"]
+    mesh = DistributedMesh.from_pieces(ranks, **given, allow_gaps=True)
+    if not allow_gaps and outer_faces_touch(_whole_own(mesh), ranks):
+        mesh = _without_gaps(mesh)
     return _with_usual(mesh, usual)
+
+
+def _whole_own(mesh: DistributedMesh) -> WholeCells:
+    ids = mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids
+    return own_cells(mesh.local, *ids, mesh.ranks.rank)
+
+
+def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
+    """The same with outer faces that lie on one another made one, across ranks."""
+    ranks, whole = mesh.ranks, _whole_own(mesh)
+    alone = joined_across(whole, ranks, mesh.local.name)
+    own = None if alone is None else _Own(alone, None, whole.cells)
+    facts = [each for each in ranks.gathered(None if own is None else _facts(own)) if each is not None]
+    with ranks.together():
+        given = _given(own, facts, facts[0].cell_tags, dict.fromkeys(facts[0].usual, 0))
+    del given["point_ids"]
+    return DistributedMesh.from_pieces(ranks, **given)
 
 
 class _Facts(NamedTuple):
@@ -87,10 +108,11 @@ def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
     soup = in_global_order(soup if stored.ours else soup._replace(cell_ids=None))
     merge = soup.point_ids is None
     mesh = mesh_of_soup(soup, ghosts, stored.left_out, merge_points=merge, allow_gaps=True, name=name)
-    if not allow_gaps and mesh.conforming(merge_points=merge).n_faces != mesh.n_faces:
+    if not (allow_gaps or merge) and mesh.conforming(merge_points=False).n_faces != mesh.n_faces:
         raise FileError(
-            "outer faces of its pieces lie on one another: either they are to stay apart (allow_gaps=True), "
-            "or rank 0 reads the file with agglo.read, which joins them, and shares the mesh out"
+            "outer faces of its pieces lie on one another, but global ids say that their points are not the "
+            "same: either they are to stay apart (allow_gaps=True), or rank 0 reads the file with "
+            "agglo.read, which joins them, and shares the mesh out"
         )
     point_ids = None if soup.point_ids is None else _of_used_points(soup, mesh)
     return _Own(mesh, point_ids, soup.cell_ids)

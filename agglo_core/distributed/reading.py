@@ -32,9 +32,11 @@ def read(
 
     The pieces of a ``.pvtu`` are shared out as they follow one another, about as many bytes to each rank:
     a rank may get several, or none. Points with the same global id are one, where all pieces have such ids,
-    else those at exactly the same place. Cells are numbered as :func:`agglo_core.read` does: by their global
-    ids in files of :func:`write`, else piece by piece. A file of any other format is read by rank 0 and
-    shared out by coordinates, as by :meth:`DistributedMesh.scatter`.
+    else those at exactly the same place, and vertices that hang on faces of other cells, on whichever ranks,
+    are inserted there as by :meth:`agglo_core.Mesh.conforming`. Cells are numbered as
+    :func:`agglo_core.read` does: by their global ids in files of :func:`write`, else piece by piece. A file
+    of any other format is read by rank 0 and shared out by coordinates, as by
+    :meth:`DistributedMesh.scatter`.
 
     Parameters
     ----------
@@ -42,8 +44,8 @@ def read(
     ranks : Ranks, optional
         By default those of ``MPI.COMM_WORLD``.
     allow_gaps : bool
-        Leave outer faces that lie on one another as they are. By default a file of one mesh is read as by
-        :func:`agglo_core.read`, which joins them; pieces with such faces are refused.
+        Leave outer faces that lie on one another as they are. By default they are joined, as by
+        :func:`agglo_core.read`; pieces with global ids of points and with such faces are refused.
     registry : Registry, optional
         Where formats are looked up; by default the installed plugins.
 
@@ -51,10 +53,6 @@ def read(
     ------
     FileError, MeshError
         As :func:`agglo_core.read`, naming the piece; what fails on one rank is a RankError on the others.
-
-    Notes
-    -----
-    In pieces, vertices that hang on a face of a cell of another rank are not found.
 
     Examples
     --------

@@ -17,7 +17,7 @@ from agglo_core.mesh.conforming import TOLERANCE, reach
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import facing_pairs, find_contacts, outer_faces
 
-__all__ = ["refuse_hanging_vertices"]
+__all__ = ["cells_near", "outer_faces_touch", "refuse_hanging_vertices"]
 
 _log = logging.getLogger("agglo")
 
@@ -46,10 +46,10 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
     MeshError
         On all ranks, naming two cells and their ranks.
     """
-    near = _near(own, ranks)
+    near = cells_near(own, ranks)
     fault = None
     with ranks.together():
-        pairs, hang = _contacts(near) if len(near.cells) else (np.empty((0, 2), np.int64), np.empty(0, bool))
+        pairs, hang = _contacts(near)
         if hang.any():
             told = " and ".join(_named(near, cell) for cell in pairs[np.argmax(hang)])
             fault = (
@@ -67,11 +67,19 @@ def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
         )
 
 
+def outer_faces_touch(own: WholeCells, ranks: Ranks) -> bool:
+    """Whether outer faces of any ranks lie on one another, with points in common or without."""
+    near = cells_near(own, ranks)
+    with ranks.together():
+        found = len(_contacts(near)[0]) > 0
+    return any(ranks.gathered(found))
+
+
 def _named(near: WholeCells, cell: int) -> str:
     return f"cell {near.cells[cell]} (rank {near.owners[cell]})"
 
 
-def _near(own: WholeCells, ranks: Ranks) -> WholeCells:
+def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
     """Own cells with outer faces, and those of other ranks that may touch them."""
     with ranks.together():
         rim = _rim(own)
@@ -120,6 +128,8 @@ def _parcels(
 
 def _contacts(near: WholeCells) -> tuple[Int, Mask]:
     """Pairs of cells whose outer faces lie on one another, and which of them have points in common."""
+    if not len(near.cells):
+        return frozen_int(np.empty((0, 2))), np.empty(0, bool)
     mesh, hidden = local_mesh(near, 0.5 * (near.coordinates.min(axis=0) + near.coordinates.max(axis=0)), "")
     outer = outer_faces(mesh)
     owner = mesh.face_cells[outer.faces, 0]

@@ -50,6 +50,11 @@ def _avs(path: Path) -> str | None:
 
 
 def _gmsh(path: Path) -> str | None:
+    if next(_words(path, comments=None), [""])[0] == "$NOD":
+        return (
+            "is a Gmsh file of version 1, which is not read; gmsh OLD.msh -save -format msh41 -o NEW.msh "
+            'makes one that is, and so does deal.II by GridOut().write_msh(triangulation, "mesh.msh")'
+        )
     if not any(kind in _GMSH_POLYTOPES for kind in _gmsh_types(path)):
         return None
     return f"is a Gmsh file with polygons or polyhedra, which are not read from it yet; {_POLYGONS}"

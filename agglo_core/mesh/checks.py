@@ -22,6 +22,7 @@ __all__ = [
     "check_points",
     "check_tags",
     "compact_points",
+    "last_place",
     "name_cells",
     "note_repairs",
     "whole_numbers",
@@ -44,6 +45,14 @@ def box_centre(points: Float) -> Float:
     """
     # column by column: numpy reduces the long axis of a narrow array ten times slower
     return frozen_float([0.5 * (column.min() + column.max()) for column in points.T])
+
+
+def last_place(points: Float) -> float:
+    """Unit in the last place of the largest coordinate, in single precision if all are such numbers."""
+    largest = np.abs(points).max()
+    with np.errstate(over="ignore", under="ignore"):
+        single = (points == points.astype(np.float32)).all()
+    return float(np.spacing(np.float32(largest)) if single else np.spacing(largest))
 
 
 def name_cells(cells: ArrayLike) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import last_place
 from agglo_core.mesh.derived import Derived
 from agglo_core.mesh.elements import gather
 from agglo_core.mesh.touching import Contacts, Outer, facing_pairs, find_contacts, outer_faces
@@ -18,8 +19,7 @@ __all__ = ["TOLERANCE", "Joined", "join_outer_faces", "reach", "warn_of_gaps"]
 _log = logging.getLogger("agglo")
 
 TOLERANCE = 1e-6  # relative to the cells: above rounding, below any gap that is meant
-_NEAR = 1e-3  # tolerance at which faces are still told, though not joined
-_WHOLE = 1e-6  # of a face: what others may leave uncovered
+_NEAR = 1e-2  # tolerance at which faces are still told, though not joined
 _ROUNDING = 8  # units in the last place of the largest coordinate
 
 _CUT = {2: "hanging vertices inserted", 3: "faces split like those of neighbours"}
@@ -123,18 +123,11 @@ def reach(mesh: Derived, outer: Outer, pairs: Int, tolerance: float) -> Float:
     if not len(pairs):
         return frozen_float([])
     size = outer.measure if mesh.dim == 2 else np.sqrt(outer.measure)
-    height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / outer.measure
+    area = np.where(outer.measure > 0, outer.measure, 1.0)  # faces without any are in no pair
+    height = mesh.cell_measures[mesh.face_cells[outer.faces, 0]] / area
     small = np.minimum(size, height)[pairs].min(axis=1)
-    rounding = _ROUNDING * _last_place(mesh.points[outer.used])
+    rounding = _ROUNDING * last_place(mesh.points[outer.used])
     return frozen_float(np.minimum(np.maximum(tolerance * small, rounding), 0.01 * small))
-
-
-def _last_place(points: Float) -> float:
-    """Unit in the last place of the largest coordinate, in single precision if all are such numbers."""
-    largest = np.abs(points).max()
-    with np.errstate(over="ignore", under="ignore"):
-        single = (points == points.astype(np.float32)).all()
-    return float(np.spacing(np.float32(largest)) if single else np.spacing(largest))
 
 
 def _places(n: int, same: Int) -> Int:
@@ -214,13 +207,13 @@ def _tiled(outer: Outer, contacts: Contacts, merge: bool) -> _Pieces:
 def _tiles(outer: Outer, contacts: Contacts, fits: Mask, times: Int) -> tuple[Int, Int]:
     """Faces that others, each on this one alone, cover without rest: the face and each of the others."""
     both = np.concatenate((contacts.pairs, contacts.pairs[:, ::-1]))
-    within = np.concatenate((contacts.share[:, 1], contacts.share[:, 0])) > 1 - _WHOLE
-    large, small = both[within & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)].T
+    share, slack = np.concatenate((contacts.share, contacts.share[:, ::-1])), np.tile(contacts.slack, 2)
+    tile = (share[:, 1] > 1 - slack) & np.tile(fits & ~contacts.alike, 2) & (times[both[:, 1]] == 1)
+    large, small = both[tile].T
     n = len(times)
-    cover = np.bincount(large, weights=outer.measure[small], minlength=n)
-    full = (np.abs(cover - outer.measure) <= _WHOLE * outer.measure) & (
-        np.bincount(large, minlength=n) == times
-    )
+    cover = np.bincount(large, weights=share[tile, 0], minlength=n)
+    rest = np.bincount(large, weights=(slack * share[:, 0])[tile], minlength=n)
+    full = (np.abs(cover - 1) <= 2 * rest) & (np.bincount(large, minlength=n) == times)
     return frozen_int(large[full[large]]), frozen_int(small[full[large]])
 
 

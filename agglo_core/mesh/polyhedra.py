@@ -17,6 +17,7 @@ from agglo_core.mesh.checks import (
     check_offsets,
     check_points,
     compact_points,
+    last_place,
     name_cells,
     note_repairs,
     whole_numbers,
@@ -27,6 +28,8 @@ from agglo_core.mesh.polygons import Faces
 __all__ = ["build_polyhedra", "solids_as_csr"]
 
 _CLOSED = 1e-9  # of a cell's surface: what its area vectors may add up to
+_SLIT = 1e-4  # the same for cells that are small beside the rounding of their coordinates
+_ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
 
 
 def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
@@ -44,7 +47,7 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     _refuse_repeats(cell_of, loop_offsets, vertices, len(points))
     local = frozen_float(points - box_centre(points))
     vector, centre = face_moments(local, loop_offsets, vertices)
-    sign = _outward(cell_of, loop_offsets, vertices, vector, centre)
+    sign = _outward(cell_of, loop_offsets, vertices, vector, centre, _ROUNDING * last_place(points))
     repairs["faces turned outward"] = int((sign < 0).sum())
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
@@ -96,18 +99,23 @@ def _refuse_repeats(cell_of: Int, loop_offsets: Int, vertices: Int, n_points: in
         raise MeshError(f"{name_cells(cells)}: a face with a repeated vertex")
 
 
-def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, centre: Float) -> Float:
+def _outward(
+    cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, centre: Float, off: float
+) -> Float:
     """Sign of each half-face: −1 where its loop as given is clockwise seen from outside.
 
     Where all faces of a cell look away from its middle, or all look towards it, they are taken as they
-    are; elsewhere neighbours across an edge must traverse it in opposite directions.
+    are; elsewhere neighbours across an edge must traverse it in opposite directions. Points that hang on
+    an edge may be ``off`` it, so that the tiles of a split face and the faces beside it leave a slit.
     """
     from agglo_core.kernels.solid_cells import surfaces
 
     offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
     area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
     alike = (least >= 0) | (most <= 0)
-    doubtful = np.flatnonzero(~(alike & (gap <= _CLOSED * area))[cell_of])
+    slit = np.minimum(off * np.sqrt(area), _SLIT * area)
+    closed = np.maximum(_CLOSED * area, slit)
+    doubtful = np.flatnonzero(~(alike & (gap <= closed))[cell_of])
     sign = np.ones(len(cell_of))
     if len(doubtful):
         cells = cell_of[doubtful]
@@ -116,7 +124,7 @@ def _outward(cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, cent
         loops = _take_loops(loop_offsets, vertices, doubtful, np.ones(len(doubtful), bool))
         sign[doubtful] = _consistent(frozen_int(cells), *loops, flux)
         _, gap, _, _, total, *_ = surfaces(offsets, frozen_float(vector * sign[:, None]), centre).T
-    broken = np.flatnonzero(gap > _CLOSED * area)
+    broken = np.flatnonzero(gap > closed)
     if len(broken):
         raise MeshError(f"{name_cells(broken)}: the faces do not close, or cannot be oriented")
     flat = np.flatnonzero(np.abs(total) <= 3e-15 * area**1.5)

@@ -16,7 +16,10 @@ from agglo_core.mesh.geometry3d import face_moments
 __all__ = ["Contacts", "Outer", "facing_pairs", "find_contacts", "outer_faces"]
 
 _CHUNK = 50_000  # faces whose candidates are held at once
-_OVERLAP = 1e-6  # of the smaller face: what plane faces must share to overlap
+_OVERLAP = 1e-6  # of the smaller face: what faces must share to overlap, and may lack to lie within
+_BESIDE = 8, 1e-3  # the same in units of the reach over the size of the smaller face, and at most
+_LIFT = 0.3  # of the smaller radius: how far a centre may be off the plane of the other, as faces are warped
+_LAID = 3  # vertices of a tile of a warped face that lie on its edges
 
 
 class Outer(NamedTuple):
@@ -38,6 +41,7 @@ class Contacts(NamedTuple):
 
     pairs: Int  # (k, 2) faces that lie on one another, at least in part
     share: Float  # (k, 2) how much of either lies on the other (3-D only)
+    slack: Float  # (k,) by how much that may be off, as points are rounded (3-D only)
     alike: Mask  # (k,) whether their vertices are at the same places (3-D only)
     distinct: Mask  # (k,) whether some points of theirs at one place are not the same point (3-D only)
     same: Int  # (p, 2) points that are one
@@ -108,7 +112,7 @@ def _candidates(outer: Outer) -> Iterator[Int]:
             i, j = own[near["i"] + start], others[near["j"]]
             small = np.minimum(outer.radius[i], outer.radius[j])
             lift = np.einsum("ij,ij->i", outer.centre[j] - outer.centre[i], outer.normal[i])
-            close = (np.abs(lift) <= 0.05 * small) & (i != j)
+            close = (np.abs(lift) <= _LIFT * small) & (i != j)
             yield frozen_int(np.stack((i[close], j[close]), axis=1))
 
 
@@ -143,6 +147,7 @@ def _edges(outer: Outer, pairs: Int, reach: Float) -> Contacts:
     return Contacts(
         pairs,
         frozen_float(np.zeros((len(pairs), 2))),
+        frozen_float(np.zeros(len(pairs))),
         np.zeros(len(pairs), bool),
         np.zeros(len(pairs), bool),
         frozen_int(np.concatenate(same)),
@@ -160,31 +165,66 @@ def _beside(outer: Outer, edge: Int, vertices: Int) -> tuple[Float, Float]:
 
 
 def _plates(outer: Outer, pairs: Int, reach: Float) -> Contacts:
-    """Faces with the same vertices, and plane faces in one plane that share an area."""
+    """Faces with the same vertices, plane faces in one plane that share an area, tiles of warped faces."""
     row, first, second = _all_vertex_pairs(outer, pairs)
     gap = np.linalg.norm(outer.points[first] - outer.points[second], axis=1)
     near = gap <= reach[row]
     hits = np.bincount(row[near], minlength=len(pairs))
     sizes = np.diff(outer.offsets)[pairs]
     alike = (hits == sizes[:, 0]) & (hits == sizes[:, 1])
-    normal = outer.normal[pairs[row, 0]]
-    lift = [((outer.points[v] - outer.centre[pairs[row, 0]]) * normal).sum(axis=1) for v in (first, second)]
-    high = np.zeros(len(pairs))
-    np.maximum.at(high, row, np.maximum(*np.abs(lift)))
-    flat = np.flatnonzero(~alike & (high <= reach))
+    size = outer.measure[pairs]
+    ordered = frozen_int(np.where((size[:, 0] < size[:, 1])[:, None], pairs[:, ::-1], pairs))  # large, small
+    high, warp = _lifts(outer, ordered, row, first, second)
+    flat = high <= reach
+    bent = np.flatnonzero(~alike & ~flat & (high <= 1.01 * warp))
+    flat[bent] = _on_edges(outer, frozen_int(ordered[bent]), reach[bent]) >= _LAID
+    flat &= ~alike
     share = np.repeat(alike[:, None].astype(float), 2, axis=1)
-    share[flat] = _shares(outer, frozen_int(pairs[flat]))
-    over = share.max(axis=1, initial=0) > _OVERLAP
+    share[flat] = _shares(outer, frozen_int(pairs[flat]), outer.normal[ordered[flat, 0]])
+    slack = np.minimum(_BESIDE[0] * reach / np.sqrt(size.min(axis=1)), _BESIDE[1])
+    slack = np.maximum(slack, _OVERLAP)
+    over = share.max(axis=1, initial=0) > slack
     distinct = np.bincount(row[near & (first != second)], minlength=len(pairs)) > 0
     return Contacts(
         frozen_int(pairs[over]),
         frozen_float(share[over]),
+        frozen_float(slack[over]),
         alike[over],
         distinct[over],
         frozen_int(np.stack((first, second), axis=1)[near & over[row]]),
         frozen_int(np.empty((0, 2))),
         frozen_float([]),
     )
+
+
+def _lifts(outer: Outer, ordered: Int, row: Int, first: Int, second: Int) -> tuple[Float, Float]:
+    """How far the vertices of both faces, and those of the large one, are from its mean plane at most."""
+    large = ordered[row, 0]
+    high, warp = np.zeros(len(ordered)), np.zeros(len(ordered))
+    for vertices in (first, second):
+        lift = ((outer.points[vertices] - outer.centre[large]) * outer.normal[large]).sum(axis=1)
+        np.maximum.at(high, row, np.abs(lift))
+    rows, vertices, _ = _all_vertex_pairs(outer, ordered)
+    lift = ((outer.points[vertices] - outer.centre[large]) * outer.normal[large]).sum(axis=1)
+    np.maximum.at(warp, rows, np.abs(lift))
+    return frozen_float(high), frozen_float(warp)
+
+
+def _on_edges(outer: Outer, ordered: Int, reach: Float) -> Int:
+    """How many vertices of the second of two faces lie on edges of the first."""
+    following = np.arange(1, len(outer.vertices) + 1)
+    following[outer.offsets[1:] - 1] = outer.offsets[:-1]
+    offsets, edge = gather(outer.offsets, frozen_int(ordered[:, 0]))
+    row = np.repeat(np.arange(len(ordered)), np.diff(offsets))
+    ends, vertex = gather(outer.offsets, frozen_int(ordered[row, 1]))
+    times = np.diff(ends)
+    row, edge = np.repeat(row, times), np.repeat(edge, times)
+    tail, head = (outer.points[outer.vertices[places]] for places in (edge, following[edge]))
+    along, step = head - tail, outer.points[outer.vertices[vertex]] - tail
+    at = (step * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), np.finfo(float).tiny)
+    off = np.linalg.norm(step - np.clip(at, 0, 1)[:, None] * along, axis=1)
+    found = np.unique(np.stack((row, vertex))[:, off <= reach[row]], axis=1)[0]
+    return frozen_int(np.bincount(found, minlength=len(ordered)))
 
 
 def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
@@ -200,13 +240,12 @@ def _all_vertex_pairs(outer: Outer, pairs: Int) -> tuple[Int, Int, Int]:
     )
 
 
-def _shares(outer: Outer, pairs: Int) -> Float:
-    """How much of each of two faces in one plane the other covers ``(k, 2)``."""
+def _shares(outer: Outer, pairs: Int, normal: Float) -> Float:
+    """How much of each of two faces the other covers ``(k, 2)``, seen along ``normal (k, 3)``."""
     import shapely
 
     if not len(pairs):
         return frozen_float(np.empty((0, 2)))
-    normal = outer.normal[pairs[:, 0]]
     axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
     right = np.cross(axis, normal)
     right /= np.linalg.norm(right, axis=1)[:, None]

@@ -165,6 +165,15 @@ def test_faces_that_almost_touch_are_warned_about(gap: float, caplog: pytest.Log
     assert mesh.conforming(tolerance=1e-3).cell_measures.sum() == pytest.approx(6, abs=4e-4)
 
 
+def test_a_vertex_on_an_arc_beside_a_chord_is_warned_about(caplog: pytest.LogCaptureFixture) -> None:
+    """As where a mesh with round sides was refined in places: the vertex is .8 % of an edge off the chord."""
+    points = [[0, 0], [1, 0], [1, 2], [0, 2], [1.008, 1], [2, 0], [2, 1], [2, 2]]
+    mesh = Mesh.from_polygons(points, [[0, 1, 2, 3], [1, 5, 6, 4], [4, 6, 7, 2]])
+    assert pairs(mesh) == 1
+    assert "2 pairs of outer faces, such as of cells 0 and 1, lie on one another almost" in caplog.text
+    assert pairs(mesh.conforming(tolerance=1e-2)) == 3
+
+
 def test_single_precision_is_close_enough() -> None:
     points, cells = together(grid(1, 50, (0, 0, 0.01, 0.5)), grid(2, 100, (0.01, 0, 0.02, 0.5)))
     turned = points @ [[0.8, 0.6], [-0.6, 0.8]] + 1

@@ -41,12 +41,16 @@ $EndElements
 """
 
 
+MSH1 = "$NOD\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$ENDNOD\n$ELM\n1\n1 2 1 0 3 1 2 3\n$ENDELM\n"
+
+
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
         ("m.inp", UCD, r"AVS UCD file.*rename it to \.avs"),
         ("m.msh", MSH2, "Gmsh file with polygons.*not read from it yet"),
         ("m.msh", MSH4, "Gmsh file with polygons"),
+        ("m.msh", MSH1, r"Gmsh file of version 1.*gmsh OLD\.msh -save .*deal\.II by"),
     ],
 )
 def test_what_is_not_read_says_what_it_is(tmp_path: Path, name: str, text: str, says: str) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import time
 from pathlib import Path
 
 import pytest
 from command_line import Agglo
-from on_ranks import Ended, ended, launch, started
+from on_ranks import Ended, by_open_mpi, ended, launch, started
 
 from agglo_core import quality, read, read_hierarchy
 from agglo_core.cli.under_mpi import Launched, launched
@@ -21,8 +22,9 @@ import os, signal, sys, time
 from pathlib import Path
 import agglo_core.distributed.writing as writing
 from agglo_core.cli import main
+from agglo_core.cli.under_mpi import launched
 
-rank, how, kept = int(os.environ["PMI_RANK"]), sys.argv.pop(), writing.write_pieces
+rank, how, kept = launched(os.environ).rank, sys.argv.pop(), writing.write_pieces
 
 def faulty(*arguments, **options):
     kept(*arguments, **options)
@@ -46,6 +48,11 @@ main()
 
 def faulty(folder: Path, how: str) -> Ended:
     return launch(2, *RUN, "--parts", "4", "-o", "out.pvtu", how, cwd=folder, program=FAULTY, seconds=60.0)
+
+
+def of_ranks(done: Ended) -> str:
+    """Errors as ranks wrote them, without what mpiexec of Open MPI adds between lines of dashes."""
+    return "".join(re.split(r"^-{20,}\n", done.err, flags=re.MULTILINE)[::2])
 
 
 def left(folder: Path) -> list[str]:
@@ -121,7 +128,7 @@ def test_comparing_on_ranks_is_refused(tmp_path: Path) -> None:
     done = launch(4, "compare", "squares:n=4", cwd=tmp_path)
     assert (done.code, done.out) == (2, "")
     assert done.err.startswith("error: agglo compare works in one process, but 4 were started")
-    assert len(done.err.splitlines()) == 1
+    assert len(of_ranks(done).splitlines()) == 1
 
 
 def test_an_error_on_one_rank_ends_all_with_its_traceback(tmp_path: Path) -> None:
@@ -137,11 +144,12 @@ import os, sys
 from types import SimpleNamespace
 import numpy as np
 from agglo_core.cli import main
+from agglo_core.cli.under_mpi import launched
 from agglo_core.registry import Component, default, hookimpl
 
 class Toy:
     def bisect(self, graph, rng):
-        if os.environ["PMI_RANK"] == "1" and graph.n > 60:
+        if launched(os.environ).rank == 1 and graph.n > 60:
             raise ZeroDivisionError("a plugin's bug")
         order = np.argsort(np.argsort(graph.centroids[:, 0], kind="stable"))
         return order >= graph.n // 2
@@ -178,7 +186,8 @@ def test_a_rank_that_dies_ends_all(tmp_path: Path) -> None:
 def test_a_signal_to_one_rank_ends_all(tmp_path: Path, how: str, code: int) -> None:
     done = faulty(tmp_path, how)
     assert done.code == code
-    assert done.err.count(how) == 1
+    # Open MPI sends SIGTERM to the other rank when one aborts, which then says so, too
+    assert done.err.count(how) in ((1, 2) if how == "terminated" and by_open_mpi() else (1,))
     assert left(tmp_path) == []
 
 
