@@ -17,7 +17,7 @@ __all__ = ["scattered"]
 _METHODS = ("coordinates", "curve")
 
 _LARGEST_SHARE = 1.6
-"""Over the mean: with whole blocks no rank may have more. One that has two of four, of three ranks, has 1.5."""
+"""Over the mean: with whole blocks no rank may have more. Of three ranks one that has two of four has 1.5."""
 
 
 def _along_curve(centroids: Float, size: int) -> Int:
