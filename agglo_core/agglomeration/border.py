@@ -147,7 +147,7 @@ def _grown(
         if (owner[labels] != pieces).any():
             raise PluginError(f"{member.title} grew a part that lies in two pieces")
     else:  # one piece: a connected mesh, most of the time
-        owner[np.bincount(labels, minlength=total) > 0] = 0
+        owner[labels] = 0
     if tested and len(broken_blocks(graph, labels)):
         raise PluginError(f"{member.title} left a part disconnected")
     return labels, frozen_int(owner)
@@ -178,9 +178,10 @@ def checked_moves(member: Member, block: Int, before: Int, given: Any) -> Int:
         raise PluginError(
             f"{member.title} created labels {after.min()}..{after.max()} beyond 0..{len(block) - 1}"
         )
-    empty = np.flatnonzero(np.bincount(after, minlength=len(block)) == 0)
-    if len(empty):
-        raise PluginError(f"{member.title} emptied part {empty[0]}")
+    used = np.zeros(len(block), bool)
+    used[after] = True
+    if not used.all():
+        raise PluginError(f"{member.title} emptied part {int(used.argmin())}")
     moved = np.flatnonzero(after != before) if block.any() else frozen_int([])
     left = moved[block[after[moved]] != block[before[moved]]]
     if len(left):
