@@ -119,11 +119,11 @@ def _around(start, end, size, walk):
 
 
 @kernel
-def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell):
+def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, loops):
     """Closed loops of the cells ``first_cell``, ..., each on the left; no loop meets a vertex twice.
 
-    Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Returns loop counts per cell (n + 1,) as
-    offsets, vertex offsets per loop, and vertices.
+    Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes vertices to ``loops``, which has
+    room for one of each face; returns loop counts per cell (n + 1,) as offsets, and vertex offsets per loop.
     """
     n = len(offsets) - 1
     most = 0
@@ -137,7 +137,6 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell):
     place = np.empty(0, np.int64)  # where in the walk a vertex stands
     cell_loops = np.zeros(n + 1, np.int64)
     loop_ends = np.zeros(offsets[n] - offsets[0] + 1, np.int64)
-    loops = np.empty(offsets[n] - offsets[0], np.int64)
     n_loops, filled = 0, 0
     for c in range(n):
         size = offsets[c + 1] - offsets[c]
@@ -183,6 +182,4 @@ def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell):
                 length += 1
                 h = _next_edge(points, start, end, first, other, used, h, seed)
         cell_loops[c + 1] = n_loops
-    if filled < len(loops):
-        loops = loops[:filled].copy()
-    return cell_loops, loop_ends[: n_loops + 1].copy(), loops
+    return cell_loops, loop_ends[: n_loops + 1].copy()

@@ -51,18 +51,22 @@ def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, fac
     """Loops of the cells of a 2-D mesh, whose arrays these are."""
     from agglo_core.kernels.faces import chain_loops
 
+    vertices = np.empty(len(faces), np.int64)
+
     def chained(start: int, stop: int) -> tuple[Int, Int, Int]:
-        own = offsets[start : stop + 1]
-        made: tuple[Int, Int, Int] = chain_loops(points, own, faces, face_pairs, face_cells, start)
-        return made
+        own, room = offsets[start : stop + 1], vertices[offsets[start] : offsets[stop]]
+        cells, loops = chain_loops(points, own, faces, face_pairs, face_cells, start, room)
+        return cells, loops, room[: loops[-1]]
 
     found = over_ranges(chained, len(offsets) - 1, shares=1, work=len(faces))
-    if len(found) == 1:
-        return Loops(*map(frozen_int, found[0]))
-    cells, loops, vertices = zip(*found, strict=True)
-    return Loops(_joined(cells), _joined(loops), frozen_int(np.concatenate(vertices)))
+    cells, loops, used = zip(*found, strict=True)
+    if sum(map(len, used)) < len(vertices):  # a face with the same cell on both sides
+        vertices = np.concatenate(used)
+    return Loops(_joined(cells), _joined(loops), frozen_int(vertices))
 
 
 def _joined(offsets: Sequence[Int]) -> Int:
     """Offsets of lists that follow each other."""
-    return frozen_int(np.concatenate(([0], np.cumsum(np.concatenate([np.diff(each) for each in offsets])))))
+    before = np.cumsum([0, *(each[-1] for each in offsets)])
+    later = [each[1:] + start for each, start in zip(offsets[1:], before[1:], strict=False)]
+    return frozen_int(np.concatenate((offsets[0], *later)) if later else offsets[0])
