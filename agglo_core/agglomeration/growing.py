@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
@@ -69,8 +70,8 @@ def _split(
     with run.statistics.timed("grow"), phase(run.progress, "agglomerating") as tell:
         if isinstance(goal, CountGoal):
             return run.grow(graph, labels, growth, _quotas(graph, labels, goal), seeds, tell, tested=tested)
-        assert isinstance(growth, GrowthToSize)
-        return run.grow_to_size(graph, labels, growth, goal.limit, seeds, tell, tested=tested)
+        to_size = cast(GrowthToSize, growth)  # ``_serves`` has seen to it
+        return run.grow_to_size(graph, labels, to_size, goal.limit, seeds, tell, tested=tested)
 
 
 def _quotas(graph: Graph, labels: Int, goal: CountGoal) -> Int:

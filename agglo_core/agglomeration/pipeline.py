@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +29,7 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
 from agglo_core.progress import Listener, followed, phase
 from agglo_core.registry import Registry, default
-from agglo_core.threads import using_threads
+from agglo_core.threads import thread_count, using_threads
 
 __all__ = ["Choice", "Method", "Pipeline"]
 
@@ -161,7 +161,8 @@ class Pipeline(Rules):
         threads: int | None = None,
     ) -> Hierarchy:
         """Agglomerate ``mesh``, with names looked up in ``registry``; see :func:`~agglo_core.agglomerate`."""
-        with followed(progress, verbose) as listen, using_threads(threads):
+        count = thread_count() if threads is None else threads  # the environment is asked once
+        with followed(progress, verbose) as listen, using_threads(count):
             return self._hierarchy(mesh, default() if registry is None else registry, listen)
 
     def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
@@ -191,7 +192,7 @@ class Pipeline(Rules):
             levels,
             [goal.asked for goal in goals],
             self.nested or len(levels) == 1,
-            asdict(run.statistics) | told,
+            run.statistics.told() | told,
         )
 
     def new_run(self, registry: Registry, progress: Listener | None = None) -> Run:

@@ -74,6 +74,10 @@ class Statistics:
         """Context that adds its CPU time to ``seconds[phase]``."""
         return Timed(self.seconds, phase)
 
+    def told(self) -> dict[str, Any]:
+        """All of it by name, in a copy; :func:`dataclasses.asdict` takes ten times as long."""
+        return vars(self) | {"seconds": dict(self.seconds)}
+
     @contextmanager
     def limited(self) -> Iterator[None]:
         """Context that counts the searches in it which a time limit ends."""

@@ -214,9 +214,8 @@ class PieceGrowth:
         aim = (limit, self._floor, small, check)
         while counts[0]:
             self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
-            if counts[0] == 0:  # none is left but those that are torn
-                made = ready[: counts[1]].copy()
-                torn = made[:, 4] == TORN
+            if counts[0] == 0 and (torn := ready[: counts[1], 4] == TORN).any():  # none is left but these
+                made = ready[: counts[1]]
                 todo, whole = _enlarged(self._mended(made[torn])), made[~torn]
                 ready[: len(whole)] = whole
                 counts[:2] = len(made) - len(whole), len(whole)
@@ -262,9 +261,9 @@ class PieceGrowth:
         from agglo_core.kernels.piece_driver import MENDED
         from agglo_core.kernels.repair import mend_sides
 
-        if len(torn):
-            mend_sides(torn[:, :2].copy(), self._cells, self._tag, *self._graph[:5], self._local)
-        return np.column_stack((torn[:, :4], np.full(len(torn), MENDED)))
+        mend_sides(torn[:, :2].copy(), self._cells, self._tag, *self._graph[:5], self._local)
+        torn[:, 4] = MENDED
+        return torn
 
     def _places(self) -> Index:
         """A place in the piece of each cell, the same for all of its cells."""

@@ -42,12 +42,11 @@ _MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}
 class FastGNN:
     """Bisection by a learned direction and an exact sweep across it.
 
-    In the plane a block of at least 96 cells is rasterised in its principal frame. Two SAGE layers on the
+    In the plane a block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
     raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
-    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Blocks of fewer than 400 cells,
-    or of equal cells, try their axes and diagonals as well, and the best of these directions turned
-    by ± 22.5° and then ± 11.25°. Smaller blocks are swept along four axes, turned likewise from 16 and
-    32 cells on.
+    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Smaller blocks try their axes and
+    diagonals instead, those of equal cells as well, and the best of these directions turned by ± 22.5°. Below
+    96 cells all thresholds are tried, and directions turned from 24 cells on.
 
     In space a network of two dense layers looks at the moments of a block, up to the fourth: it scores the
     three principal axes and tilts each. The block is swept along the best one, and along those that come

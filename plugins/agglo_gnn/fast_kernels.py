@@ -29,7 +29,7 @@ _SMALL = 96  # cells below which some axes are swept instead
 _AXES = 4
 _FINER = 1  # halvings of the angle between them, about the best
 _LONG = 0.5  # ratio of principal moments below which a piece is long
-_FEW = 400  # cells below which the axes are tried beside the network's direction
+_FEW = 400  # cells below which the axes are tried in its place: there its answer changes nothing
 
 
 @helper(allocates=True)
@@ -167,18 +167,20 @@ def _equal(n, shares):
 def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     """Cheapest cut near the mean of the network's score.
 
-    With few cells, or all alike, the axes are tried as well, and the best of all turned a little.
-    Returns what ``_band_sweep`` does, leaves the score in the score room and its gradient in ``axis``.
+    With few cells the axes are tried instead, with cells that are all alike as well, and the best turned a
+    little. Returns what ``_band_sweep`` does, leaves the score in the score room, its gradient in ``axis``.
     """
     (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv), net = own
     grid, place, nodes, near, areas, features = raster
     n = hi - lo
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
-    count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
-    pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
-    few, long = n < _FEW or _equal(n, shares), features[2] < _LONG * features[0]
+    asked, pointed = n >= _FEW, (1.0, 0.0)
+    if asked:
+        count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
+        pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
+    axes, long = not asked or _equal(n, shares), features[2] < _LONG * features[0]
     best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
-    first, last = (-len(turns), 2 * len(finer)) if few else (0, 0)
+    first, last = (-len(turns), 2 * len(finer)) if axes else (0, 0)
     section = scales[0], scales[1], scales[2]
     number_cells(cells, lo, hi, tag, marks)
     for c in range(first, last + 1):
@@ -188,6 +190,8 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
             if long and abs(a) < 0.9:
                 continue  # a long piece is not cut lengthwise
         elif c == 0:
+            if not asked:
+                continue
             a, b = pointed
         elif c % 2 == 1:
             cos, sin = p, q
