@@ -111,22 +111,6 @@ def _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room
     )
 
 
-@helper
-def _finished(graph, cells, lo, hi, tag, room, stamp, check):
-    """The mark of a finished piece."""
-    if check != 0 or is_connected(graph[0], graph[1], cells, lo, hi, tag, room[3], room[7], stamp):
-        return WHOLE
-    return APART
-
-
-@helper
-def _put_off(todo, row, ready, place, state):
-    """Copy a row of ``todo`` to ``ready``, with another state."""
-    for k in range(4):
-        ready[place, k] = todo[row, k]
-    ready[place, 4] = state
-
-
 @helper(allocates=True)
 def split_pieces(
     load, cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
@@ -153,32 +137,35 @@ def split_pieces(
     while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
         waiting -= 1
         lo, hi, quota, depth = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
-        if quota == 1 or hi - lo == 1:
-            stamp += 1
-            leaf[lo] = _finished(graph, cells, lo, hi, tag, room, stamp, check)
-            continue
-        state = todo[waiting, 4]
-        if hi - lo <= small:
-            _put_off(todo, waiting, ready, put_off, UNCUT)
-            put_off += 1
-            continue
-        if state == UNCUT:
+        state, later, torn = todo[waiting, 4], hi - lo <= small, False
+        finished = quota == 1 or hi - lo == 1
+        if state == UNCUT and not (finished or later):
             extent = load(graph, cells, lo, hi, own)
             if limit > 0.0 and extent <= limit:
                 narrow = narrowness(cells, lo, hi, shape, limit, ends)
                 if narrow < 0:
                     narrow = not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
-                if narrow:
-                    stamp += 1
-                    leaf[lo] = _finished(graph, cells, lo, hi, tag, room, stamp, check)
-                    continue
-            edge, stamp = _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp)
-            stamp += 2
-            if check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2):
-                _put_off(todo, waiting, ready, put_off, TORN)
-                put_off += 1
-                continue
-        else:
+                finished = narrow != 0
+            if not finished:
+                edge, stamp = _sides(
+                    cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp
+                )
+                stamp += 2
+                torn = check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2)
+        if finished:
+            stamp += 1
+            apart = check == 0 and not is_connected(
+                indptr, indices, cells, lo, hi, tag, room[3], marks, stamp
+            )
+            leaf[lo] = APART if apart else WHOLE
+            continue
+        if later or torn:
+            for k in range(4):
+                ready[put_off, k] = todo[waiting, k]
+            ready[put_off, 4] = TORN if torn else UNCUT
+            put_off += 1
+            continue
+        if state == MENDED:
             side_sizes(tag, measures, cells, lo, hi, size)
         row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
         tally[row, 2] += state == MENDED

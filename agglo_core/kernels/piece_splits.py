@@ -151,7 +151,7 @@ def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
     left, right = side_tags(lo, hi)
     whole, everything = True, np.int64(len(tag))
     for side in range(2):
-        own = right if side else left
+        own = np.int32(right if side else left)  # one version of the search, as refinement calls it
         filled = np.int64(0)
         for c in range(edge):
             queue[filled] = boundary[c]
