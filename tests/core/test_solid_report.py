@@ -66,6 +66,7 @@ def test_stills_hold_the_cells_that_are_seen(page: Path, mesh: Mesh, run: RunRes
     assert "points" not in data
 
 
+@pytest.mark.slow
 def test_a_report_of_a_large_solid_is_a_few_megabytes(tmp_path: Path) -> None:
     mesh = samples.boxes(40)  # 64,000 cells
     hierarchy = agglomerate(mesh, bisector="coordinate", cells_per_part=(64, 512))

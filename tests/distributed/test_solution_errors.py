@@ -59,7 +59,7 @@ def compare() -> None:
         error_norms(whole, WAVE, how, mine.ravel()[:-1])
 
 
-@pytest.mark.parametrize("size", [2, 3])
+@pytest.mark.parametrize("size", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_norms_and_boundary_are_those_of_the_whole_mesh(size: int) -> None:
     on_ranks(size, compare, seconds=120)
 

@@ -24,7 +24,9 @@ from agglo_paper.study.study_work import SOLVERS, metrics_of
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("source", ["voronoi:n=300,seed=1", "voronoi3d:n=300,seed=1"])
+@pytest.mark.parametrize(
+    "source", ["voronoi:n=300,seed=1", pytest.param("voronoi3d:n=300,seed=1", marks=pytest.mark.slow)]
+)
 def test_levels_are_nested_and_of_the_size_or_number_asked_for(source: str, kind: Kind) -> None:
     mesh = samples.from_spec(source)
     target = target_of(mesh, kind, [4, 16, 64])
@@ -94,6 +96,7 @@ def test_linear_functions_on_single_cells_and_on_all_come_up_to_what_they_can() 
     assert approximation_error(mesh, np.zeros(64, int)) == pytest.approx(slow)
 
 
+@pytest.mark.slow
 def test_solids_are_measured_and_bad_shapes_cost() -> None:
     asked = ("voronoi3d:n=400,seed=2", "counts", [32])
     good, bad = (measured_solids(*asked, name, 0) for name in ("kmeans", "branches"))
@@ -108,7 +111,12 @@ def test_solids_are_measured_and_bad_shapes_cost() -> None:
 
 @pytest.mark.parametrize(
     ("what", "keys"),
-    [("levels", ["counts", "sizes"]), ("solids", ["two-counts", "two-sizes", "four-counts", "four-sizes"])],
+    [
+        ("levels", ["counts", "sizes"]),
+        pytest.param(
+            "solids", ["two-counts", "two-sizes", "four-counts", "four-sizes"], marks=pytest.mark.slow
+        ),
+    ],
 )
 def test_the_other_studies_write_their_pages(
     agglo: Agglo, tmp_path: Path, what: str, keys: list[str]
