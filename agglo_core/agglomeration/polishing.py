@@ -90,8 +90,9 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
 
 def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage: int, *, tested: bool) -> Int:
     """One k-way pass of the post-refiners in each block; moves that spoil a part are undone."""
-    owner = np.empty(int(labels.max()) + 1, np.int64)
-    owner[labels] = blocks
+    owner = np.zeros(int(labels.max()) + 1, np.int64)
+    if blocks.any():  # else one: a connected mesh, most of the time
+        owner[labels] = blocks
     target = Target(parts=len(owner), h_star=goal.target.h_star)
     if all(isinstance(member.tool, PartRefiner) for member in run.post_refiners):
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
@@ -128,25 +129,37 @@ def _without_bad_moves(
     then the other faults wait. Only parts that changed since they were looked at are looked at again, and
     unless those before were ``tested``, all at first. Also returns which are disconnected and wide still.
     """
-    moved = np.flatnonzero(after != before)
-    changed = np.zeros(int(before.max()) + 1, bool)
-    changed[before[moved]] = changed[after[moved]] = True
-    result, asked = after, changed if tested else np.ones_like(changed)
-    broken, wide, bad = (np.zeros_like(changed) for _ in range(3))  # a refiner has emptied none
+    asked = np.ones(int(before.max()) + 1, bool)
+    broken, wide, bad = (np.zeros_like(asked) for _ in range(3))  # a refiner has emptied none
+    moved = None
+    if tested:
+        moved, asked = _moved(before, after, len(asked))
+    result = after
     while asked.any():
         if not bad.any():
             broken = broken & ~asked | broken_parts(graph.indptr, graph.indices, result, asked)
             if np.isfinite(limit):
                 wide = wide & ~asked | graph.wide_parts(result, limit, asked)
-            bad, changed = broken | wide, np.zeros_like(changed)
-            asked = changed
+            bad, asked = broken | wide, np.zeros_like(asked)
+            if not bad.any():
+                break
+        if moved is None:
+            moved = _moved(before, after, len(asked))[0]
         back = bad[result[moved]] | bad[before[moved]]
         cells = moved[back]
         if len(cells) == 0:
             break
-        changed[before[cells]] = changed[result[cells]] = True
+        asked[before[cells]] = asked[result[cells]] = True
         result = result.copy()
         result[cells] = before[cells]
         moved = moved[~back]
-        bad = np.bincount(result, minlength=len(changed)) == 0
+        bad = np.bincount(result, minlength=len(bad)) == 0
     return frozen_int(result), broken, wide
+
+
+def _moved(before: Int, after: Int, count: int) -> tuple[Int, Mask]:
+    """The cells that moved, and which of ``count`` parts they left or joined."""
+    moved = np.flatnonzero(after != before)
+    changed = np.zeros(count, bool)
+    changed[before[moved]] = changed[after[moved]] = True
+    return moved, changed

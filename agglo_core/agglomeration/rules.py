@@ -125,8 +125,11 @@ class Rules:
             return graph
         mass = self.mass(graph)
         whole, heavy = total(graph.measures), total(mass)
-        share = graph.measures * (_TIE * heavy / whole) if whole > 0 else 0.0
-        return graph.with_mass(mass + share)
+        if whole > 0:
+            share = graph.measures * (_TIE * heavy / whole)
+            share += mass
+            mass = frozen_float(share)
+        return graph.with_mass(mass)
 
     def mass(self, graph: Graph) -> Float:
         """What counts are shared out by ``(n,)``."""

@@ -20,12 +20,10 @@ _WORK = 4_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
 
 _SMALL = 16_384
-"""Pieces of at most so many cells are split to the end by themselves: they fit a cache."""
+"""Pieces of at most so many cells are put off until all are as small, for threads to share them out."""
 
 _TINY = 512
 """Pieces of at most so many cells are split to the end before connections are tested."""
-
-_CHECKED, _UNCHECKED, _TAKEN_BACK = 1, 0, -1
 
 _HALVINGS = 10.0
 """Depths of small pieces, roughly: for the share of the work that is done."""
@@ -59,11 +57,11 @@ class PieceGrowth:
         the pieces ``todo (K, 5)``, of which each row has the first place, the last place plus 1, the quota (0
         for a size), the depth and what was done to it, the last first, until ``work`` cells were handled or
         no room is left. ``cells`` is the list of cells, each piece a slice of it; ``leaf (n,)`` marks where
-        finished pieces start: 1, or 2 if one is not connected. Pieces of at most ``goal[2]`` cells, and those
-        of which a side is not connected, go to ``ready`` instead; ``goal`` is (largest diameter or 0, floor
-        of the refinement or −1, that number, whether sides are to be connected: 1, or 0, or −1 to count
-        backwards besides); ``counts`` the rows of ``todo`` and ``ready`` in use, and the next stamp;
-        ``tally`` counts pieces, cells and mended pieces by depth.
+        finished pieces start: 1, or 2 if one is not connected. ``goal`` is (largest diameter or 0, floor of
+        the refinement or −1, later, tiny, 1 to count or −1 to count backwards). Pieces of at most ``later``
+        cells, and larger ones than ``tiny`` of which a side is not connected, go to ``ready`` instead; tiny
+        pieces of larger ones are listed there, too. ``counts`` are the rows of ``todo`` and ``ready`` in use,
+        and the next stamp; ``tally`` counts pieces, cells and mended pieces by depth.
         Kernels of the module ``piece_splits`` do all but the cut.
     floor : float
         Of the refinement; negative for none.
@@ -87,7 +85,8 @@ class PieceGrowth:
         # in one array, which is filled: large ones get large pages of memory, but not those of np.zeros
         self._tag, self._cells, self._local, room = np.full((4, graph.n), 0, np.int32)
         reach = room.view(np.float32)
-        reach_of_cells(graph.indptr, graph.indices, graph.centroids, reach)
+        units = units_of(graph.centroids, graph.weights)
+        reach_of_cells(graph.indptr, graph.indices, graph.centroids, units[0], reach)
         self._graph = (
             graph.indptr,
             graph.indices,
@@ -96,7 +95,7 @@ class PieceGrowth:
             graph.mass,
             graph.weights,
             reach,
-            units_of(graph.centroids, graph.weights),
+            units,
         )
         self._source = graph
         self._kernel, self._floor, self._tiny = kernel, floor, tiny
@@ -110,12 +109,13 @@ class PieceGrowth:
 
         count = int(pieces.max(initial=0)) + 1
         if count == 1:
-            self._cells[:], offsets = np.arange(len(pieces)), frozen_int([0, len(pieces)])
+            self._cells[:] = np.arange(len(pieces), dtype=np.int32)
+            offsets = frozen_int([0, len(pieces)])
             self._tag.fill(0)
         else:
             self._cells[:], offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
             self._tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
-        self._slices = np.stack((offsets[:-1], offsets[1:]), axis=1)
+        self._slices: Callable[[], Int] = lambda: np.stack((offsets[:-1], offsets[1:]), axis=1)
 
     @classmethod
     def for_components(
@@ -139,7 +139,7 @@ class PieceGrowth:
 
     def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
         """Split the pieces until none but single cells is wider than ``limit``."""
-        return self._split(np.zeros(len(self._slices), np.int64), limit, tell)
+        return self._split(np.zeros(len(seeds), np.int64), limit, tell)
 
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
         if self._stamp > _LAST_STAMP:
@@ -147,13 +147,13 @@ class PieceGrowth:
         self._shape = _shape(self._source, limit)
         leaf, tally = np.zeros(len(self._cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), _COLUMNS), np.int64)
-        todo[:, :2], todo[:, 2] = self._slices, quotas
+        todo[:, :2], todo[:, 2] = self._slices(), quotas
         large = todo[:, 1] - todo[:, 0] > _SMALL
         halvings = np.log2((todo[:, 1] - todo[:, 0]).max() / _SMALL) if large.any() else 0.0
         share = halvings / (halvings + _HALVINGS)  # of the work, in pieces that are large
 
         def told(done: float) -> None:
-            tell(done, f"{np.count_nonzero(leaf):,} parts")
+            tell(done, f"{len(quotas) + int(tally[:, 0].sum()):,} parts")
 
         def handled(cells: int) -> None:
             told(share * min(1.0, cells / (len(leaf) * halvings)))
@@ -161,23 +161,22 @@ class PieceGrowth:
         threads, done = thread_count(), share
         small = max(_SMALL, len(leaf) // (4 * threads)) if threads > 1 else _SMALL
         advance = self._advance_together if threads > 1 else self._advance
-        put_off, stamp = advance(todo[large], leaf, tally, (limit, small, _CHECKED), handled)
+        put_off, stamp = advance(todo[large], leaf, tally, (limit, small, 0), handled)
 
         def finish(batch: Int) -> tuple[Int, Int, Int, int]:
             own = np.zeros_like(tally)
-            tiny, last = self._advance(batch, leaf, own, (limit, self._tiny, _CHECKED))
-            last = self._advance(tiny, leaf, own, (limit, 0, _UNCHECKED), stamp=last)[1]
-            return batch, tiny, own, last
+            return batch, own, *self._advance(batch, leaf, own, (limit, 0, self._tiny))
 
-        unchecked, self._stamp = [], stamp
-        for batch, tiny, own, last in mapped(finish, _batches(np.concatenate((todo[~large], put_off)))):
-            unchecked.append(tiny)
+        todo, self._stamp = np.concatenate((todo[~large], put_off)), stamp
+        tiny = [todo[todo[:, 1] - todo[:, 0] <= self._tiny]]
+        for batch, own, made, last in mapped(finish, _batches(todo)):
+            tiny.append(made)
             tally += own
             stamp = max(stamp, last)
             done += (1.0 - share) * int((batch[:, 1] - batch[:, 0]).sum()) / len(leaf)
             told(min(done, 1.0))
         self._stamp = stamp
-        self._mend_tiny(np.concatenate(unchecked), leaf, tally, limit)
+        self._mend_tiny(np.concatenate(tiny), leaf, tally, limit)
         return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
 
     def _mend_tiny(self, tiny: Int, leaf: Bytes, tally: Int, limit: float) -> None:
@@ -190,11 +189,11 @@ class PieceGrowth:
             return
         tiny = tiny[tiny[:, 0].argsort()]
         again = tiny[np.unique(np.searchsorted(tiny[:, 0], broken, "right") - 1)]
-        for how in (_TAKEN_BACK, _CHECKED):
+        for goal, count in (((limit, 0, self._tiny), -1), ((limit, 0, 0), 1)):
             for lo, hi in again[:, :2].tolist():
                 self._cells[lo:hi].sort()
                 leaf[lo:hi] = False
-            self._stamp = self._advance(again, leaf, tally, (limit, 0, how))[1]
+            self._stamp = self._advance(again, leaf, tally, goal, count=count)[1]
 
     def _advance(
         self,
@@ -204,14 +203,18 @@ class PieceGrowth:
         goal: tuple[float, int, int],
         handled: Callable[[int], None] | None = None,
         stamp: int = 0,
+        count: int = 1,
     ) -> tuple[Int, int]:
-        """Split the pieces until all are finished or put off; returns those, and the next stamp."""
+        """Split the pieces until all are finished or put off.
+
+        Returns those put off, the tiny pieces that were made of larger ones, and the next stamp.
+        """
         from agglo_core.kernels.piece_driver import TORN
 
         counts = np.array([len(todo), 0, max(stamp, self._stamp)])
         todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
-        lists, (limit, small, check) = (self._cells, self._tag, self._marks), goal
-        aim = (limit, self._floor, small, check)
+        lists, (limit, later, tiny) = (self._cells, self._tag, self._marks), goal
+        aim = (limit, self._floor, later, tiny, count)
         while counts[0]:
             self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
             if counts[0] == 0 and (torn := ready[: counts[1], 4] == TORN).any():  # none is left but these
@@ -221,7 +224,7 @@ class PieceGrowth:
                 counts[:2] = len(made) - len(whole), len(whole)
             if counts[0] + 2 > len(todo):
                 todo = _enlarged(todo)
-            if counts[1] == len(ready):
+            if counts[1] + 2 > len(ready):
                 ready = _enlarged(ready)
             if handled is not None:
                 handled(int(tally[:, 1].sum()))
@@ -236,12 +239,12 @@ class PieceGrowth:
         handled: Callable[[int], None],
     ) -> tuple[Int, int]:
         """As ``_advance``, several pieces at a time: the largest are halved, then the largest of these."""
-        limit, small, check = goal
+        limit, small, tiny = goal
         stamp = self._stamp
 
         def halve(piece: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
-            return own, *self._advance(piece[None], leaf, own, (limit, enough, check), stamp=stamp)
+            return own, *self._advance(piece[None], leaf, own, (limit, enough, tiny), stamp=stamp)
 
         sizes = todo[:, 1] - todo[:, 0]
         while (sizes > small).any():
@@ -274,12 +277,17 @@ class PieceGrowth:
         from agglo_core.kernels.graphs import numbered_as_met
 
         labels, places = numbered_as_met(self._places(), len(leaf))
-        starts = np.flatnonzero(leaf)
-        stops = np.append(starts[1:], len(leaf))
-        piece = np.empty(len(leaf), np.int32)  # that starts or ends at a place
-        piece[starts] = piece[stops - 1] = np.arange(len(starts))
-        self._slices = np.stack((starts, stops), axis=1).take(piece[places], axis=0)
+        self._slices = lambda: _slices_at(leaf, places)  # nobody may ask
         return frozen_int(labels)
+
+
+def _slices_at(leaf: Bytes, places: Int) -> Int:
+    """First place, and last plus 1, of the pieces that start or end at the ``places``: see ``leaf``."""
+    starts = np.flatnonzero(leaf)
+    stops = np.append(starts[1:], len(leaf))
+    piece = np.empty(len(leaf), np.int32)
+    piece[starts] = piece[stops - 1] = np.arange(len(starts))
+    return np.stack((starts, stops), axis=1).take(piece[places], axis=0)
 
 
 def _shape(graph: Graph, limit: float) -> tuple[Int, Index, Float]:

@@ -22,7 +22,7 @@ from agglo_core.arrays import (
     label_order,
 )
 from agglo_core.errors import MeshError
-from agglo_core.graph.connection import parts_connected
+from agglo_core.graph.connection import is_connected
 from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
@@ -96,7 +96,8 @@ class BlockGraph:
 
     def with_mass(self, mass: ArrayLike) -> Self:
         """The graph with another :attr:`mass`; subgraphs and quotients have theirs of it."""
-        given = np.array(mass, dtype=np.float64)
+        given = np.asarray(mass, dtype=np.float64)
+        given = given.copy() if given.flags.writeable else given
         if given.shape != (self.n,) or not 0.0 <= given.min(initial=0.0) <= given.max(initial=0.0) < np.inf:
             raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
         made = replace(self)
@@ -260,10 +261,11 @@ class BlockGraph:
         from agglo_core.kernels.graphs import components
 
         parts = frozen_int(np.zeros(self.n, np.int64) if labels is None else labels)
-        if parts.shape != (self.n,) or parts.min() < 0:
+        if labels is None:
+            if is_connected(self.indptr, self.indices):
+                return parts
+        elif parts.shape != (self.n,) or parts.min() < 0:
             raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")
-        if labels is None and parts_connected(self.indptr, self.indices, parts):
-            return parts
         nodes, offsets = components(self.indptr, self.indices, parts)
         component = np.empty(self.n, np.int64)
         component[nodes] = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))

@@ -7,7 +7,21 @@ import numpy as np
 from agglo_core.arrays import Index, Int, Mask, frozen, frozen_index
 from agglo_core.threads import over_ranges
 
-__all__ = ["broken_parts", "parts_connected"]
+__all__ = ["broken_parts", "is_connected", "parts_connected"]
+
+
+def is_connected(indptr: Int, indices: Index) -> bool:
+    """Whether all nodes of a graph are connected.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> graph = samples.squares(2).graph
+    >>> is_connected(graph.indptr, graph.indices)
+    True
+    """
+    nodes = frozen_index(np.zeros(len(indptr) - 1, np.int32))
+    return not broken_parts(indptr, indices, nodes, np.ones(1, bool)).any()
 
 
 def parts_connected(indptr: Int, indices: Index, labels: Int) -> bool:

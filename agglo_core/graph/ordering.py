@@ -24,4 +24,5 @@ def curve_order(centroids: Float) -> Int:
     keys = np.empty(len(centroids), np.uint64)
     curve_keys(frozen_float(centroids), keys)
     keys.sort()  # far faster than an order of keys; equal ones are in the order of their numbers
-    return frozen_int(keys & np.uint64(0xFFFFFFFF))
+    keys &= np.uint64(0xFFFFFFFF)
+    return frozen_int(keys.view(np.int64))

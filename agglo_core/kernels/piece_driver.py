@@ -32,8 +32,8 @@ __all__ = [
 ]
 
 WHOLE, APART = 1, 2
-"""How a finished piece is marked where it starts: APART if it is not connected, of which only those are
-asked whose sides were not."""
+"""How a finished piece is marked where it starts: APART if it is not connected, of which only tiny ones are
+asked."""
 
 UNCUT, TORN, MENDED = 0, 1, 2
 """What was done to a piece that is to be split: nothing; its sides are tagged, and one is not connected; both
@@ -73,8 +73,9 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
     those no further from it than their neighbours are from them, if ``unit`` times heights are lengths.
     Returns how many.
     """
-    measures, reach = graph[4], graph[6]
+    measures, reach, length = graph[4], graph[6], graph[7][0]
     size, count, _ = sums
+    unit, extent = unit * length, _ROUNDING * extent * length
     left, right = side_tags(lo, hi)
     ones, below, above, m, start = np.int64(0), 0.0, 0.0, np.uint64(0), np.uint64(lo)
     for k in range(np.uint64(hi - lo)):
@@ -85,7 +86,7 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
         below += 0.0 if side else measure
         ones += side
         near[m] = i
-        m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + _ROUNDING * extent)
+        m += np.uint64(abs(heights[k] - bar) * unit <= reach[i] + extent)
     size[0], size[1], count[0], count[1] = below, above, hi - lo - ones, ones
     if 0 < ones < hi - lo:
         return np.int64(m)
@@ -129,17 +130,17 @@ def split_pieces(
         What these two work with.
     """
     indptr, indices, _, _, measures, _, _, _ = graph
-    limit, floor, small, check = goal
-    waiting, put_off, stamp = counts[0], counts[1], counts[2]
+    limit, floor, later, tiny, one = goal
+    waiting, listed, stamp = counts[0], counts[1], counts[2]
     room, size = piece_room(largest_piece(todo, counts), marks), np.empty(2)
     ends = np.empty((3, graph[3].shape[1]))
     sums = (size, np.empty(2, np.int64), np.empty(3))
-    while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and put_off < len(ready):
+    while waiting > 0 and work > 0 and waiting + 2 <= len(todo) and listed + 2 <= len(ready):
         waiting -= 1
         lo, hi, quota, depth = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
-        state, later, torn = todo[waiting, 4], hi - lo <= small, False
+        state, put_off, torn = todo[waiting, 4], hi - lo <= later, False
         finished = quota == 1 or hi - lo == 1
-        if state == UNCUT and not (finished or later):
+        if state == UNCUT and not (finished or put_off):
             extent = load(graph, cells, lo, hi, own)
             if limit > 0.0 and extent <= limit:
                 narrow = narrowness(cells, lo, hi, shape, limit, ends)
@@ -151,23 +152,25 @@ def split_pieces(
                     cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp
                 )
                 stamp += 2
-                torn = check > 0 and not sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp - 2)
+                torn = hi - lo > tiny and not sides_connected(
+                    indptr, indices, tag, lo, hi, edge, room, stamp - 2
+                )
         if finished:
             stamp += 1
-            apart = check == 0 and not is_connected(
+            apart = hi - lo <= tiny and not is_connected(
                 indptr, indices, cells, lo, hi, tag, room[3], marks, stamp
             )
             leaf[lo] = APART if apart else WHOLE
             continue
-        if later or torn:
+        if put_off or torn:
             for k in range(4):
-                ready[put_off, k] = todo[waiting, k]
-            ready[put_off, 4] = TORN if torn else UNCUT
-            put_off += 1
+                ready[listed, k] = todo[waiting, k]
+            ready[listed, 4] = TORN if torn else UNCUT
+            listed += 1
             continue
         if state == MENDED:
             side_sizes(tag, measures, cells, lo, hi, size)
-        row, one = min(depth, len(tally) - 1), 1 if check >= 0 else -1
+        row = min(depth, len(tally) - 1)
         tally[row, 2] += state == MENDED
         middle = part_list(tag, cells, lo, hi, room[0])
         first = quota_of_left(quota, size, middle - lo, hi - middle)
@@ -176,7 +179,11 @@ def split_pieces(
         work -= hi - lo
         todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = middle, hi, quota - first
         todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = lo, middle, first
-        todo[waiting, 3], todo[waiting + 1, 3] = depth + 1, depth + 1
-        todo[waiting, 4], todo[waiting + 1, 4] = UNCUT, UNCUT
+        for k in range(waiting, waiting + 2):
+            todo[k, 3], todo[k, 4] = depth + 1, UNCUT
+            if todo[k, 1] - todo[k, 0] <= tiny < hi - lo:
+                for c in range(5):
+                    ready[listed, c] = todo[k, c]
+                listed += 1
         waiting += 2
-    counts[0], counts[1], counts[2] = waiting, put_off, stamp
+    counts[0], counts[1], counts[2] = waiting, listed, stamp

@@ -151,7 +151,7 @@ def _tag(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
 
     The axis of the refinement is that of ``relax_interface``, the line to the centroid of the smaller side.
     """
-    _, _, _, centroids, measures, _, reach, _ = graph
+    _, _, _, centroids, measures, _, reach, (length, _, _) = graph
     size, count, axis = sums
     left, right = side_tags(lo, hi)
     m, ones, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
@@ -166,7 +166,7 @@ def _tag(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
         y, q = y + here * centroids[i, 1], q + there * centroids[i, 1]
         z, r = z + here * centroids[i, last], r + there * centroids[i, last]
         near[m] = i
-        m += abs(score[k] - bar) <= reach[i] + slack
+        m += abs(score[k] - bar) * length <= reach[i] + slack * length
     size[0], size[1], count[0], count[1] = one, two, hi - lo - ones, ones
     own, sign = (two, 1.0) if two < one else (one, -1.0)  # the driver turns normals to the smaller side
     axis[0] = sign * _offset(p if two < one else x, own, x + p, one + two)

@@ -39,6 +39,7 @@ __all__ = [
 
 HEAVY = 4.0  # means: cells of more weight are in every sample
 SAMPLED = np.int64(8)
+_ABOVE, _LEAST = np.float32(1.0001), np.float32(1e-18)  # what squares lose in single precision, with room
 _RUN = 64  # successive cells to look at
 _BANDS = 87.7  # in the mean weight, which is inside one
 
@@ -110,19 +111,24 @@ def is_chosen(weight, bands):
 
 
 @kernel
-def reach_of_cells(indptr, indices, centroids, reach):
-    """Write the distance of each cell from the furthest of its neighbours, rounded up, to ``reach (n,)``."""
+def reach_of_cells(indptr, indices, centroids, length, reach):
+    """Write the distance of each cell from the furthest of its neighbours, rounded up, to ``reach (n,)``.
+
+    It is multiplied by ``length``, which makes the extent of the graph of order 1: single precision serves.
+    """
     last = centroids.shape[1] - 1
     for i in range(len(reach)):
         largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
         for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
             j = np.uint32(indices[h])
-            u, v = centroids[j, 0] - x, centroids[j, 1] - y
+            u, v = (centroids[j, 0] - x) * length, (centroids[j, 1] - y) * length
             square = u * u + v * v
             if last > 1:
-                square += (centroids[j, last] - z) ** 2
+                square += ((centroids[j, last] - z) * length) ** 2
             largest = max(largest, square)
-        reach[i] = 1.0001 * np.sqrt(largest)
+        reach[i] = largest
+    for i in range(len(reach)):
+        reach[i] = _ABOVE * np.sqrt(reach[i]) + _LEAST
 
 
 @helper

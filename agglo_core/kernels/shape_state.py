@@ -137,8 +137,8 @@ def listed_cells(state, work, sweep, before, alpha):
             before.gains[s, a] = 0.0
     for b in range(len(state.blocks)):
         inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
-        gain = state.gains[b, 0] * interface + alpha * inertia * state.gains[b, 1]
-        state.going[b] &= sweep == 0 or -gain > _LITTLE * inertia * interface
+        gain = state.gains[b, 0] / inertia + alpha * (state.gains[b, 1] / interface)
+        state.going[b] &= sweep == 0 or -gain > _LITTLE
         for a in range(2):
             state.blocks[b, a] += state.gains[b, a]
             state.gains[b, a] = 0.0

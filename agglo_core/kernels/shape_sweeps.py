@@ -54,10 +54,11 @@ def _beside(given, state, i, work):
 
 
 @helper
-def _best_move(given, state, bounds, scale, i, work):
+def _best_move(given, state, bounds, price, i, work):
     """The part of a slice that cell i should move to, or −1, and what that adds to inertia and interface.
 
-    The last of the results: whether parts of its block beyond the slice are beside the cell.
+    The ``price`` is the inertia that an interface of 1 is worth. The last of the results: whether parts of
+    its block beyond the slice are beside the cell.
     """
     found, own = _beside(given, state, i, work)
     target, best, inertia, cut, beyond = np.int64(-1), 0.0, 0.0, 0.0, False
@@ -66,8 +67,7 @@ def _best_move(given, state, bounds, scale, i, work):
     home, w = np.uint32(state.parts[i]), given.weights[i]
     mass, lost = state.tally[home, MASS], 0.0
     if mass - w > 1e-12 * mass:
-        lost = _square(given, state, i, home) * w * mass / (mass - w)
-    length, energy = scale
+        lost = _square(given, state, i, home) * (w * (mass / (mass - w)))  # else lengths of 1e-50 vanish
     lo, hi, start, stop = bounds
     for m in range(found):
         p = np.uint32(work.queue[m])
@@ -77,9 +77,9 @@ def _best_move(given, state, bounds, scale, i, work):
             continue
         mass, won = state.tally[p, MASS], 0.0
         if mass > 0.0:
-            won = _square(given, state, i, p) * w * mass / (mass + w)
-        change = length * (won - lost) + energy * (own - shared)
-        tie = _TIE * (length * (won + lost) + energy * (own + shared))
+            won = _square(given, state, i, p) * (w * (mass / (mass + w)))
+        change = won - lost + price * (own - shared)
+        tie = _TIE * (won + lost + price * (own + shared))
         first = target < 0
         if change < (0.0 if first else best) - tie or (not first and change <= best + tie and p < target):
             target, best, inertia, cut = np.int64(p), change, won - lost, own - shared
@@ -193,7 +193,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
         begin, end = slices.rows[s, 2], slices.rows[s, 3]
         if not state.going[b]:
             continue
-        scale = (state.blocks[b, 1], alpha * state.blocks[b, 0])
+        price = alpha * (state.blocks[b, 0] / state.blocks[b, 1])
         for r in range(lo, hi):
             first, last = state.first[r], state.first[r + 1]
             if n > _CACHED and last + _AHEAD > ahead:
@@ -206,7 +206,7 @@ def sweep_slices(given, state, work, slices, start, stop, sweep, alpha, limit, r
             for c in range(first, last):
                 i = np.uint64(np.uint32(state.listed[c]))
                 home = np.uint32(state.parts[i])
-                target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), scale, i, work)
+                target, inertia, cut, beyond = _best_move(given, state, (lo, hi, begin, end), price, i, work)
                 state.due[i] = sweep + 1 if beyond else -1
                 if target < 0:
                     continue

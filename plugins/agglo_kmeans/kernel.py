@@ -14,16 +14,20 @@ _ROUNDING = 1e-6  # of the extent: what points of single precision may be off, w
 
 
 @helper
-def _tag_sides(cells, lo, hi, centroids, placing, extent, plane, tag, measures, size, count, reach, near):
+def _tag_sides(
+    cells, lo, hi, centroids, placing, extent, plane, tag, measures, size, count, reach, length, near
+):
     """Tag the cells of a piece by the side of the plane they lie on; both sides get some.
 
     ``placing`` says where the origin of the plane is, and in which unit (see ``load_points``). Writes the
-    cells no further from the plane than ``reach`` to ``near``; returns how many.
+    cells no further from the plane than ``reach``, which is multiplied by ``length``, to ``near``; returns
+    how many.
     """
     left, right = piece_splits.side_tags(lo, hi)
     best, nx, ny, nz, t = plane
     x, y, z, unit, solid = placing[0], placing[1], placing[2], placing[3], centroids.shape[1] > 2
-    t, extent = t / unit, _ROUNDING * extent
+    nx, ny, nz, t = length * nx, length * ny, length * nz, length * t / unit
+    extent = _ROUNDING * extent * length
     ones, total, above, m = np.int64(0), 0.0, 0.0, np.uint64(0)
     for k in range(np.uint64(lo), np.uint64(hi)):
         i = np.uint32(cells[k])
@@ -59,7 +63,9 @@ def two_means(offsets, centroids, weights):
         lo, hi = offsets[b], offsets[b + 1]
         extent = load_points(cells, lo, hi, centroids, weights, units, room)
         plane = separator(room, planar)
-        _tag_sides(cells, lo, hi, centroids, room[7], extent, plane, tag, weights, size, count, reach, near)
+        _tag_sides(
+            cells, lo, hi, centroids, room[7], extent, plane, tag, weights, size, count, reach, units[0], near
+        )
     sides = np.empty(n, np.int64)
     for i in range(n):
         sides[i] = tag[i] & 1
@@ -74,13 +80,13 @@ def _load(graph, cells, lo, hi, means):
 
 @helper
 def _cut(graph, cells, lo, hi, extent, means, tag, marks, near, sums):
-    centroids, measures, reach = graph[3], graph[4], graph[6]
+    centroids, measures, reach, length = graph[3], graph[4], graph[6], graph[7][0]
     size, count, axis = sums
     plane = separator(means, centroids.shape[1] == 2)
     axis[0], axis[1], axis[2] = plane[1], plane[2], plane[3]
     placing = means[7]
     return _tag_sides(
-        cells, lo, hi, centroids, placing, extent, plane, tag, measures, size, count, reach, near
+        cells, lo, hi, centroids, placing, extent, plane, tag, measures, size, count, reach, length, near
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -137,6 +138,16 @@ def test_tetrahedra(bisector, change):
         order = rng.permutation(len(corners)) if change == "renumbered" else np.arange(len(corners))
         other = tetrahedra(moved(points, change, rng), corners[order])
         assert_same(solid, seed, other, order, bisector)
+
+
+@pytest.mark.parametrize("unit", [1e-48, 1e48])
+@pytest.mark.parametrize("bisector", ["kmeans", "inertial", "sweep", "gnn", "coordinate"])
+def test_lengths_near_both_ends_of_what_a_mesh_may_have(bisector, unit):
+    """Single precision has none of them; the squares of their squares leave double precision."""
+    for make in (asymmetric, solid):
+        mesh = make(1)
+        other = replace(mesh, points=mesh.points * unit)
+        assert_same(make, 1, other, np.arange(mesh.n_cells), bisector)
 
 
 @pytest.mark.parametrize("refiners", [(), ("interface",)])

@@ -206,10 +206,11 @@ def test_refinement_shortens_the_interface_and_breaks_nothing(n: int, seed: int)
     )
 
 
-def test_reach_is_the_distance_of_the_furthest_neighbour() -> None:
+@pytest.mark.parametrize("unit", [1.0, 2.0**-160, 2.0**160])
+def test_reach_is_the_distance_of_the_furthest_neighbour(unit: float) -> None:
     graph = samples.voronoi(80, seed=3).graph
     reach = np.empty(graph.n, np.float32)
-    reach_of_cells(graph.indptr, graph.indices, graph.centroids, reach)
+    reach_of_cells(graph.indptr, graph.indices, unit * graph.centroids, 1.0 / unit, reach)
     for cell in range(graph.n):
         near = graph.indices[graph.indptr[cell] : graph.indptr[cell + 1]]
         furthest = np.linalg.norm(graph.centroids[near] - graph.centroids[cell], axis=1).max()
