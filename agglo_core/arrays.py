@@ -51,8 +51,12 @@ def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     """
     if type(values) is np.ndarray and values.dtype == dtype:  # most are frozen already
         flags = values.flags
-        if flags.c_contiguous and not flags.writeable:
-            return values
+        if flags.c_contiguous:
+            if not flags.writeable:
+                return values
+            seen = values.view()
+            seen.flags.writeable = False
+            return seen
     array = np.ascontiguousarray(values, dtype=dtype)
     if np.ndim(values) == 0:
         array = array.reshape(())

@@ -9,7 +9,6 @@ from agglo_core.agglomeration.run import Run
 from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.progress import Listener
-from agglo_core.protocols import Bisector, LevelBisector, Partitioner
 from agglo_core.registry import KINDS, Registry, describe
 from agglo_core.registry.attribution import Member
 from agglo_core.registry.options import name_and_options
@@ -40,8 +39,8 @@ def new_run(
     cannot.
     """
     member, fallback = chosen("bisector", bisector, registry)
-    bisects = isinstance(member.tool, LevelBisector | Bisector)
-    if kway and not isinstance(member.tool, Partitioner):
+    bisects = hasattr(member.tool, "bisect_level") or hasattr(member.tool, "bisect")
+    if kway and not hasattr(member.tool, "partition"):
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
     if not kway and not bisects:
         raise OptionError(f"{member.title} cannot bisect; use method='kway'")

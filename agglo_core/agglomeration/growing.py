@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
-from agglo_core.agglomeration.growth import Growth, GrowthToSize, RestartedGrowth
+from agglo_core.agglomeration.growth import Growth, GrowthToSize
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.quotas import apportion
 from agglo_core.agglomeration.run import Run
@@ -49,16 +49,17 @@ def grown_levels(graph: Graph, goals: Sequence[Goal], run: Run, post: PostPass) 
 
 def _restarted(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Growth | None:
     """Growth of other pieces than those of the last call."""
-    if not isinstance(growth, RestartedGrowth):
+    restart = getattr(growth, "restart", None)
+    if restart is None:
         return run.growth(graph, pieces)
     with attributed(run.bisector.title):
-        growth.restart(pieces)
+        restart(pieces)
     return growth
 
 
 def _serves(growth: Growth, goal: Goal) -> bool:
     if isinstance(goal, SizeGoal):
-        return isinstance(growth, GrowthToSize)
+        return hasattr(growth, "split_to_size")
     return goal.quotas is None
 
 

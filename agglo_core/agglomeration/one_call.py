@@ -22,6 +22,7 @@ from agglo_core.registry import Registry
 __all__ = ["agglomerate", "changed"]
 
 _COUNTS, _SIZES = ("n_parts", "cells_per_part"), ("h_star", "h_factor")
+_DEFAULT = Pipeline()
 
 
 def agglomerate(
@@ -146,7 +147,7 @@ def agglomerate(
     """
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
-    base = Pipeline() if config is None else Pipeline.from_toml(config, allow_code=allow_code)
+    base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
     given = {
         "bisector": bisector,
         "refiners": refiners,

@@ -20,19 +20,19 @@ _WORK = 4_000_000
 """Cells handled, each once for every split, between two reports: about 0.1 s."""
 
 _SMALL = 16_384
-"""Pieces of at most so many cells are put off until all are as small, for threads to share them out."""
+"""Several threads share out pieces of about so many cells."""
 
 _TINY = 512
 """Pieces of at most so many cells are split to the end before connections are tested."""
 
-_HALVINGS = 10.0
-"""Depths of small pieces, roughly: for the share of the work that is done."""
+_PART = 16.0
+"""Cells of a finished piece, roughly: for the share of the work that is done."""
 
 _ROOM = 256
 """Rows by which lists of pieces grow."""
 
-_LAST_STAMP = 2**30
-"""Beyond it the marks of cells, of 32 bits, start anew."""
+_LAST_STAMP, _AT_ONCE = 2**30, 2**24
+"""Marks of cells have 32 bits: they start anew beyond one; and more cells are split a share at a time."""
 
 _COLUMNS = 5
 """Of lists of pieces: the first place, the last plus 1, quota, depth, and what was done to it."""
@@ -53,16 +53,7 @@ class PieceGrowth:
     pieces : (n,) int
         Connected pieces 0..k−1 to start from.
     kernel : callable
-        ``kernel(graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work)``: splits
-        the pieces ``todo (K, 5)``, of which each row has the first place, the last place plus 1, the quota (0
-        for a size), the depth and what was done to it, the last first, until ``work`` cells were handled or
-        no room is left. ``cells`` is the list of cells, each piece a slice of it; ``leaf (n,)`` marks where
-        finished pieces start: 1, or 2 if one is not connected. ``goal`` is (largest diameter or 0, floor of
-        the refinement or −1, later, tiny, 1 to count or −1 to count backwards). Pieces of at most ``later``
-        cells, and larger ones than ``tiny`` of which a side is not connected, go to ``ready`` instead; tiny
-        pieces of larger ones are listed there, too. ``counts`` are the rows of ``todo`` and ``ready`` in use,
-        and the next stamp; ``tally`` counts pieces, cells and mended pieces by depth.
-        Kernels of the module ``piece_splits`` do all but the cut.
+        Calls ``piece_driver.split_pieces``, which says with what, after binding how pieces are cut.
     floor : float
         Of the refinement; negative for none.
     tiny : int
@@ -148,36 +139,41 @@ class PieceGrowth:
         leaf, tally = np.zeros(len(self._cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), _COLUMNS), np.int64)
         todo[:, :2], todo[:, 2] = self._slices(), quotas
-        large = todo[:, 1] - todo[:, 0] > _SMALL
-        halvings = np.log2((todo[:, 1] - todo[:, 0]).max() / _SMALL) if large.any() else 0.0
-        share = halvings / (halvings + _HALVINGS)  # of the work, in pieces that are large
+        sizes = todo[:, 1] - todo[:, 0]
+        work = len(leaf) * max(1.0, float(np.log2(sizes.max() / _PART)))
 
-        def told(done: float) -> None:
-            tell(done, f"{len(quotas) + int(tally[:, 0].sum()):,} parts")
+        def handled() -> None:
+            pieces, cells, _ = tally.sum(axis=0).tolist()
+            tell(min(1.0, cells / work), f"{len(quotas) + pieces:,} parts")
 
-        def handled(cells: int) -> None:
-            told(share * min(1.0, cells / (len(leaf) * halvings)))
+        if thread_count() > 1 or len(leaf) > _AT_ONCE:
+            tiny = self._shared_out(todo, leaf, tally, limit, handled)
+        else:
+            made, self._stamp = self._advance(todo, leaf, tally, (limit, 0, self._tiny), handled)
+            tiny = np.concatenate((todo[sizes <= self._tiny], made))
+        self._mend_tiny(tiny, leaf, tally, limit)
+        handled()
+        return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
 
-        threads, done = thread_count(), share
-        small = max(_SMALL, len(leaf) // (4 * threads)) if threads > 1 else _SMALL
-        advance = self._advance_together if threads > 1 else self._advance
-        put_off, stamp = advance(todo[large], leaf, tally, (limit, small, 0), handled)
+    def _shared_out(
+        self, todo: Int, leaf: Bytes, tally: Int, limit: float, handled: Callable[[], None]
+    ) -> Int:
+        """Split the pieces to the end, by all threads; returns the tiny ones, parts of no other."""
+        small = max(_SMALL, len(leaf) // (4 * thread_count()))
+        put_off, stamp = self._halved_together(todo, leaf, tally, limit, small, handled)
+        self._stamp, tiny = stamp, [put_off[put_off[:, 1] - put_off[:, 0] <= self._tiny]]
 
-        def finish(batch: Int) -> tuple[Int, Int, Int, int]:
+        def finish(batch: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
-            return batch, own, *self._advance(batch, leaf, own, (limit, 0, self._tiny))
+            return own, *self._advance(batch, leaf, own, (limit, 0, self._tiny))
 
-        todo, self._stamp = np.concatenate((todo[~large], put_off)), stamp
-        tiny = [todo[todo[:, 1] - todo[:, 0] <= self._tiny]]
-        for batch, own, made, last in mapped(finish, _batches(todo)):
+        for own, made, last in mapped(finish, _batches(put_off)):
             tiny.append(made)
             tally += own
             stamp = max(stamp, last)
-            done += (1.0 - share) * int((batch[:, 1] - batch[:, 0]).sum()) / len(leaf)
-            told(min(done, 1.0))
+            handled()
         self._stamp = stamp
-        self._mend_tiny(np.concatenate(tiny), leaf, tally, limit)
-        return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
+        return np.concatenate(tiny)
 
     def _mend_tiny(self, tiny: Int, leaf: Bytes, tally: Int, limit: float) -> None:
         """Take back the few pieces of which parts are not connected, and split them with care.
@@ -201,7 +197,7 @@ class PieceGrowth:
         leaf: Bytes,
         tally: Int,
         goal: tuple[float, int, int],
-        handled: Callable[[int], None] | None = None,
+        handled: Callable[[], None] | None = None,
         stamp: int = 0,
         count: int = 1,
     ) -> tuple[Int, int]:
@@ -227,24 +223,18 @@ class PieceGrowth:
             if counts[1] + 2 > len(ready):
                 ready = _enlarged(ready)
             if handled is not None:
-                handled(int(tally[:, 1].sum()))
+                handled()
         return ready[: counts[1]], int(counts[2])
 
-    def _advance_together(
-        self,
-        todo: Int,
-        leaf: Bytes,
-        tally: Int,
-        goal: tuple[float, int, int],
-        handled: Callable[[int], None],
+    def _halved_together(
+        self, todo: Int, leaf: Bytes, tally: Int, limit: float, small: int, handled: Callable[[], None]
     ) -> tuple[Int, int]:
-        """As ``_advance``, several pieces at a time: the largest are halved, then the largest of these."""
-        limit, small, tiny = goal
+        """Pieces of at most ``small`` cells, and the next stamp: the largest are halved first, together."""
         stamp = self._stamp
 
         def halve(piece: Int) -> tuple[Int, Int, int]:
             own = np.zeros_like(tally)
-            return own, *self._advance(piece[None], leaf, own, (limit, enough, tiny), stamp=stamp)
+            return own, *self._advance(piece[None], leaf, own, (limit, enough, 0), stamp=stamp)
 
         sizes = todo[:, 1] - todo[:, 0]
         while (sizes > small).any():
@@ -254,7 +244,7 @@ class PieceGrowth:
                 tally += own
                 smaller.append(made)
                 last = max(last, following)
-                handled(int(tally[:, 1].sum()))
+                handled()
             todo, stamp = np.concatenate(smaller), last
             sizes = todo[:, 1] - todo[:, 0]
         return todo, stamp
@@ -304,4 +294,6 @@ def _enlarged(rows: Int) -> Int:
 def _batches(todo: Int) -> list[Int]:
     """Rows of pieces, cut where some ten thousand cells are full."""
     full = np.cumsum(todo[:, 1] - todo[:, 0]) // (4 * _SMALL)
+    if not full.any():
+        return [todo]
     return np.split(todo, np.flatnonzero(np.diff(full)) + 1)

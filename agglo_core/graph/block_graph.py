@@ -22,7 +22,7 @@ from agglo_core.arrays import (
     label_order,
 )
 from agglo_core.errors import MeshError
-from agglo_core.graph.connection import is_connected
+from agglo_core.graph.connection import all_connected
 from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
@@ -262,7 +262,7 @@ class BlockGraph:
 
         parts = frozen_int(np.zeros(self.n, np.int64) if labels is None else labels)
         if labels is None:
-            if is_connected(self.indptr, self.indices):
+            if all_connected(self.indptr, self.indices):
                 return parts
         elif parts.shape != (self.n,) or parts.min() < 0:
             raise MeshError(f"labels must be ({self.n},) integers, none negative; given shape {parts.shape}")

@@ -7,17 +7,17 @@ import numpy as np
 from agglo_core.arrays import Index, Int, Mask, frozen, frozen_index
 from agglo_core.threads import over_ranges
 
-__all__ = ["broken_parts", "is_connected", "parts_connected"]
+__all__ = ["all_connected", "broken_parts", "parts_connected"]
 
 
-def is_connected(indptr: Int, indices: Index) -> bool:
+def all_connected(indptr: Int, indices: Index) -> bool:
     """Whether all nodes of a graph are connected.
 
     Examples
     --------
     >>> from agglo_core import samples
     >>> graph = samples.squares(2).graph
-    >>> is_connected(graph.indptr, graph.indices)
+    >>> all_connected(graph.indptr, graph.indices)
     True
     """
     nodes = frozen_index(np.zeros(len(indptr) - 1, np.int32))

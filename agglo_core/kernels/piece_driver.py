@@ -116,7 +116,7 @@ def _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room
 def split_pieces(
     load, cut, own, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work
 ):
-    """Split pieces, the last in ``todo`` first; the arguments from ``graph`` on are those of ``PieceGrowth``.
+    """Split pieces, the last in ``todo`` first, until ``work`` cells were handled or no room is left.
 
     Parameters
     ----------
@@ -128,6 +128,20 @@ def split_pieces(
         many. :func:`tag_sides` does all but the normal. The second column of the marks may be written to.
     own : tuple
         What these two work with.
+    cells, tag, marks
+        The list of cells, of which each piece is a slice: see ``piece_splits``.
+    todo, ready : (K, 5) int
+        Rows of pieces: first place, last place plus 1, quota (0 for a size), depth, what was done to it.
+        Those of at most ``later`` cells, and those of more than ``tiny`` of which a side is not connected, go
+        to ``ready`` instead; tiny pieces of larger ones are listed there, too.
+    leaf : (n,) uint8
+        Marks where finished pieces start: 1, or 2 if one is not connected.
+    counts : (3,) int
+        Rows of ``todo`` and ``ready`` in use, and the next stamp.
+    tally : (depths, 3) int
+        Counts pieces, cells and mended pieces by depth.
+    goal : tuple
+        Largest diameter or 0; floor of the refinement or −1; later; tiny; 1 to count, −1 to count backwards.
     """
     indptr, indices, _, _, measures, _, _, _ = graph
     limit, floor, later, tiny, one = goal

@@ -177,7 +177,7 @@ def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally
     best, p, q = (NO_CUT, 0, 0.0, 0.0), cos, sin
     for c in range(len(turns) + 2 * len(finer)):
         f = (c - len(turns)) // 2
-        if f < 0 and long and abs(turns[c, 0]) < 0.7:
+        if f < 0 and long and abs(turns[c, 0]) < 0.9:
             continue
         if f < 0:
             a, b = turned(cos, sin, turns[c, 0], turns[c, 1])

@@ -7,6 +7,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from importlib import metadata
 from importlib.util import find_spec
 from typing import Literal
@@ -72,6 +73,16 @@ class Record:
         """Whether it belongs to the ``agglo`` distribution itself, whose names are reserved."""
         return re.sub(r"[-_.]+", "-", self.distribution).lower() == "agglo"
 
+    @cached_property
+    def title(self) -> str:
+        """Label in messages: see :func:`describe`."""
+        origin = f"distribution {self.distribution} {self.version}".strip()
+        if not self.distribution:
+            origin = "registered by hand"
+        if self.kind == "plugin":
+            return f"plugin {self.plugin!r} ({origin})"
+        return f"{self.kind} {self.name!r} (plugin {self.plugin!r}, {origin})"
+
     @property
     def declared(self) -> bool:
         """Whether it stands for one component or command that may hold a name."""
@@ -87,12 +98,7 @@ def describe(record: Record) -> str:
     >>> describe(next(record for record in default().list() if record.name == "balance"))
     "refiner 'balance' (plugin 'defaults', distribution agglo 0.1.0)"
     """
-    origin = f"distribution {record.distribution} {record.version}".strip()
-    if not record.distribution:
-        origin = "registered by hand"
-    if record.kind == "plugin":
-        return f"plugin {record.plugin!r} ({origin})"
-    return f"{record.kind} {record.name!r} (plugin {record.plugin!r}, {origin})"
+    return record.title
 
 
 def unusable(record: Record) -> str:
@@ -178,6 +184,8 @@ def with_conflicts(records: Sequence[Record]) -> list[Record]:
 
 def _resolved(record: Record, rivals: list[Record]) -> Record:
     """The record after conflicts: agglo's own keep their names; of others that share one, none gets it."""
+    if len(rivals) == 1 and record.command is None:
+        return record
     owners = [rival for rival in rivals if rival.in_tree] or rivals
     if record.command is not None and not record.in_tree and record.name in CORE_COMMANDS:
         reason = "the name is reserved for agglo's own command"

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
 from agglo_core.arrays import frozen_int
+from agglo_core.components import piece_growth
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.kernels.piece_refinement import refine_sides
@@ -269,6 +270,15 @@ def test_pieces_that_cuts_tore_are_mended() -> None:
     assert hierarchy.statistics["repairs"] > 20
     assert hierarchy.statistics["bisections"] == 49
     assert_kept(hierarchy)
+
+
+def test_very_many_cells_are_split_a_share_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = samples.random_triangles(20_000, seed=4)
+    at_once = agglo.agglomerate(mesh, n_parts=2500)
+    monkeypatch.setattr(piece_growth, "_AT_ONCE", 30_000)
+    in_shares = agglo.agglomerate(mesh, n_parts=2500)
+    np.testing.assert_array_equal(at_once.levels[0], in_shares.levels[0])
+    assert at_once.statistics["bisections"] == in_shares.statistics["bisections"] == 2499
 
 
 def test_tiny_pieces_of_which_parts_broke_are_split_with_care() -> None:
