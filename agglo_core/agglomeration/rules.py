@@ -138,7 +138,7 @@ class Rules:
             return given
         if self.balance == "weights":
             return graph.weights
-        return graph.measures if self.balance == "measure" else frozen_float(np.ones(graph.n))
+        return graph.measures if self.balance == "measure" else np.broadcast_to(1.0, graph.n)
 
     def _by_keyword(self, mesh: Mesh | Graph, graph: Graph) -> list[tuple[str, Any]]:
         made: list[tuple[str, Any]] = []
