@@ -59,7 +59,7 @@ def _restarted(graph: Graph, pieces: Int, growth: Growth | None, run: Run) -> Gr
 
 def _serves(growth: Growth, goal: Goal) -> bool:
     if isinstance(goal, SizeGoal):
-        return hasattr(growth, "split_to_size")
+        return callable(getattr(growth, "split_to_size", None))
     return goal.quotas is None
 
 

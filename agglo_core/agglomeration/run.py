@@ -165,7 +165,7 @@ class Run:
     def growth(self, graph: Graph, pieces: Int) -> Growth | None:
         """The growth that the bisector offers for these components; None if it offers none."""
         tool = self.bisector.tool
-        if not hasattr(tool, "grow"):  # isinstance with a protocol takes ten times as long
+        if not callable(getattr(tool, "grow", None)):
             return None
         with attributed(self.bisector.title):
             made: Growth = tool.grow(graph, pieces, [each.tool for each in self.refiners], self.fixer.tool)

@@ -14,15 +14,13 @@ _WIDTH = 8.0
 _MANY = 16_384
 """Parts of which the cells do not fit a cache: with fewer, strips gain less time than they take."""
 
-_FLAT = 1e-6
-"""Of the moments of a block, what counts as rounding."""
 
-
-def strip_order(mass: Float, centres: Float, block: Int, axes: Float, places: Float, dim: int) -> Int:
+def strip_order(tally: Float, block: Int, axes: Float, places: Float, dim: int) -> Int:
     """Parts ``(k,)`` by block, and by their places along its axis; if many, in strips of a block's slices.
 
     Two strips make a slice, of those of a sweep and, but for the first and the last one, of the next. In a
-    strip, parts are in turn along a direction across the axis, that of the second moments with the axis.
+    strip, parts are in turn along a direction across the axis, that of the second moments with the axis. The
+    ``tally (k, 8)`` has masses and centres: see ``shape_state``.
     """
     if len(block) < _MANY:
         return frozen_int(np.lexsort((places, block)))
@@ -30,10 +28,12 @@ def strip_order(mass: Float, centres: Float, block: Int, axes: Float, places: Fl
     count = _slices_of(size, dim)
     if (count == 1).all():
         return frozen_int(order)
+    from agglo_core.kernels.part_order import places_across
+
     own = block[order]
     rank = np.arange(len(block)) - (np.cumsum(size) - size)[own]
     strip = ((rank + 1) * 2 * count[own] - 1) // size[own]
-    several, across = count[own] > 1, _across(mass, centres, block, axes, dim)[order]
+    several, across = count[own] > 1, places_across(block, tally, axes, dim)[order]
     strip = 2 * count.max() * own + np.where(several, strip, 0)
     return frozen_int(order[_sorted(np.where(several, across, rank), strip)])
 
@@ -71,26 +71,3 @@ def _sorted(values: Float, groups: Int) -> Int:
     if (np.diff(keys[order]) > 4.0 * np.spacing(keys.max())).all():
         return order
     return np.asarray(np.lexsort((values, groups)))
-
-
-def _across(mass: Float, centres: Float, block: Int, axes: Float, dim: int) -> Float:
-    """Where the centres of parts are across the axis of their block."""
-    mass, whole = mass.copy(), np.maximum(np.bincount(block, mass), 1e-300)
-
-    def means(values: Float) -> Float:
-        found: Float = np.bincount(block, mass * values) / whole
-        return found
-
-    def products(vectors: list[Float], others: list[Float]) -> Float:
-        return np.asarray(sum(x * y for x, y in zip(vectors, others, strict=True)))
-
-    unit = list(axes.T[:dim] / np.linalg.norm(axes[:, :dim], axis=1))
-    local = [x - means(x)[block] for x in centres.T[:dim]]
-    along = products(local, [x[block] for x in unit])
-    moments = [means(x * along) for x in local]
-    spread = products(moments, unit)
-    across = np.stack([x - spread * y for x, y in zip(moments, unit, strict=True)])
-    flat = np.linalg.norm(across, axis=0) <= _FLAT * spread
-    turned = np.stack((-unit[1], *unit[:1], *(np.zeros_like(x) for x in unit[2:])))
-    across[:, flat] = turned[:, flat]  # symmetry: this turns with a block in the plane
-    return products(local, [x[block] for x in across])

@@ -28,7 +28,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     ``limit``.
     """
     from agglo_core.kernels.part_order import part_places
-    from agglo_core.kernels.shape_state import CENTRE, MASS, Cells, State, interface_cells, part_tally
+    from agglo_core.kernels.shape_state import Cells, State, interface_cells, part_tally
     from agglo_core.kernels.shape_sweeps import sweep_all
 
     n, k, count = graph.n, len(block), int(block.max()) + 1
@@ -37,7 +37,7 @@ def swept(graph: Graph, labels: Int, block: Int, alpha: float, floor: float, lim
     axes, places = part_places(block, count, tally)
     cells = Cells(graph.indptr, graph.indices, graph.interface, *geometry, axes)
     blocks, due = interface_cells(cells, parts, tally, block, count)  # as yet neighbours' sums are near
-    order = strip_order(tally[:, MASS], tally[:, CENTRE : CENTRE + 3], block, axes, places, graph.dim)
+    order = strip_order(tally, block, axes, places, graph.dim)
     rank = np.empty(k, np.int32)
     rank[order] = np.arange(k, dtype=np.int32)
     parts, tally = rank.take(parts), tally.take(order, axis=0)  # several times faster than indexing

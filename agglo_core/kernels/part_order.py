@@ -7,10 +7,11 @@ import numpy as np
 from agglo_core.kernels.compiling import helper, kernel
 from agglo_core.kernels.shape_state import CENTRE, MASS
 
-__all__ = ["part_places"]
+__all__ = ["part_places", "places_across"]
 
 _FLAT = 1e-6
-"""A third moment below this share of its bound is rounding."""
+"""A third moment below this share of its bound is rounding, and a second one across an axis below this share
+of that along it."""
 
 
 @helper(allocates=True)
@@ -59,3 +60,65 @@ def part_places(block, count, tally):
         for a in range(3):
             places[p] += axes[block[p], a] * tally[p, CENTRE + a]
     return axes, places
+
+
+@helper(allocates=True)
+def _block_centres(block, count, tally, dim):
+    """Centre ``(count, 3)`` and mass, or a little, of each block."""
+    mass, centres = np.zeros(count), np.zeros((count, 3))
+    for p in range(len(block)):
+        b, m = block[p], tally[p, MASS]
+        mass[b] += m
+        for a in range(dim):
+            centres[b, a] += m * tally[p, CENTRE + a]
+    for b in range(count):
+        mass[b] = max(mass[b], 1e-300)
+        for a in range(dim):
+            centres[b, a] /= mass[b]
+    return centres, mass
+
+
+@helper(allocates=True)
+def _across(block, tally, axes, centres, mass, dim):
+    """Direction across the axis of each block ``(count, 3)``: see ``places_across``."""
+    count = len(axes)
+    unit, across = np.zeros((count, 3)), np.zeros((count, 3))
+    for b in range(count):
+        length = 0.0
+        for a in range(dim):
+            length += axes[b, a] ** 2
+        for a in range(dim):
+            unit[b, a] = axes[b, a] / np.sqrt(length)
+    for p in range(len(block)):
+        b, along = block[p], 0.0
+        for a in range(dim):
+            along += (tally[p, CENTRE + a] - centres[b, a]) * unit[b, a]
+        for a in range(dim):
+            across[b, a] += tally[p, MASS] * along * (tally[p, CENTRE + a] - centres[b, a]) / mass[b]
+    for b in range(count):
+        length, spread = 0.0, 0.0
+        for a in range(dim):
+            spread += across[b, a] * unit[b, a]
+        for a in range(dim):
+            across[b, a] -= spread * unit[b, a]
+            length += across[b, a] ** 2
+        if not np.sqrt(length) > _FLAT * spread:
+            across[b, 0], across[b, 1], across[b, 2] = -unit[b, 1], unit[b, 0], 0.0
+    return across
+
+
+@kernel
+def places_across(block, tally, axes, dim):
+    """Where each part's centre is across the axis of its block ``(k,)``.
+
+    The direction is that of the second moments with the axis; where there are none, as symmetry has it, one
+    that turns with the block in the plane.
+    """
+    places = np.zeros(len(block))
+    centres, mass = _block_centres(block, len(axes), tally, dim)
+    across = _across(block, tally, axes, centres, mass, dim)
+    for p in range(len(block)):
+        b = block[p]
+        for a in range(dim):
+            places[p] += (tally[p, CENTRE + a] - centres[b, a]) * across[b, a]
+    return places

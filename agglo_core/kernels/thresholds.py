@@ -155,7 +155,7 @@ def _project(n, a, b, x, y, score):
 def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally):
     """Cheapest cut of a planar block across its principal axis, or axes turned from it by ``turns``.
 
-    Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 45° off are
+    Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 25° off are
     left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
     cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis; leaves the
     coordinates along it in ``score``.

@@ -10,23 +10,44 @@ from hypothesis import strategies as st
 from agglo_core.arrays import frozen_int
 from agglo_core.components import part_strips
 from agglo_core.components.part_strips import slices, strip_order
+from agglo_core.kernels.part_order import places_across
+from agglo_core.kernels.shape_state import CENTRE, MASS
 
 SEEDS = st.integers(0, 10**6)
 
 
 def blocks(seed: int, dim: int, sizes: tuple[int, ...]):
-    """Masses, centres, and blocks of parts in a random order; an axis of each block, and places along it."""
+    """Masses, centres, and blocks of parts in a random order; an axis of each block."""
     rng = np.random.default_rng(seed)
     k = sum(sizes)
-    block = rng.permutation(np.repeat(np.arange(len(sizes)), sizes))
+    block = frozen_int(rng.permutation(np.repeat(np.arange(len(sizes)), sizes)))
     centres, axes = np.zeros((k, 3)), np.zeros((len(sizes), 3))
     centres[:, :dim] = rng.random((k, dim)) ** 2
     axes[:, :dim] = rng.normal(size=(len(sizes), dim))
     return rng.random(k) + 0.1, centres, block, axes
 
 
+def tally_of(mass, centres):
+    tally = np.zeros((len(mass), 8))
+    tally[:, MASS], tally[:, CENTRE : CENTRE + 3] = mass, centres
+    return tally
+
+
 def order_of(mass, centres, block, axes, dim):
-    return strip_order(mass, centres, block, axes, (centres * axes[block]).sum(axis=1), dim)
+    return strip_order(tally_of(mass, centres), block, axes, (centres * axes[block]).sum(axis=1), dim)
+
+
+@settings(max_examples=20, deadline=None)
+@given(SEEDS, st.sampled_from([2, 3]))
+def test_places_across_are_along_the_moments_with_the_axis(seed: int, dim: int) -> None:
+    mass, centres, block, axes = blocks(seed, dim, (30, 3, 50))
+    found = places_across(block, tally_of(mass, centres), axes, dim)
+    for b, axis in enumerate(axes):
+        own = block == b
+        local = centres[own] - np.average(centres[own], axis=0, weights=mass[own])
+        unit = axis / np.linalg.norm(axis)
+        moments = np.average(local * (local @ unit)[:, None], axis=0, weights=mass[own])
+        np.testing.assert_allclose(found[own], local @ (moments - (moments @ unit) * unit), atol=1e-12)
 
 
 @settings(max_examples=20, deadline=None)
@@ -72,7 +93,7 @@ def test_strips_move_with_the_block(seed: int, dim: int) -> None:
         patch.setattr(part_strips, "_WIDTH", 3.0)
         order = order_of(mass, centres, block, axes, dim)
         moved = order_of(
-            mass[number], (centres @ turn.T + turn[0])[number], block[number], axes @ turn.T, dim
+            mass[number], (centres @ turn.T + turn[0])[number], frozen_int(block[number]), axes @ turn.T, dim
         )
     np.testing.assert_array_equal(number[moved], order)
 
@@ -81,7 +102,7 @@ def test_strips_move_with_the_block(seed: int, dim: int) -> None:
 def test_symmetry_and_parts_in_one_place_are_no_harm(dim: int) -> None:
     centres = np.zeros((800, 3))
     centres[:, :dim] = np.random.default_rng(0).choice([-1.0, 0.0, 1.0], (800, dim))
-    block, axes = np.zeros(800, np.int64), np.eye(3)[:1]
+    block, axes = frozen_int(np.zeros(800)), np.eye(3)[:1]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(part_strips, "_MANY", 0)
         for mass in (np.ones(800), np.zeros(800)):
