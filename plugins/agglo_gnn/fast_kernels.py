@@ -121,7 +121,7 @@ def number_cells(cells, lo, hi, tag, marks):
 
 
 @helper
-def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, spread, bins, tally):
+def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, spread, bins, listed, tally):
     """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
 
     Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
@@ -131,13 +131,14 @@ def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, s
     low = -_BAND * spread
     rate = -0.5 * _BINS / low if low < 0.0 else 0.0
     area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
-    cut = 0.0
-    start = np.uint64(lo)
-    for i in range(np.uint64(n)):
-        own = bins[i]
-        if own < 0 or own >= _BINS:
-            continue
-        rise, cell, b = 0.0, np.uint64(np.uint32(cells[start + i])), np.uint32(own)
+    cut, start, inside = 0.0, np.uint64(lo), np.uint64(0)
+    for i in range(n):
+        listed[inside] = i  # no branch: it would be mispredicted
+        inside += np.uint64((bins[i] >= 0) & (bins[i] < _BINS))
+    for k in range(inside):
+        i = np.uint64(np.uint32(listed[k]))
+        own, rise, cell = bins[i], 0.0, np.uint64(np.uint32(cells[start + i]))
+        b = np.uint32(own)
         for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
             j = np.uint32(indices[h])
             other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else own
@@ -170,7 +171,7 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
     With few cells the axes are tried instead, with cells that are all alike as well, and the best turned a
     little. Returns what ``_band_sweep`` does, leaves the score in the score room, its gradient in ``axis``.
     """
-    (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv), net = own
+    (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv, listed), net = own
     grid, place, nodes, near, areas, features = raster
     n = hi - lo
     ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
@@ -201,7 +202,7 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
         spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
         x, y = a * ux + b * vx, a * uy + b * vy
         trial = _band_sweep(
-            graph, cells, lo, hi, tag, marks, local, shares, section, x, y, spread, bins, tally
+            graph, cells, lo, hi, tag, marks, local, shares, section, x, y, spread, bins, listed, tally
         )
         if trial[0] < best[0] - 1e-9 * abs(best[0]):
             best, p, q = trial, a, b
@@ -214,7 +215,7 @@ def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
 @helper
 def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
     """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
-    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _), _ = own
+    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _, _), _ = own
     n, axis, best = hi - lo, sums[2], (NO_CUT, 0, 0.0, 0.0)
     axis[2] = 0.0
     if n >= _SMALL and scales[1] > 1e-299:
@@ -233,7 +234,7 @@ def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
 @helper(allocates=True)
 def _room(m, edges, net):
     """Work arrays for pieces of at most m cells, and the network."""
-    directions = half_circle(_AXES), halvings(_AXES, _FINER), np.empty((2, m))
+    directions = half_circle(_AXES), halvings(_AXES, _FINER), np.empty((2, m)), np.empty(m + 1, np.int32)
     return piece_sweeps.point_room(m), piece_sweeps.score_room(m, edges), raster_room(m), directions, net
 
 
