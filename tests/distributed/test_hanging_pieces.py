@@ -105,7 +105,7 @@ def neighbours(file: str) -> tuple[Any, list[float], float]:
     return found, boundary.tolist(), float(quality["connected"])
 
 
-@pytest.mark.parametrize(("size", "dim"), [(2, 2), (3, 3)])
+@pytest.mark.parametrize(("size", "dim"), [(2, 2), pytest.param(3, 3, marks=pytest.mark.slow)])
 def test_hanging_vertices_are_found_across_ranks(tmp_path: Path, size: int, dim: int) -> None:
     """Neighbours, interfaces and boundary are those of the mesh that one process reads."""
     write_pieces(tmp_path, dim)

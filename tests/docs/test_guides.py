@@ -51,7 +51,15 @@ def run_guide(guide: Path, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-_LONG = ("more-than-one-machine", "train-a-model", "tutorial", "write-a-plugin", "write-other-components")
+_LONG = (
+    "more-than-one-machine",
+    "three-dimensions",
+    "train-a-model",
+    "tutorial",
+    "use-the-hierarchy-in-your-solver",
+    "write-a-plugin",
+    "write-other-components",
+)
 
 
 def _with_slow_ones() -> list[object]:

@@ -173,7 +173,7 @@ ORDERS = {
     "Voronoi": (lambda n: samples.voronoi3d(n**3, seed=0), ((8, 12), (3, 6), (3, 6))),
     "agglomerates": (quarters, ((4, 6), (2, 3), (2, 3))),
 }
-_SLOW = ("Voronoi", "agglomerates")
+_SLOW = ("tetrahedra", "Voronoi", "agglomerates")
 
 
 @pytest.mark.parametrize(

@@ -153,6 +153,7 @@ def test_the_command_line_checks_it(borders: Path, tmp_path: Path, kind: str) ->
     assert answer.code == 0
 
 
+@pytest.mark.slow
 def test_its_own_tests_pass_away_from_the_source_tree(borders: Path, tmp_path: Path) -> None:
     shutil.copy(HERE / "tests/test_conformance.py", tmp_path)
     done = subprocess.run(
