@@ -49,17 +49,12 @@ def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     >>> values, values.flags.writeable
     (array([1, 2], dtype=int16), False)
     """
-    if type(values) is np.ndarray and values.dtype == dtype:  # most are frozen already
-        flags = values.flags
-        if flags.c_contiguous:
-            if not flags.writeable:
-                return values
-            seen = values.view()
-            seen.flags.writeable = False
-            return seen
-    array = np.ascontiguousarray(values, dtype=dtype)
-    if np.ndim(values) == 0:
-        array = array.reshape(())
+    if type(values) is np.ndarray and values.dtype == dtype:  # most are, and frozen already
+        array = values if values.flags.c_contiguous else np.ascontiguousarray(values)
+    else:
+        array = np.ascontiguousarray(values, dtype=dtype)
+        if np.ndim(values) == 0:
+            array = array.reshape(())
     if array.flags.writeable:
         array = array.view()
         array.flags.writeable = False

@@ -39,8 +39,8 @@ def new_run(
     cannot.
     """
     member, fallback = chosen("bisector", bisector, registry)
-    bisects, partitions = _offers(member, "bisect_level", "bisect"), _offers(member, "partition")
-    if kway and not partitions:
+    bisects = member.offers("bisect_level", "bisect")
+    if kway and not member.offers("partition"):
         raise OptionError(f"{member.title} has no k-way partition; use method='recursive'")
     if not kway and not bisects:
         raise OptionError(f"{member.title} cannot bisect; use method='kway'")
@@ -56,11 +56,6 @@ def new_run(
         seed=seed,
         progress=progress,
     )
-
-
-def _offers(member: Member, *methods: str) -> bool:
-    """Whether it has one of these methods; isinstance with a protocol takes ten times as long."""
-    return any(callable(getattr(member.tool, method, None)) for method in methods)
 
 
 def _polishers(choices: Sequence[Choice], registry: Registry) -> list[Member]:

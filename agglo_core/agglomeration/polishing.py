@@ -94,7 +94,7 @@ def _polish(graph: Graph, blocks: Int, labels: Int, goal: Goal, run: Run, stage:
     if blocks.any():  # else one: a connected mesh, most of the time
         owner[labels] = blocks
     target = Target(parts=len(owner), h_star=goal.target.h_star)
-    if all(callable(getattr(member.tool, "refine_parts", None)) for member in run.post_refiners):
+    if all(member.offers("refine_parts") for member in run.post_refiners):
         after = run.refine_parts(graph, labels, frozen_int(owner), target)
     else:
         after = _refined_by_block(graph, labels, owner, target, run, stage)

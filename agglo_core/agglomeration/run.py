@@ -164,11 +164,11 @@ class Run:
 
     def growth(self, graph: Graph, pieces: Int) -> Growth | None:
         """The growth that the bisector offers for these components; None if it offers none."""
-        tool = self.bisector.tool
-        if not callable(getattr(tool, "grow", None)):
+        if not self.bisector.offers("grow"):
             return None
+        tool, refiners = self.bisector.tool, [member.tool for member in self.refiners]
         with attributed(self.bisector.title):
-            made: Growth = tool.grow(graph, pieces, [each.tool for each in self.refiners], self.fixer.tool)
+            made: Growth | None = tool.grow(graph, pieces, refiners, self.fixer.tool)
         return made
 
     def grow(

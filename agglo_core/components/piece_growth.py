@@ -31,8 +31,11 @@ _PART = 16.0
 _ROOM = 256
 """Rows by which lists of pieces grow."""
 
-_LAST_STAMP, _AT_ONCE = 2**30, 2**24
-"""Marks of cells have 32 bits: they start anew beyond one; and more cells are split a share at a time."""
+_LAST_STAMP = 2**30
+"""Beyond it the marks of cells, of 32 bits, start anew."""
+
+_AT_ONCE = 2**24
+"""More cells are split a share at a time, or their marks would run out within one call."""
 
 _COLUMNS = 5
 """Of lists of pieces: the first place, the last plus 1, quota, depth, and what was done to it."""
@@ -53,7 +56,7 @@ class PieceGrowth:
     pieces : (n,) int
         Connected pieces 0..k−1 to start from.
     kernel : callable
-        Calls ``piece_driver.split_pieces``, which says with what, after binding how pieces are cut.
+        ``piece_driver.split_pieces``, which says what it is given, with helpers that load and cut a piece.
     floor : float
         Of the refinement; negative for none.
     tiny : int
@@ -294,6 +297,4 @@ def _enlarged(rows: Int) -> Int:
 def _batches(todo: Int) -> list[Int]:
     """Rows of pieces, cut where some ten thousand cells are full."""
     full = np.cumsum(todo[:, 1] - todo[:, 0]) // (4 * _SMALL)
-    if not full.any():
-        return [todo]
     return np.split(todo, np.flatnonzero(np.diff(full)) + 1)

@@ -15,26 +15,35 @@ of that along it."""
 
 
 @helper(allocates=True)
-def _block_axes(block, count, tally):
-    """Third moment of the centres of the parts of each block ``(count, 3)``, or a fixed direction.
-
-    The moment turns with the block, and does not vanish unless there is symmetry.
-    """
-    k = len(block)
-    mass, spread = np.zeros(count), np.zeros(count)
-    centres, axes = np.zeros((count, 3)), np.zeros((count, 3))
-    extent = 0.0
-    for p in range(k):
+def _block_centres(block, count, tally):
+    """Centre ``(count, 3)`` and mass, or a little, of each block."""
+    mass, centres = np.zeros(count), np.zeros((count, 3))
+    for p in range(len(block)):
         b, m = block[p], tally[p, MASS]
         mass[b] += m
         for a in range(3):
             centres[b, a] += m * tally[p, CENTRE + a]
+    for b in range(count):
+        mass[b] = max(mass[b], 1e-300)
+        for a in range(3):
+            centres[b, a] /= mass[b]
+    return centres, mass
+
+
+@kernel
+def part_places(block, count, tally):
+    """Axes of the blocks ``(count, 3)``; where each part's centre is along that of its block ``(k,)``.
+
+    An axis is the third moment of the centres of the parts, which turns with the block, and does not vanish
+    unless there is symmetry: then it is a fixed direction.
+    """
+    centres, mass = _block_centres(block, count, tally)
+    spread, axes, extent = np.zeros(count), np.zeros((count, 3)), 0.0
+    for p in range(len(block)):
+        for a in range(3):
             extent = max(extent, abs(tally[p, CENTRE + a] - tally[0, CENTRE + a]))
     unit = 1.0 / extent if extent > 1e-300 else 1.0  # cubes of any unit are finite
-    for b in range(count):
-        for a in range(3):
-            centres[b, a] = centres[b, a] / mass[b] if mass[b] > 0.0 else 0.0
-    for p in range(k):
+    for p in range(len(block)):
         b, square = block[p], 0.0
         for a in range(3):
             square += (unit * (tally[p, CENTRE + a] - centres[b, a])) ** 2
@@ -43,39 +52,17 @@ def _block_axes(block, count, tally):
         for a in range(3):
             axes[b, a] += square * (unit * (tally[p, CENTRE + a] - centres[b, a]))
     for b in range(count):
-        length, bound = 0.0, spread[b] * np.sqrt(spread[b] / mass[b]) if mass[b] > 0.0 else 0.0
+        length, bound = 0.0, spread[b] * np.sqrt(spread[b] / mass[b])
         for a in range(3):
             length += axes[b, a] ** 2
         if not np.sqrt(length) > _FLAT * bound:
             for a in range(3):
                 axes[b, a] = 1.0 / (1.0 + np.sqrt(2.0) * a)
-    return axes
-
-
-@kernel
-def part_places(block, count, tally):
-    """Axes of the blocks ``(count, 3)``; where each part's centre is along that of its block ``(k,)``."""
-    axes, places = _block_axes(block, count, tally), np.zeros(len(block))
+    places = np.zeros(len(block))
     for p in range(len(block)):
         for a in range(3):
             places[p] += axes[block[p], a] * tally[p, CENTRE + a]
     return axes, places
-
-
-@helper(allocates=True)
-def _block_centres(block, count, tally, dim):
-    """Centre ``(count, 3)`` and mass, or a little, of each block."""
-    mass, centres = np.zeros(count), np.zeros((count, 3))
-    for p in range(len(block)):
-        b, m = block[p], tally[p, MASS]
-        mass[b] += m
-        for a in range(dim):
-            centres[b, a] += m * tally[p, CENTRE + a]
-    for b in range(count):
-        mass[b] = max(mass[b], 1e-300)
-        for a in range(dim):
-            centres[b, a] /= mass[b]
-    return centres, mass
 
 
 @helper(allocates=True)
@@ -115,7 +102,7 @@ def places_across(block, tally, axes, dim):
     that turns with the block in the plane.
     """
     places = np.zeros(len(block))
-    centres, mass = _block_centres(block, len(axes), tally, dim)
+    centres, mass = _block_centres(block, len(axes), tally)
     across = _across(block, tally, axes, centres, mass, dim)
     for p in range(len(block)):
         b = block[p]

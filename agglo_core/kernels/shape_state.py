@@ -137,6 +137,7 @@ def listed_cells(state, work, sweep, before, alpha):
             before.gains[s, a] = 0.0
     for b in range(len(state.blocks)):
         inertia, interface = state.blocks[b, 0], state.blocks[b, 1]
+        # a block without inertia or interface is done: there nothing is a number
         gain = state.gains[b, 0] / inertia + alpha * (state.gains[b, 1] / interface)
         state.going[b] &= sweep == 0 or -gain > _LITTLE
         for a in range(2):
