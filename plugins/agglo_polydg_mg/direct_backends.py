@@ -7,9 +7,12 @@ long as it does.
 from __future__ import annotations
 
 import logging
+import os
 import weakref
-from collections.abc import Callable, Mapping
-from importlib import import_module
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from importlib import import_module, metadata
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -69,7 +72,8 @@ def pardiso(A: Any) -> Solves:
     upper.setdiag(sparse.csr_array(A).diagonal())  # PARDISO wants the zeros of a diagonal stored
     upper.sort_indices()
     for kind in (_CHOLESKY, _BUNCH_KAUFMAN):
-        solver = package.PyPardisoSolver(mtype=kind)
+        with _path_of_mkl():
+            solver = package.PyPardisoSolver(mtype=kind)
         try:
             solver.factorize(upper)
         except (ValueError, package.PyPardisoError) as error:  # only the second kind takes pivots below 0
@@ -152,8 +156,38 @@ def _installed(name: str) -> bool:
 def _package(name: str) -> Any:
     module, distribution = PACKAGES[name]
     try:
-        return import_module(module)
+        with _path_of_mkl():
+            return import_module(module)
     except ImportError as error:
         raise OptionError(
             f"backend {name!r} needs {distribution}: pip install {distribution} ({error})"
         ) from error
+
+
+@contextmanager
+def _path_of_mkl() -> Iterator[None]:
+    """Set the variable by which pypardiso finds MKL, unless it is set or pip did not install MKL.
+
+    Without it pypardiso searches the whole environment, once on import and once for each solver. That takes
+    a third of a second, far longer than the factorisation of a small matrix.
+    """
+    variable, path = "PYPARDISO_MKL_RT", _installed_mkl()
+    if path is None or variable in os.environ:
+        yield
+        return
+    os.environ[variable] = path
+    try:
+        yield
+    finally:
+        os.environ.pop(variable, None)  # another thread may have removed it
+
+
+@cache
+def _installed_mkl() -> str | None:
+    """Path of MKL's runtime library, from the list of files of the distribution ``mkl``."""
+    try:
+        files = metadata.files("mkl") or []
+    except metadata.PackageNotFoundError:
+        return None
+    names = sorted((str(file.locate()) for file in files if "mkl_rt" in file.name), key=len)
+    return names[0] if names else None

@@ -39,6 +39,7 @@ from flux_matrices import five_points, linear_elements, two_point_flux, two_valu
 
 from agglo_core import Mesh, agglomerate, samples
 from agglo_core.multigrid import aggregation_stack, classical_stack, cycle
+from agglo_polydg_mg.direct_backends import BACKENDS
 
 MOST = 300
 Matrix = sparse.csr_array
@@ -142,13 +143,8 @@ def iterated(make: Callable[[Matrix, Labels], Any], A: Matrix, labels: Labels, b
 
 def direct(A: Matrix, b: np.ndarray) -> list[float]:
     """Seconds of the factorisation and the solution by PARDISO."""
-    from pypardiso import PyPardisoSolver
-
-    solver = PyPardisoSolver(mtype=2)
-    upper = sparse.csr_matrix(sparse.triu(A))
-    setup, _ = clocked(lambda: solver.factorize(upper))
-    solve, _ = clocked(lambda: solver.solve(upper, b))
-    solver.free_memory(everything=True)
+    setup, solves = clocked(lambda: BACKENDS["pardiso"](A))
+    solve, _ = clocked(lambda: solves(b))
     return [1, setup, solve]
 
 

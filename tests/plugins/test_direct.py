@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import json
+import os
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +18,7 @@ from scipy.sparse.linalg import cg, spsolve
 
 from agglo_core import OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, Linear
+from agglo_polydg_mg import direct_backends
 from agglo_polydg_mg.direct import Direct
 from agglo_polydg_mg.direct_backends import BACKENDS, chosen_backend, superlu
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
@@ -156,6 +159,36 @@ def test_memory_of_mkl_is_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     del solves
     gc.collect()
     assert FakePardiso.alive == before
+
+
+def test_pypardiso_is_given_the_path_of_mkl(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Otherwise each of its solvers searches the environment, which outweighs small factorisations."""
+    metadata = tmp_path / "mkl-2099.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: mkl\nVersion: 2099.0\n")
+    (metadata / "RECORD").write_text("lib/libmkl_core.so.3,,\nlib/libmkl_rt.so.3,,\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delenv("PYPARDISO_MKL_RT", raising=False)
+    direct_backends._installed_mkl.cache_clear()
+    paths: list[str | None] = []
+
+    class Searching(FakePardiso):
+        def __init__(self, mtype: int = 11) -> None:
+            super().__init__(mtype)
+            paths.append(os.environ.get("PYPARDISO_MKL_RT"))
+
+    names = {"PyPardisoSolver": Searching, "PyPardisoError": PyPardisoError}
+    monkeypatch.setitem(sys.modules, "pypardiso", SimpleNamespace(__path__=[]))
+    monkeypatch.setitem(sys.modules, "pypardiso.pardiso_wrapper", SimpleNamespace(**names))
+    try:
+        BACKENDS["pardiso"](definite(8))
+        assert paths == [str(tmp_path / "lib/libmkl_rt.so.3")]
+        assert "PYPARDISO_MKL_RT" not in os.environ
+        monkeypatch.setenv("PYPARDISO_MKL_RT", "the user's")
+        BACKENDS["pardiso"](definite(8))
+        assert paths[1] == os.environ["PYPARDISO_MKL_RT"] == "the user's"
+    finally:
+        direct_backends._installed_mkl.cache_clear()
 
 
 @pytest.mark.usefixtures("_nothing_installed")
