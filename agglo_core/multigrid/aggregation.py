@@ -12,7 +12,7 @@ from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.coarse_solve import direct_solver
-from agglo_core.multigrid.csr_galerkin import csr_galerkin
+from agglo_core.multigrid.csr_galerkin import csr_galerkin, product_entries
 from agglo_core.multigrid.level_smoothers import GaussSeidel
 from agglo_core.multigrid.matrix_checks import checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative
@@ -37,6 +37,8 @@ _HALVED = 0.5
 """The same for single unknowns: a sweep halves their error, at least (as at Dirichlet boundaries)."""
 _SLOW = 0.7
 """A level with more aggregates than this part of its parts is not worth having."""
+_FULL = 2.5
+"""Smoothing that makes a coarse matrix with so many times the entries of A, or of its level, is left out."""
 
 
 def pointwise(A: Any, block_offsets: Int, dtype: Any) -> LevelSmoother:
@@ -123,6 +125,9 @@ def aggregation_stack(
 
     Notes
     -----
+    Where smoothing would fill the coarse matrix, as on graphs with nodes of thousands of neighbours, the
+    prolongation of the level is the tentative one, whose coarse matrix has no more entries than that above.
+
     Vaněk, Mandel, Brezina, Computing 56 (1996). Strength is measured against the *larger* diagonal entry,
     in the spirit of the quality of aggregates of Napov and Notay (SIAM J. Sci. Comput. 34, 2012): two parts
     of large diagonal that are joined weakly must not share an unknown, since a jump between them costs little
@@ -142,6 +147,7 @@ def aggregation_stack(
         raise OptionError(f"theta must be 0 or more; given {theta!r}")
     levels: list[Level] = []
     holder = np.arange(len(offsets) - 1)
+    finest = matrix.nnz
     while matrix.shape[0] > coarsest:
         part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
         strength, scalar = Couplings.of(matrix, offsets, part_of), matrix.shape[0] == len(offsets) - 1
@@ -151,6 +157,8 @@ def aggregation_stack(
             break
         start = tentative(found[part_of], count, B)
         P = smoothed(matrix, offsets, part_of, strength, start, B, weak)
+        if product_entries(matrix, P) > _FULL * min(finest, matrix.nnz):
+            P = start.T
         levels.append(
             _level(matrix, offsets, dtype, holder, P.astype(dtype), smoother(matrix, offsets, dtype))
         )

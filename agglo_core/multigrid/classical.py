@@ -13,7 +13,7 @@ from agglo_core.arrays import Float, Int, Mask, frozen, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.kernels.coarse_points import classical_weights, coarse_first, coarse_points, strong_entries
 from agglo_core.multigrid.aggregation import aggregation_stack, checked_labels
-from agglo_core.multigrid.csr_galerkin import csr_galerkin
+from agglo_core.multigrid.csr_galerkin import csr_galerkin, product_entries
 from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.near_null import smoothed_near_null
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
@@ -27,7 +27,7 @@ _NEEDLESS = 0.1
 _SLOW = 0.9
 """A level that keeps more of the unknowns than this is not worth having."""
 _FULL = 2.5
-"""Nor is one whose matrix has so many times the entries."""
+"""Nor is one whose matrix has so many times the entries of the level above or of A."""
 _NEGATIVE = 0.1
 """A row is negative if it adds up to less than minus this part of its diagonal entry."""
 _MANY = 0.01
@@ -114,14 +114,15 @@ def classical_stack(
     if not 0.0 < theta <= 1.0:
         raise OptionError(f"theta must be between 0 and 1; given {theta!r}")
     levels: list[Level] = []
+    finest = matrix.nnz
     first = _agglomerates(given[:1]) if guide is not None else matrix.shape[0]
     while matrix.shape[0] > coarsest and not (levels and given and matrix.shape[0] <= first):
         P, stays = _interpolation(matrix if guide is None else guide, theta)
         if stays.sum() > _SLOW * len(stays):
             break
-        below = csr_galerkin(matrix, P)
-        if below.nnz > _FULL * matrix.nnz:
+        if product_entries(matrix, P) > _FULL * min(finest, matrix.nnz):
             break
+        below = csr_galerkin(matrix, P)
         own = frozen_int(np.arange(len(stays) + 1))
         smoother = CoarseFirst(matrix, stays, dtype) if groups == 1 else group_smoother(matrix, groups, dtype)
         levels.append(Level(matrix.astype(dtype), own, P.astype(dtype), smoother))

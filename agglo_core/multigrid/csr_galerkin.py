@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import frozen
 from agglo_core.kernels.galerkin_product import galerkin_product
 
-__all__ = ["csr_galerkin"]
+__all__ = ["csr_galerkin", "product_entries"]
+
+_SAMPLE = 64
+"""Columns of a product that are counted to estimate its entries."""
 
 
 def csr_galerkin(A: Any, P: Any) -> Any:
@@ -28,3 +32,16 @@ def csr_galerkin(A: Any, P: Any) -> Any:
     found.data, found.indices, found.indptr = (frozen(a, a.dtype) for a in (data, indices, indptr))
     found.has_canonical_format = True
     return found
+
+
+def product_entries(A: Any, P: Any) -> float:
+    """Estimate the number of entries of Pᵀ A P from evenly spaced columns of it.
+
+    Parameters
+    ----------
+    A : (n, n) csr
+    P : (n, m) csr
+    """
+    m = P.shape[1]
+    columns = np.unique(np.linspace(0, m - 1, _SAMPLE).astype(np.int64))
+    return float((P.T @ (A @ P[:, columns])).nnz * m / len(columns))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import networkx as nx
 import numpy as np
 import pytest
 from flux_matrices import iterations, truss, two_point_flux, two_valued
 from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
 from agglo_core import samples
 from agglo_core.errors import OptionError
-from agglo_core.multigrid import aggregation_stack, cycle
+from agglo_core.multigrid import LevelStack, aggregation_stack, classical_stack, cycle, pcg
 
 
 def checkerboard(centroids: np.ndarray) -> np.ndarray:
@@ -144,6 +148,37 @@ def test_labels_that_do_not_suit_the_matrix_are_left() -> None:
     from_labels, from_graph = aggregation_stack(A, labels=[labels]), aggregation_stack(A)
     assert np.array_equal(from_labels.levels[1].labels, from_graph.levels[1].labels)
     assert (aggregation_stack(A, labels=[labels], theta=0.0).levels[1].labels == labels).all()
+
+
+def preferential_attachment(n: int, links: int, seed: int) -> sparse.csr_array:
+    """Laplacian, plus 0.001, of a graph whose node degrees follow a power law (Barabási, Albert 1999)."""
+    graph = nx.to_scipy_sparse_array(nx.barabasi_albert_graph(n, links, seed=seed), dtype=float)
+    return sparse.csr_array(sparse.diags_array(graph.sum(axis=1) + 1e-3) - graph)
+
+
+def joined_to_all(n: int) -> sparse.csr_array:
+    """Laplacian, plus 0.001, of a square grid with one more node that is weakly joined to all others."""
+    line, one = sparse.diags_array([1.0, 1.0], offsets=[-1, 1], shape=(n, n)), sparse.eye_array(n)
+    grid, spokes = sparse.kron(line, one) + sparse.kron(one, line), np.full((n * n, 1), 0.01)
+    graph = sparse.csr_array(sparse.block_array([[grid, spokes], [spokes.T, None]]))
+    return sparse.csr_array(sparse.diags_array(graph.sum(axis=1) + 1e-3) - graph)
+
+
+@pytest.mark.parametrize("make_stack", [aggregation_stack, classical_stack])
+@pytest.mark.parametrize(
+    "A", [preferential_attachment(4_000, 3, 5), preferential_attachment(2_000, 8, 6), joined_to_all(60)]
+)
+def test_levels_of_graphs_with_hubs_stay_sparse(
+    make_stack: Callable[..., LevelStack], A: sparse.csr_array
+) -> None:
+    """Smoothed prolongation would make coarse matrices nearly dense, with up to fifty times the entries."""
+    stack = make_stack(A, coarsest=100)
+    assert max(level.A.nnz for level in stack.levels) <= 2.6 * A.nnz
+    assert stack.operator_complexity < 5.0
+    b = np.random.default_rng(0).standard_normal(A.shape[0])
+    solved = pcg(A, b, cycle(stack), tolerance=1e-8)
+    assert (solved.converged, solved.iterations <= 20) == (True, True)
+    np.testing.assert_allclose(solved.x, spsolve(sparse.csc_array(A), b), rtol=1e-5, atol=1e-6)
 
 
 def test_single_precision_inside() -> None:
