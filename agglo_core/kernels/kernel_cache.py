@@ -5,6 +5,7 @@ No other file knows ``numba.core.caching`` from within.
 
 from __future__ import annotations
 
+import glob
 import inspect
 import logging
 import re
@@ -49,6 +50,29 @@ class _Nowhere:
 
 class _Files(CompileResultCacheImpl):
     _locator_classes: list[type[object]] = [*CompileResultCacheImpl._locator_classes, _Nowhere]  # noqa: RUF012
+
+
+class _CacheFile(IndexDataCacheFile):
+    """Index of the machine code of one kernel, in files that are named by signature and sources.
+
+    Numba numbers these files. Of two processes that compile different signatures at once both may take the
+    same number, and the index of one then leads to the machine code of the other: a kernel for float64
+    was called with integers. A name that depends on the content alone cannot be taken twice.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Write the machine code of a signature, then the index, which is complete at every moment."""
+        if Path(self._index_path).is_file() and not self._load_index():  # type: ignore[no-untyped-call]
+            self._remove_stale()
+        digest = sha256(f"{self._version} {self._source_stamp} {key}".encode()).hexdigest()[:20]
+        name = f"{Path(self._index_name).stem}.{digest}.nbc"
+        self._save_data(name, data)  # type: ignore[no-untyped-call]
+        self._save_index({**self._load_index(), key: name})  # type: ignore[no-untyped-call]
+
+    def _remove_stale(self) -> None:
+        """Remove machine code of other sources, to which no index leads."""
+        for file in Path(self._cache_path).glob(f"{glob.escape(Path(self._index_name).stem)}.*.nbc"):
+            file.unlink(missing_ok=True)
 
 
 class KernelCache(FunctionCache):
@@ -96,7 +120,7 @@ class KernelCache(FunctionCache):
     def _index_in(self, folder: Path) -> Any:
         package = self._py_func.__module__.rpartition(".")[0]
         name = f"{package}.{self._impl.filename_base}"
-        return IndexDataCacheFile(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
+        return _CacheFile(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
 
 
 @cache  # once per process

@@ -122,6 +122,36 @@ def test_another_numpy_has_another_stamp(monkeypatch: pytest.MonkeyPatch) -> Non
     assert source_stamp.__wrapped__(KERNELS / "sums.py") != before
 
 
+def test_processes_that_save_at_once_never_swap_machine_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second process reads the index before the first writes it, and saves before the first is done."""
+    first, second = (KernelCache(double)._index_in(tmp_path) for _ in range(2))
+    write_index = first._save_index
+
+    def interrupted(overloads: dict[Any, str]) -> None:
+        write_index(overloads)
+        second.save("float64", "code for float64")
+
+    monkeypatch.setattr(first, "_save_index", interrupted)
+    monkeypatch.setattr(second, "_load_index", dict)
+    first.save("int64", "code for int64")
+    after = KernelCache(double)._index_in(tmp_path)
+    assert after.load("float64") == "code for float64"
+    assert after.load("int64") is None  # compiled once more
+    after.save("int64", "code for int64")
+    assert [after.load(each) for each in ("int64", "float64")] == ["code for int64", "code for float64"]
+
+
+def test_machine_code_of_other_sources_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    KernelCache(double)._index_in(tmp_path).save("signature", "old")
+    monkeypatch.setattr(kernel_cache, "source_stamp", lambda file: "other")
+    file = KernelCache(double)._index_in(tmp_path)
+    assert file.load("signature") is None
+    file.save("signature", "new")
+    assert (file.load("signature"), len(list(tmp_path.glob("*.nbc")))) == ("new", 1)
+
+
 def home(module: str, name: str) -> str:
     """Name of the module that a statement ``from module import name`` leads to."""
     if module == "agglo_core.authoring":
