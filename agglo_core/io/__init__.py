@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agglo_core.errors import FileError, OptionError
+from agglo_core.files import check_regular
 from agglo_core.io.file_checks import naming, read_by, read_hierarchy_by, write_by
 from agglo_core.io.foam_format import OpenFoam
 from agglo_core.io.formats import Formats, KnownFormat
@@ -62,7 +63,7 @@ def read(
     Raises
     ------
     FileError
-        Naming the file: missing, a folder, empty, truncated, corrupt, of an unknown format.
+        Naming the file: missing, a folder that no format reads, empty, truncated, corrupt, of an unknown format.
     MeshError
         For a mesh that breaks a rule, naming file and cells.
     OptionError
@@ -231,12 +232,8 @@ def _writer(target: Path, registry: Registry | None, options: dict[str, bool]) -
 def _existing(path: object) -> Path:
     source = _checked_path("read", path)
     with naming(source):
-        if source.is_dir():
-            raise FileError("is a folder, expected a file")
-        if not source.exists():
-            raise FileError("no such file")
-        if not source.is_file():
-            raise FileError("is not a regular file")
+        if not source.is_dir():  # some formats read folders
+            check_regular(source)
     return source
 
 

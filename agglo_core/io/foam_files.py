@@ -11,16 +11,16 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import without_mark
 from agglo_core.io.counted_lists import counted_lists
+from agglo_core.io.foam_dictionaries import COMMENT, SPACE, FoamParser, word_in
 from agglo_core.io.text_numbers import integers, reals
 
-__all__ = ["FoamFile", "faces_of", "labels_of", "open_foam", "points_of"]
+__all__ = ["FoamFile", "faces_of", "has_foam", "labels_of", "open_foam", "parser_of", "points_of"]
 
-_HEADER = re.compile(rb"FoamFile\s*\{([^{}]*)\}")
-_LIST = re.compile(rb"(?:\s|//[^\n]*+|/\*(?:[^*]|\*(?!/))*+\*/)*+(\d{1,18})\s*+([({])")
-_COMMENT = re.compile(rb"//[^\n]*+|/\*(?:[^*]|\*(?!/))*+\*/")
+_LIST = re.compile(SPACE + rb"(\d{1,18})" + SPACE + rb"([({]?)")
+_COMMENT = re.compile(COMMENT)
 _BRACKETS = bytes.maketrans(b"()", b"  ")
-_HEAD = 1 << 16  # bytes in which the header stands
 _ROOM, _EXPANSION = 1 << 26, 40  # bytes that any file may inflate to, and more for each byte it has
 
 
@@ -36,6 +36,11 @@ class FoamFile(NamedTuple):
     scalar: str
 
 
+def has_foam(folder: Path, name: str) -> bool:
+    """Return True if a folder has a file of this name, gzipped or not."""
+    return (folder / name).is_file() or (folder / f"{name}.gz").is_file()
+
+
 def open_foam(folder: Path, name: str) -> FoamFile:
     """Read a file of a folder, or the gzipped one, and its header; raises FileError."""
     plain, packed = folder / name, folder / f"{name}.gz"
@@ -45,23 +50,28 @@ def open_foam(folder: Path, name: str) -> FoamFile:
         content = _inflated(packed.read_bytes(), packed.name)
     else:
         raise FileError(f"there is no file {plain}, nor {packed.name}; blockMesh makes one")
-    found = _HEADER.search(content, 0, _HEAD)
-    if found is None:
+    content = without_mark(content)
+    header = FoamParser(name, content)
+    if header.token() != b"FoamFile" or header.token() != b"{":
         raise FileError(f"{name}: there is no header FoamFile")
-    words = dict(re.findall(rb'(\w+)\s+("[^"]*"|[^;"]*)', found[1]))
-    form, arch = words.get(b"format", b"ascii").strip(), words.get(b"arch", b"")
-    if form not in (b"ascii", b"binary"):
-        raise FileError(f"{name}: the format {form.decode('ascii', 'replace')!r} is neither ascii nor binary")
-    order = ">" if b"MSB" in arch else "<"
-    label = f"{order}i{8 if b'label=64' in arch else 4}"
-    scalar = f"{order}f{4 if b'scalar=32' in arch else 8}"
-    kind = words.get(b"class", b"").strip().decode("ascii", "replace")
-    return FoamFile(name, content, found.end(), kind, form == b"binary", label, scalar)
+    words = header.table()
+    form, arch = word_in(words, "format") or "ascii", word_in(words, "arch")
+    if form not in ("ascii", "binary"):
+        raise FileError(f"{name}: the format {form!r} is neither ascii nor binary")
+    order = ">" if "MSB" in arch else "<"
+    label = f"{order}i{8 if 'label=64' in arch else 4}"
+    scalar = f"{order}f{4 if 'scalar=32' in arch else 8}"
+    return FoamFile(name, content, header.place, word_in(words, "class"), form == "binary", label, scalar)
+
+
+def parser_of(file: FoamFile, most: int) -> FoamParser:
+    """Parser of what follows the header; ``most`` is the largest length of a list of equal labels."""
+    return FoamParser(file.name, file.content, file.start, file.label if file.binary else "", most)
 
 
 def points_of(file: FoamFile) -> Float:
     """Points ``(n, 3)`` of a file; raises FileError."""
-    n, start = _declared(file, file.start)
+    n, start, _ = _declared(file, file.start)
     if file.binary:
         values, _ = _raw(file, start, 3 * n, file.scalar)
         return frozen_float(values.reshape(-1, 3))
@@ -71,13 +81,15 @@ def points_of(file: FoamFile) -> Float:
     return frozen_float(values.reshape(-1, 3))
 
 
-def labels_of(file: FoamFile, most: int, start: int | None = None) -> Int:
-    """Labels of a list in a file, by default the first; raises FileError.
+def labels_of(file: FoamFile, most: int) -> Int:
+    """Labels of the list in a file; raises FileError.
 
     ``most`` is how many there can be: a list of equal labels says its length and one of them.
     """
-    n, start = _declared(file, file.start if start is None else start, most)
-    if file.content[start - 1 : start] == b"{":
+    n, start, bracket = _declared(file, file.start, most)
+    if not bracket:
+        return frozen_int([])
+    if bracket == b"{":
         stop = file.content.find(b"}", start)
         value = integers(file.content, start, stop if stop >= 0 else start)
         if len(value) != 1:
@@ -93,7 +105,7 @@ def labels_of(file: FoamFile, most: int, start: int | None = None) -> Int:
 
 def faces_of(file: FoamFile) -> tuple[Int, Int]:
     """Faces of a file as offsets and points; raises FileError."""
-    n, start = _declared(file, file.start)
+    n, start, _ = _declared(file, file.start)
     if not file.binary:
         content, first, last = _text(file, start)
         stream = integers(content, first, last)
@@ -108,21 +120,21 @@ def faces_of(file: FoamFile) -> tuple[Int, Int]:
     starts, stop = _raw(file, start, n, file.label)
     if not n or starts[0] != 0 or (np.diff(starts) < 0).any():
         raise FileError(f"{file.name}: the places of the faces do not rise from 0")
-    count, start = _declared(file, stop)
+    count, start, _ = _declared(file, stop)
     if count != starts[-1]:
         raise FileError(f"{file.name}: the faces end at {starts[-1]} of {count} points")
     return frozen_int(starts), frozen_int(_raw(file, start, count, file.label)[0])
 
 
-def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int]:
-    """How many values a list says it has, and the place after its bracket."""
+def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
+    """Declared length of a list, the place after its bracket, and the bracket; an empty list may lack it."""
     found = _LIST.match(file.content, place)
-    if found is None:
+    n = int(found[1]) if found is not None else 0
+    if found is None or (n and not found[2]):
         raise FileError(f"{file.name}: expected a number and a list in brackets")
-    n = int(found[1])
     if found[2] == b"{" and (most is None or n > most):
         raise FileError(f"{file.name}: a list of {n} equal values is too long, or none is expected")
-    return n, found.end()
+    return n, found.end(), found[2]
 
 
 def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, int]:

@@ -1,4 +1,4 @@
-"""OpenFOAM cases as a format: a file, often empty, marks the folder of the case."""
+"""Format of OpenFOAM cases, which are folders, often marked by an empty file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["OpenFoam"]
 
 
 class OpenFoam(Compressing):
-    """OpenFOAM cases: ``constant/polyMesh`` beside the file; levels for decomposePar and as fields.
+    """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder; levels for decomposePar, as fields.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class OpenFoam(Compressing):
     8
     """
 
-    suffixes: tuple[str, ...] = (".foam",)
+    suffixes: tuple[str, ...] = (".foam", ".openfoam")
     lossless: bool = False
     reads_empty: bool = True
     atomic: bool = True
@@ -44,6 +44,12 @@ class OpenFoam(Compressing):
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
         return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
+
+    def recognises_folder(self, folder: Path) -> bool:
+        """Return True for the folder of a case, for ``constant``, and for ``polyMesh``."""
+        from agglo_core.io.foam_read import is_foam_folder
+
+        return is_foam_folder(folder)
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of the case; raises FileError or MeshError."""

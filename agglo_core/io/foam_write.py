@@ -31,6 +31,8 @@ __all__ = ["write_foam"]
 _log = logging.getLogger("agglo")
 _NO_WORD = re.compile(r"""[\s"'/\\;{}()\[\]$#]+""")
 _REST = "defaultFaces"
+_NOTE = "labels of a level, written by agglo"
+_HEAD = 512  # bytes that hold the header of a field
 
 
 class _Faces(NamedTuple):
@@ -47,8 +49,10 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     """Write ``constant/polyMesh`` beside the file, which marks the case, and the labels of all levels.
 
     ``constant/cellDecomposition`` holds the finest level, as decomposePar reads it, ``constant/agglo`` every
-    level and tag, ``0`` the levels as fields. Patches take the names of face tags, cell zones those of cell
-    tags. Zones of faces and points of an earlier mesh are removed.
+    level and tag, ``0`` the levels as fields ``level0``, ``level1``, …. The name ``level_0`` would stand for
+    the values of a field ``level`` one time step earlier, which VTK leaves out. Patches take the names of
+    face tags, cell zones those of cell tags. Zones of faces and points, and fields of levels, of an earlier
+    mesh are removed.
 
     Raises
     ------
@@ -65,7 +69,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
     levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
     case = path.parent
     own = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
-    fields = {name: _field(name, tags[name], faces.patches) for name in levels}
+    fields = {f"level{i}": _field(f"level{i}", tags[name], faces.patches) for i, name in enumerate(levels)}
     split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
     poly = {**_poly(mesh, faces), **_zones(tags)}
     groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, own)]
@@ -80,6 +84,7 @@ def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress:
         stage = stages.enter_context(staging(path))
         (stage / path.name).write_bytes(b"")
     _remove_zones(case / "constant" / "polyMesh", kept=poly)
+    _remove_fields(case / "0", kept=fields)
     for folder, files in groups[:3]:
         _remove_other_forms(folder, files, compress, all_others=folder.name == OWN)
 
@@ -155,6 +160,16 @@ def _remove_zones(folder: Path, kept: Collection[str]) -> None:
             _log.warning("removed %s: its numbers are those of the mesh that was replaced", folder / name)
 
 
+def _remove_fields(folder: Path, kept: Collection[str]) -> None:
+    """Remove the fields of levels that an earlier hierarchy had, known by their note."""
+    for file in sorted(folder.glob("level*")) if folder.is_dir() else ():
+        if file.name in kept or not file.is_file():
+            continue
+        with open(file, "rb") as stream:
+            if _NOTE.encode() in stream.read(_HEAD):
+                file.unlink()
+
+
 def _entries(faces: _Faces) -> Iterator[str]:
     for name, (start, count) in faces.patches.items():
         rows = f"        type patch;\n        nFaces {count};\n        startFace {start};\n"
@@ -217,7 +232,7 @@ def _field(name: str, labels: Int, patches: Mapping[str, tuple[int, int]]) -> st
     """Labels as a field of scalars."""
     rows = "".join(f"    {patch}\n    {{\n        type zeroGradient;\n    }}\n" for patch in patches)
     return (
-        _header("volScalarField", "0", name)
+        _header("volScalarField", "0", name, _NOTE)
         + "dimensions [0 0 0 0 0 0 0];\n"
         + f"internalField nonuniform List<scalar>\n{len(labels)}\n(\n{_column(labels)})\n;\n"
         + f"boundaryField\n{{\n{rows}}}\n"

@@ -65,19 +65,23 @@ class Formats:
     def first_accepted(self, path: Path, read: Callable[[KnownFormat], T]) -> T:
         """What ``read`` returns of the first format that claims the file and accepts it.
 
-        If none does, those that recognise its content are asked, whatever its name.
+        If none does, those that recognise its content are asked, whatever its name. Of a folder those are
+        tried that recognise it.
 
         Raises
         ------
         FileError
-            If no format claims the file, or if several do and each refuses it.
+            If no format claims the file or folder, or if several do and each refuses it.
         AggloError
             Why the only one that claims it refuses it.
         PluginError
             If one misbehaves; no other is asked then.
         """
         refusals: list[tuple[str, AggloError]] = []
-        for known in chain(self._claiming(path), self._recognising(path)):
+        folder = path.is_dir()
+        for known in (
+            self._of_folder(path) if folder else chain(self._claiming(path), self._recognising(path))
+        ):
             try:
                 answer = read(self._with_options(known))
             except PluginError:
@@ -89,7 +93,7 @@ class Formats:
                 _log.info("%s: %s refused it (%s); read by %s", path, title, reason, known.title)
             return answer
         if not refusals:
-            raise self._unknown(path, writing=False)
+            raise FileError("is a folder, expected a file") if folder else self._unknown(path, writing=False)
         if len(refusals) == 1:
             raise refusals[0][1]
         reasons = "; ".join(f"{title}: {reason}" for title, reason in refusals)
@@ -141,6 +145,16 @@ class Formats:
                 recognised = known.tool.recognises(head)
             if recognised:
                 _log.info("%s: by its content it is a file of %s", path, known.title)
+                yield known
+
+    def _of_folder(self, folder: Path) -> Iterator[KnownFormat]:
+        """Yield the formats that recognise a folder."""
+        for known, _ in self._survey():
+            if known is None or not known.has("recognises_folder"):
+                continue
+            with attributed(known.title, spare=(OSError,)):
+                recognised = known.tool.recognises_folder(folder)
+            if recognised:
                 yield known
 
     def _survey(self) -> Iterator[tuple[KnownFormat | None, str]]:

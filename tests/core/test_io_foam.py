@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import gzip
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command_line import Agglo
 
 from agglo_core import FileError, agglomerate, read, read_hierarchy, samples, write
 from agglo_core.problems import read_problem
@@ -176,7 +178,12 @@ def test_cell_zones_are_tags(tmp_path: Path) -> None:
         ("owner", "(\n0", "(\n90", "name cells from 0 to 90 beside 11 faces"),
         ("neighbour", "1\n(\n1\n)", "1{1", "does not say which"),
         ("neighbour", "1\n(\n1\n)", "99999999999{1}", "a list of 99999999999 equal values is too long"),
-        ("boundary", "startFace 2", "startFace 20", "patch 'walls' has not startFace and nFaces within 11"),
+        (
+            "boundary",
+            "startFace 2",
+            "startFace 20",
+            "patch 'walls' must lie within 11 faces, given startFace 20, nFaces 9",
+        ),
     ],
 )
 def test_faults_are_named(tmp_path: Path, name: str, old: str, new: str, says: str) -> None:
@@ -222,7 +229,7 @@ def test_cases_are_written_and_read_back(tmp_path: Path, compress: bool) -> None
     ]
     own = [f"constant/agglo/{name}{end}" for name in ("a%2Fb%20c", "level_0", "level_1", "mat")]
     assert found == sorted(
-        [*names, *own, f"constant/cellDecomposition{end}", "0/level_0", "0/level_1", "m.foam"]
+        [*names, *own, f"constant/cellDecomposition{end}", "0/level0", "0/level1", "m.foam"]
     )
     back, levels = read_hierarchy(tmp_path / "m.foam")
     assert {name: tag.tolist() for name, tag in back.cell_tags.items()} == {
@@ -256,7 +263,7 @@ def test_fields_for_other_programs(tmp_path: Path) -> None:
     split = (tmp_path / "constant" / "cellDecomposition").read_text()
     assert "class       labelList;" in split
     assert split.split("(\n")[1].split(")")[0].split() == labels
-    field = (tmp_path / "0" / "level_0").read_text()
+    field = (tmp_path / "0" / "level0").read_text()
     assert "class       volScalarField;" in field
     assert field.split("(\n")[1].split(")")[0].split() == labels
     assert "defaultFaces" in field.split("boundaryField")[1]
@@ -282,3 +289,256 @@ def test_cell_tags_are_zones(tmp_path: Path) -> None:
     }
     write(tmp_path / "m.foam", samples.boxes(3))
     assert not zones.exists()
+
+
+def change(case: Path, name: str, old: str, new: str) -> None:
+    """Replace a text in a file of the mesh."""
+    file = poly(case) / name
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new, 1))
+
+
+def faces_by_patch(case: Path) -> dict[str, list[int]]:
+    """Numbers of the faces of each patch, as the file of the case orders them."""
+    tags = read(case).face_tags
+    return {name: np.flatnonzero(tag == 1).tolist() for name, tag in tags.items() if name != "patch"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("nFaces 1;", "// nFaces 3;\n nFaces 1;"),
+        ("nFaces 1;", "/* nFaces 3;\n */ nFaces 1; // nFaces 4;"),
+        ("inlet", "/* old { type wall; nFaces 2; startFace 0; } */ inlet"),
+        ("inlet", "// startFace { of all } below\ninlet"),
+        ("nFaces 1;", "nFaces 2; /**/ nFaces /* ; */ 1;"),
+        ("nFaces 1;", 'note "nFaces 3; }"; nFaces 1;'),
+        ("nFaces 1;", "AMI { surface { type triSurfaceMesh; nFaces 5; } } nFaces 1;"),
+        ("nFaces 1;", "inGroups 2(wall slip(1)); weights (0.5 (1 2) { a b; }); nFaces 1;"),
+        ("FoamFile", "// FoamFile {format binary;}\n/* FoamFile { format none; } */ FoamFile"),
+        ("format ascii;", "// format binary; }\n format ascii; note { format binary; }"),
+    ],
+)
+def test_dictionaries_of_patches(tmp_path: Path, old: str, new: str) -> None:
+    case = foam(tmp_path)
+    change(case, "boundary", old, new)
+    assert faces_by_patch(case) == {"inlet": [1], "walls": list(range(2, 11))}
+
+
+@pytest.mark.parametrize(
+    ("written", "name"),
+    [("wall(1)", "wall(1)"), ('"back side"', "back side"), ("div(U,(p))", "div(U,(p))"), ("2d", "2d")],
+)
+def test_names_of_patches(tmp_path: Path, written: str, name: str) -> None:
+    case = foam(tmp_path)
+    change(case, "boundary", "inlet", written)
+    assert faces_by_patch(case)[name] == [1]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("startFace 1;", "", "patch 'inlet' must lie within 11 faces, given startFace none, nFaces 1"),
+        ("nFaces 1;", "nFaces 1.5;", "given startFace 1, nFaces 1.5"),
+        ("startFace 1;", "startFace 0;", "face 0 of patch 'inlet' lies between two cells"),
+        ("nFaces 1;", '#include "x" nFaces 1;', "directives such as '#include' are not read"),
+        ("walls", "inlet", "there are two entries 'inlet'"),
+        ("2\n(", "3\n(", "3 entries are declared, 2 follow"),
+        ("walls", "/* walls", r"line \d+: a comment does not end"),
+        ("walls", '"walls', r"line \d+: a string does not end"),
+        ("startFace 2;", "startFace 2", r"line \d+: expected a value or ;, found '}'"),
+        ("walls\n{", "walls\n", "expected { after the name 'walls', found 'type'"),
+        ("nFaces 1;", "a" + " {a" * 60, "nested more than 50 deep"),
+        ("nFaces 1;", "a 99999999{1};", "a list of 99999999 equal labels is longer than 0"),
+        ("\n)\n", "\n", "found the end of the file: truncated"),
+    ],
+)
+def test_broken_dictionaries(tmp_path: Path, old: str, new: str, says: str) -> None:
+    case = foam(tmp_path)
+    change(case, "boundary", old, new)
+    with pytest.raises(FileError, match=f"case.foam: boundary: .*{says}"):
+        read(case)
+
+
+@pytest.mark.parametrize(
+    "zone",
+    [
+        "type cellZone; inGroups 1(fluid); cellLabels List<label> 1(1);",
+        "type cellZone; cellLabels 1(1);",
+        "cellLabels List<label> /* 2(0 1) */ 1 ( // 0\n 1 ); type cellZone;",
+        "type cellZone; cellLabels (1);",
+        "type cellZone; cellLabels List<label> 1{1};",
+        "type cellZone; // cellLabels List<label> 1(0);\n cellLabels List<label> 1(1); flip no;",
+    ],
+)
+def test_forms_of_zones(tmp_path: Path, zone: str) -> None:
+    case = foam(tmp_path)
+    text = f"{HEAD}3\n(\nrotor(1) {{ {zone} }}\nnone {{ type cellZone; cellLabels List<label> 0(); }}\n"
+    (poly(case) / "cellZones").write_text(text + "no { type cellZone; cellLabels List<label> 0; } )\n")
+    tags = read(case).cell_tags
+    assert {name: tag.tolist() for name, tag in tags.items()} == {
+        "rotor(1)": [0, 1],
+        "none": [0, 0],
+        "no": [0, 0],
+    }
+    change(case, "cellZones", zone, "type cellZone;")
+    with pytest.raises(FileError, match=r"cellZones: 'rotor\(1\)' has no list of cells cellLabels"):
+        read(case)
+
+
+@pytest.mark.parametrize("label", [32, 64])
+def test_binary_zones_and_empty_lists(tmp_path: Path, label: int) -> None:
+    """Labels may hold any byte; an empty list is its length alone."""
+    head = f'FoamFile {{ format binary; arch "LSB;label={label};scalar=64"; class regIOobject; }}\n'
+    case = foam(tmp_path)
+    cells = np.array([1, 0], f"<i{label // 8}").tobytes()
+    zones = b"a { type cellZone; cellLabels List<label> 2(" + cells + b"); }\n"
+    zones += b"b { type cellZone; cellLabels List<label> 0; }\n"
+    (poly(case) / "cellZones").write_bytes(head.encode() + b"2(" + zones + b")\n")
+    tags = read(case).cell_tags
+    assert {name: tag.tolist() for name, tag in tags.items()} == {"a": [1, 1], "b": [0, 0]}
+    (poly(case) / "cellZones").write_bytes(head.encode() + b"0\n// ***")
+    assert read(case).cell_tags == {}
+    write(tmp_path / "one.foam", samples.boxes(1))
+    for text in ("0\n", "0()\n", "0\n\n// *** (\n"):
+        (poly(case) / "neighbour").write_text(head + text)
+        assert read(tmp_path / "one.foam").n_cells == 1
+
+
+def test_paths_of_a_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case = foam(tmp_path / "pipe")
+    whole = read(case)
+    (tmp_path / "pipe" / "pipe.OpenFOAM").touch()
+    for path in (
+        tmp_path / "pipe",
+        tmp_path / "pipe" / "constant",
+        poly(case),
+        poly(case) / "owner",
+        tmp_path / "pipe" / "pipe.OpenFOAM",
+    ):
+        mesh = read(path)
+        assert (mesh.name, mesh.fingerprint) == ("pipe", whole.fingerprint)
+        assert read_hierarchy(path)[1] is None
+    monkeypatch.chdir(poly(case))
+    assert read(".").name == "pipe"
+    (tmp_path / "empty.vtu").mkdir()
+    with pytest.raises(FileError, match=r"empty\.vtu: is a folder, expected a file"):
+        read(tmp_path / "empty.vtu")
+
+
+def test_command_line_on_a_folder(tmp_path: Path, agglo: Agglo) -> None:
+    foam(tmp_path / "pipe")
+    assert agglo("run", str(tmp_path / "pipe"), "--parts", "2", "-o", str(tmp_path / "o.npz")).code == 0
+    assert read(tmp_path / "o.npz").n_cells == 2
+
+
+def test_regions_of_a_case(tmp_path: Path) -> None:
+    case = foam(tmp_path)
+    for region in ("fluid", "solid"):
+        (tmp_path / "constant" / region).mkdir()
+    poly(case).rename(tmp_path / "constant" / "fluid" / "polyMesh")
+    (tmp_path / "constant" / "solid" / "polyMesh").mkdir()
+    for path in ("fluid", "fluid/polyMesh", "fluid/polyMesh/owner"):
+        mesh = read(tmp_path / "constant" / path)
+        assert (mesh.name, mesh.n_cells) == ("fluid", 2)
+    for whole in (case, tmp_path):
+        with pytest.raises(FileError, match=r"the regions fluid, solid; read one .*/constant/fluid"):
+            read(whole)
+
+
+def decomposed(folder: Path, *, addressing: bool = True) -> Path:
+    """The two cubes on two processors, the second cube on processor 0."""
+    case = foam(folder)
+    shutil.rmtree(folder / "constant")
+    loops = [[int(v) for v in row[2:-1].split()] for row in CUBES["faces"]]
+    outer = {0: loops[6:], 1: loops[1:6]}
+    between = {0: [1, 7, 10, 4], 1: loops[0]}  # from the same point on, in opposite directions
+    for k in (0, 1):
+        faces = [*outer[k], between[k]]
+        used = sorted({v for loop in faces for v in loop})
+        number = {v: i for i, v in enumerate(used)}
+        inlet, walls = ((0, 5), (0, 5)), ((0, 1), (1, 4))
+        patches = [
+            f"{name} {{ type patch; startFace {start}; nFaces {count}; }}"
+            for name, (start, count) in zip(("inlet", "walls"), (inlet, walls)[k], strict=True)
+            if (k, name) != (0, "inlet")
+        ]
+        ends = f"myProcNo {k}; neighbProcNo {1 - k}; startFace 5; nFaces 1;"
+        patches.append(f"procBoundary{k}to{1 - k} {{ type processor; {ends} }}")
+        rows = {
+            "points": [CUBES["points"][v] for v in used],
+            "faces": [f"4({' '.join(str(number[v]) for v in loop)})" for loop in faces],
+            "owner": ["0"] * 6,
+            "neighbour": [],
+            "boundary": patches,
+            "cellZones": [f"right {{ type cellZone; cellLabels List<label> {('1(0)', '0')[k]}; }}"],
+        } | ({"cellProcAddressing": [str(1 - k)]} if addressing else {})
+        mesh = folder / f"processor{k}" / "constant" / "polyMesh"
+        mesh.mkdir(parents=True)
+        for name, lines in rows.items():
+            (mesh / name).write_text(f"{HEAD}{len(lines)}\n(\n" + "\n".join(lines) + "\n)\n")
+    return case
+
+
+@pytest.mark.parametrize("allow_gaps", [False, True])
+@pytest.mark.parametrize("addressing", [False, True])
+def test_decomposed_cases_are_joined(tmp_path: Path, addressing: bool, allow_gaps: bool) -> None:
+    whole = read(foam(tmp_path / "whole"))
+    case = decomposed(tmp_path / "parts", addressing=addressing)
+    for path in (case, case.parent):
+        mesh = read(path, allow_gaps=allow_gaps)
+        assert (mesh.n_cells, mesh.n_faces, mesh.n_points) == (2, 11, 12)
+        assert (mesh.face_cells[:, 1] >= 0).sum() == 1
+        right = 1 if addressing else 0
+        assert mesh.cell_centroids[right].tolist() == pytest.approx([1.5, 0.5, 0.5])
+        assert mesh.cell_tags["right"].tolist() == [int(c == right) for c in (0, 1)]
+        assert mesh.cell_tags["processor"].tolist() == ([1, 0] if addressing else [0, 1])
+        assert mesh.face_tags.keys() == {"inlet", "walls", "patch"}
+        for name in ("inlet", "walls"):
+            expected = whole.face_centroids[whole.face_tags[name] == 1]
+            found = mesh.face_centroids[mesh.face_tags[name] == 1]
+            assert sorted(found.tolist()) == sorted(expected.tolist())
+    alone = read(case.parent / "processor1")
+    assert (alone.n_cells, int((alone.face_tags["procBoundary1to0"] == 1).sum())) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "says"),
+    [
+        (
+            "boundary",
+            "nFaces 1; }\n)",
+            "nFaces 0; }\n)",
+            "processor0 has 1 faces to processor 1, which has 0",
+        ),
+        ("points", "(1 0 0)", "(1 0.1 0)", r"between two processors lies at \[1.0, 0.0, 0.0\] in one and at"),
+        ("owner", "6\n", "7\n", "processor1: owner: 7 labels are declared, 6 follow"),
+        ("cellProcAddressing", "(\n0", "(\n1", "cellProcAddressing does not number the 2 cells"),
+    ],
+)
+def test_processors_that_do_not_fit(tmp_path: Path, file: str, old: str, new: str, says: str) -> None:
+    case = decomposed(tmp_path)
+    path = tmp_path / "processor1" / "constant" / "polyMesh" / file
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(FileError, match=f"case.foam: .*({says})"):
+        read(case)
+    shutil.rmtree(tmp_path / "processor0")
+    with pytest.raises(FileError, match="there are folders up to processor1, but no processor0"):
+        read(case)
+
+
+def test_vtk_shows_the_levels(tmp_path: Path) -> None:
+    """VTK passes over fields whose names end in ``_0``: OpenFOAM's values of one time step earlier."""
+    pyvista = pytest.importorskip("pyvista")
+    mesh = samples.boxes(3)
+    hierarchy = agglomerate(mesh, bisector="coordinate", n_parts=(8, 4, 2))
+    write(tmp_path / "m.foam", mesh, hierarchy)
+    reader = pyvista.OpenFOAMReader(str(tmp_path / "m.foam"))
+    assert reader.cell_array_names == ["level0", "level1", "level2"]
+    cells = reader.read()["internalMesh"].cell_data
+    for i, labels in enumerate(hierarchy.levels):
+        assert cells[f"level{i}"].astype(int).tolist() == labels.tolist()
+    (tmp_path / "0" / "levelSet").write_text("of the user")
+    write(tmp_path / "m.foam", mesh, agglomerate(mesh, bisector="coordinate", n_parts=2))
+    assert sorted(each.name for each in (tmp_path / "0").iterdir()) == ["level0", "levelSet"]

@@ -17,15 +17,16 @@ ROOT = Path(__file__).parents[2]
 PLUGINS = sorted(folder.name for folder in (ROOT / "plugins").glob("agglo_*") if folder.is_dir())
 FILES = sorted([*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 
-EVERYBODY = {"arrays", "errors", "progress", "threads"}
-"""Modules that all folders may import, except the registry: to start fast it imports the errors alone."""
+EVERYBODY = {"arrays", "errors", "files", "progress", "threads"}
+"""Modules that all folders may import, except the registry: it starts fast with the errors and files alone."""
 
 MAY_IMPORT = {
     "arrays": set(),
     "errors": set(),
+    "files": {"errors"},
     "moved": set(),
     "progress": {"errors"},
-    "registry": {"errors"},
+    "registry": {"errors", "files"},
     "threads": {"errors"},
     "kernels": EVERYBODY,
     "packaging": set(),
@@ -55,7 +56,7 @@ MAY_IMPORT = {
 }
 """The folders and loose modules of the core, and those that each may import."""
 
-LOOSE = {"__init__", "__main__", "arrays", "authoring", "errors", "moved", "threads"}
+LOOSE = {"__init__", "__main__", "arrays", "authoring", "errors", "files", "moved", "threads"}
 
 
 def dotted(file: Path) -> str:
