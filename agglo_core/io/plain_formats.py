@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,7 +107,7 @@ class Off(Reading):
 
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as these do."""
-        return head.split(maxsplit=1)[:1] == [b"OFF"]
+        return re.match(rb"\s*(?:ST)?C?N?OFF\s", head) is not None
 
     def read(self, path: Path) -> Mesh:
         """Return the mesh of a file; raises FileError or MeshError."""

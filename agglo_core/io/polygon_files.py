@@ -11,6 +11,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_lists
 from agglo_core.io.plain_cells import loops_of, write_levels
@@ -23,55 +24,78 @@ if TYPE_CHECKING:
 __all__ = ["read_obj", "read_off", "write_obj", "write_off"]
 
 _COMMENT = "# "
-_COLOURS = (0, 3, 4, 1)  # numbers that may follow the points of a face
+_OFF = re.compile(rb"\s*(?:((?:ST)?C?N?)OFF)?\s+(?=\d)")
 
 
 def read_off(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
-    """Mesh of an OFF file; colours of faces are passed over.
+    """Mesh of an OFF file; normals, colours and textures of points, and colours of faces, are left out.
 
     Raises
     ------
     FileError, MeshError
-        For a broken file or mesh, one in binary, or a surface.
+        For a broken file or mesh, one in binary or of four dimensions, or a surface.
     """
-    content = path.read_bytes()
+    content = text_bytes(path)
     text = re.sub(rb"#[^\n]*", b"", content)
-    head = re.match(rb"\s*(OFF)?\s", text)
-    if head is None or not text[head.end() : head.end() + 20].strip()[:1].isdigit():
+    head = _OFF.match(text)
+    if head is None:
         raise FileError("it does not begin with OFF and the numbers of points and faces, as text")
+    body = text[head.end() :]
     numbers = reals(text, head.end())
     counts = numbers[:3]
     if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts.tolist()):
         raise FileError(f"it declares {counts.tolist()} points, faces and edges")
     n_points, n_faces = (int(n) for n in counts[:2])
-    rows, rest = numbers[3 : 3 + 3 * n_points], numbers[3 + 3 * n_points :]
+    rows = _off_rows(numbers, words_per_line(body), n_points, n_faces)
+    if rows is None:
+        if head[1]:
+            raise FileError(
+                f"{head[1].decode()}OFF needs a line for each of the {n_points} points, with as many numbers "
+                f"in each, and for each of the {n_faces} faces"
+            )
+        rows = _off_stream(numbers[3:], n_points, n_faces)
+    return _mesh(path, content, *rows, merge_points, allow_gaps)
+
+
+def _off_rows(
+    numbers: Float, widths: Int, n_points: int, n_faces: int
+) -> tuple[Float, tuple[Int, Int]] | None:
+    """Points and faces of a file with a line for each: what follows in a line is left out.
+
+    None if lines are broken in another way.
+    """
+    points, faces = widths[1 : 1 + n_points], widths[1 + n_points :]
+    if len(faces) != n_faces or len(points) != n_points or widths[0] != 3:
+        return None
+    if not n_points or points.min() < 3 or points.min() != points.max():
+        return None
+    first = 3 + int(points.sum())
+    starts = first + np.cumsum(faces) - faces
+    sizes = _whole(numbers[starts])
+    if (sizes < 1).any() or (sizes >= faces).any():
+        return None
+    offsets = np.concatenate(([0], np.cumsum(sizes)))
+    places = np.arange(offsets[-1]) + np.repeat(starts + 1 - offsets[:-1], sizes)
+    table = numbers[3:first].reshape(n_points, -1)[:, :3]
+    return frozen_float(table), (frozen_int(offsets), _whole(numbers[places]))
+
+
+def _off_stream(numbers: Float, n_points: int, n_faces: int) -> tuple[Float, tuple[Int, Int]]:
+    """Points and faces of a file with lines broken anywhere, which holds nothing else."""
+    rows, rest = numbers[: 3 * n_points], numbers[3 * n_points :]
     if len(rows) != 3 * n_points:
         raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
-    points = frozen_float(rows.reshape(-1, 3))
-    cells = _faces_with_colours(rest, n_faces)
-    return _mesh(path, content, points, cells, merge_points, allow_gaps)
+    stream = _whole(rest)
+    offsets, places, used = counted_lists(stream, n_faces)
+    if used != len(stream):
+        raise FileError(f"{n_faces} faces take {used} numbers, but {len(stream)} follow")
+    return frozen_float(rows.reshape(-1, 3)), (offsets, frozen_int(stream[places]))
 
 
-def _faces_with_colours(rest: Float, n: int) -> tuple[Int, Int]:
-    """Faces, whatever number of colours follows each."""
-    stream = np.where(np.abs(rest) < 2**53, rest, -1).astype(np.int64)
-    stream[stream != rest] = -1  # a colour between 0 and 1
-    found, error = None, FileError(f"{n} faces are declared, of which the file holds no list")
-    for behind in _COLOURS:
-        try:
-            offsets, places, used = counted_lists(frozen_int(stream), n, 0, behind)
-        except FileError as wrong:
-            error = wrong if behind == 0 else error
-            continue
-        if used == len(stream):
-            found = offsets, frozen_int(stream[places])
-            break
-        error = (
-            FileError(f"{n} faces take {used} numbers, but {len(stream)} follow") if behind == 0 else error
-        )
-    if found is None:
-        raise error
-    return found
+def _whole(numbers: Float) -> Int:
+    """Numbers as integers, −1 for those that are none."""
+    whole = np.where(np.abs(numbers) < 2**53, numbers, -1).astype(np.int64)
+    return frozen_int(np.where(whole == numbers, whole, -1))
 
 
 def read_obj(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
@@ -82,7 +106,7 @@ def read_obj(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh, or a surface.
     """
-    content = path.read_bytes()
+    content = text_bytes(path)
     text = content.replace(b"\\\n", b" ")
     rows = b"\n".join(re.findall(rb"(?m)^v[ \t]+([^\n#]*)", text))
     widths = words_per_line(rows)

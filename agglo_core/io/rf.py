@@ -15,6 +15,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, label_order
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_solids
 from agglo_core.io.plain_cells import solids_of, write_levels
@@ -54,9 +55,10 @@ def read_rf(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
 
 def _content(path: Path, suffix: str) -> bytes:
     file = path if path.suffix.lower() == suffix else path.with_suffix(suffix)
-    if not file.is_file():
-        raise FileError(f"there is no {file.name} beside it")
-    return file.read_bytes()
+    try:
+        return text_bytes(file)
+    except FileError as error:
+        raise FileError(f"{file.name} beside it: {error}") from None
 
 
 def _head(content: bytes, file: Path) -> tuple[Int, bytes]:

@@ -87,7 +87,7 @@ def test_faults_of_points_are_named(tmp_path: Path, old: str, new: str, says: st
     with pytest.raises(AggloError, match=says):
         RegnFace().read(tmp_path / "m.ele")
     (tmp_path / "m.node").unlink()
-    with pytest.raises(AggloError, match=r"there is no m\.node beside it"):
+    with pytest.raises(AggloError, match=r"m\.node beside it: no such file"):
         RegnFace().read(tmp_path / "m.ele")
 
 
@@ -132,6 +132,55 @@ def test_off(tmp_path: Path, text: str) -> None:
     mesh = Off().read(tmp_path / "m.off")
     assert mesh.cell_measures.tolist() == [1, 1]
     assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1]]
+
+
+PLANE = [(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)]
+
+
+@pytest.mark.parametrize(
+    ("head", "more"),
+    [
+        ("COFF", " 255 0 0 255"),
+        ("COFF", " 1 0.5 0"),
+        ("NOFF", " 0 0 1"),
+        ("CNOFF", " 0 0 1 0.1 0.2 0.3 1"),
+        ("STOFF", " 0.5 0.25"),
+        ("STCNOFF", " 0 0 1 9 9 9 9 0.5 0.25"),
+        ("OFF", " 9 9 9"),
+        ("OFF", ""),
+    ],
+)
+@pytest.mark.parametrize("colours", [("", ""), (" 255 0 0", ""), ("", " 4"), (" .5 .5 .5 1", " 1 2 3")])
+def test_off_with_colours_and_normals(tmp_path: Path, head: str, more: str, colours: tuple[str, str]) -> None:
+    rows = "".join(f"{x} {y} 0{more}\n" for x, y in PLANE)
+    text = f"{head}\n# a comment\n6 2 0\n\n{rows}4 0 1 2 3{colours[0]}\n4 1 4 5 2{colours[1]}\n"
+    for name in ("m.off", "m.other"):  # by its suffix, and by its content
+        (tmp_path / name).write_text(text)
+        mesh = read(tmp_path / name)
+        assert mesh.points.tolist() == [list(map(float, point)) for point in PLANE]
+        assert mesh.cell_measures.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "COFF 3 1 0 0 0 0 9 9 9 1 0 0 9 9 9 0 1 0 9 9 9 3 0 1 2\n",
+            "COFF needs a line for each of the 3 points",
+        ),
+        (
+            "NOFF\n3 1 0\n0 0 0 0 0 1\n1 0 0\n0 1 0 0 0 1\n3 0 1 2\n",
+            "NOFF needs a line for each of the 3 points",
+        ),
+        ("COFF\n3 1 0\n0 0 0 9\n1 0 0 9\n0 1 0 9\n4 0 1 2\n", "and for each of the 1 faces"),
+        ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 1\n0 1 0 1\n3 0 1 2\n", "does not begin with OFF"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n", "cell 0 uses point -1"),
+    ],
+)
+def test_off_that_cannot_be_read(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "m.off").write_text(text)
+    with pytest.raises(AggloError, match=rf"m\.off: .*{says}"):
+        read(tmp_path / "m.off")
 
 
 def test_obj(tmp_path: Path) -> None:
