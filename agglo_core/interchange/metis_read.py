@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.graph import Graph
 from agglo_core.io.file_checks import naming
 from agglo_core.io.text_numbers import integers, line_of, reals
@@ -68,7 +69,7 @@ def graph_from_metis(path: str | Path, coordinates: ArrayLike | str | Path) -> G
     """
     file = Path(path)
     with naming(file):
-        numbers, words = _numbers(file.read_bytes())
+        numbers, words = _numbers(text_bytes(file))
         head = _head(numbers[: words[0]] if len(words) else numbers)
         rows = _rows(head, numbers[words[0] :], _vertex_lines(words[1:], head.vertices))
     places = _coordinates(coordinates, head.vertices)
@@ -142,7 +143,7 @@ def _coordinates(given: ArrayLike | str | Path, n: int) -> ArrayLike:
         return given
     file = Path(given)
     with naming(file):
-        return places_of(reals(file.read_bytes()), n)
+        return places_of(reals(text_bytes(file)), n)
 
 
 def places_of(numbers: Float, n: int) -> Float:
@@ -168,7 +169,7 @@ def parts_from_metis(path: str | Path) -> Int:
     """
     file = Path(path)
     with naming(file):
-        content = file.read_bytes()
+        content = text_bytes(file)
         labels = integers(content)
         if labels.min(initial=0) < 0:
             place = int(np.argmin(labels))

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.graph import Graph
 from agglo_core.interchange.metis_read import places_of
 from agglo_core.io.counted_lists import record_starts
@@ -50,7 +51,7 @@ def graph_from_scotch(path: str | Path, coordinates: ArrayLike | str | Path) -> 
     """
     file = Path(path)
     with naming(file):
-        numbers = integers(file.read_bytes())
+        numbers = integers(text_bytes(file))
         n, base, named, weighed, loaded = _head(numbers)
         names, loads, indptr, ends, weights = _rows(numbers, n, named, loaded, weighed)
         names = names - base if named else frozen_int(np.arange(n))
@@ -123,7 +124,7 @@ def _places(given: ArrayLike | str | Path, n: int, base: int) -> ArrayLike:
         return given
     file = Path(given)
     with naming(file):
-        numbers = reals(file.read_bytes())
+        numbers = reals(text_bytes(file))
         dim = int(numbers[0]) if len(numbers) and numbers[0] in (2, 3) else 0
         rows = numbers[2:].reshape(-1, dim + 1) if dim and len(numbers) == 2 + n * (dim + 1) else None
         if rows is None or numbers[1] != n:
@@ -158,7 +159,7 @@ def parts_from_scotch(path: str | Path, *, base: int = 0) -> Int:
     """
     file = Path(path)
     with naming(file):
-        numbers = integers(file.read_bytes())
+        numbers = integers(text_bytes(file))
         if not len(numbers) or len(numbers) != 1 + 2 * int(numbers[0]):
             raise FileError(
                 f"{max(len(numbers) - 1, 0)} numbers follow the number of vertices, expected two each"

@@ -63,7 +63,8 @@ def read(
     Raises
     ------
     FileError
-        Naming the file: missing, a folder that no format reads, empty, truncated, corrupt, of an unknown format.
+        Naming the file: missing, empty, truncated, corrupt, of an unknown format, or a folder that no
+        format reads.
     MeshError
         For a mesh that breaks a rule, naming file and cells.
     OptionError

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agglo_core.errors import AggloError, FileError, PluginError
+from agglo_core.files import without_mark
 from agglo_core.io.unread import why_unread
 from agglo_core.registry import Record, Registry, describe
 from agglo_core.registry.attribution import attributed
@@ -137,7 +138,7 @@ class Formats:
     def _recognising(self, path: Path) -> Iterator[KnownFormat]:
         """Those that do not claim the file by its name, but by how its content begins."""
         with open(path, "rb") as stream:
-            head = stream.read(_HEAD)
+            head = without_mark(stream.read(_HEAD))
         for known, _ in self._survey():
             if known is None or not known.has("recognises") or known.claims(path) or not head:
                 continue

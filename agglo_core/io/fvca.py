@@ -14,6 +14,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.counted_lists import counted_lists
 from agglo_core.io.plain_cells import loops_of, write_levels
@@ -52,7 +53,7 @@ def read_fvca(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh.
     """
-    points, (offsets, vertices), tags = _parsed(path.read_bytes())
+    points, (offsets, vertices), tags = _parsed(text_bytes(path))
     return Mesh.from_polygons(
         points,
         (offsets, vertices),

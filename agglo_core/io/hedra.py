@@ -10,6 +10,7 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.counted_lists import counted_lists
 from agglo_core.io.plain_cells import used_points, write_levels
@@ -31,7 +32,7 @@ def read_hedra(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh.
     """
-    content = path.read_bytes()
+    content = text_bytes(path)
     numbers = reals(content, 0, tags_begin(content))
     counts = numbers[:3].tolist()
     if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts):

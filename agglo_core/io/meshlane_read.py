@@ -15,6 +15,7 @@ import numpy as np
 
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import AggloError, FileError
+from agglo_core.files import text_bytes, without_mark
 from agglo_core.io.soup import Soup, mesh_from_soup
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.unread import why_unread
@@ -57,7 +58,7 @@ def _read(path: Path, merge_points: bool, allow_gaps: bool) -> Mesh:
 def _check_end(path: Path) -> None:
     """Refuse a Gmsh file without its end: cut inside the last number it would still be read."""
     with open(path, "rb") as file:
-        if file.read(11) != b"$MeshFormat":
+        if not without_mark(file.read(14)).startswith(b"$MeshFormat"):
             return
         file.seek(max(0, path.stat().st_size - 200))
         last = file.read().rstrip().rpartition(b"\n")[2]
@@ -75,7 +76,7 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
         search = os.pathsep.join(part for part in sys.path if part)
         try:
             done = subprocess.run(
-                [*command, str(path.absolute()), target, str(seconds), str(memory)],
+                [*command, str(_without_marks(path.absolute(), folder)), target, str(seconds), str(memory)],
                 env={**os.environ, "PYTHONPATH": search, "OPENBLAS_NUM_THREADS": "1"},
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -94,6 +95,22 @@ def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
             reason = done.stdout.decode(errors="replace").strip()
             raise FileError(f"meshlane cannot read it: {reason[:300] or 'no reason given'}")
         return _load(target)
+
+
+def _without_marks(path: Path, folder: str) -> Path:
+    """Return the path, or that of a copy in a folder if the file begins with a byte order mark.
+
+    Parsers of XML pass over the mark. TetGen's pair of files is copied together.
+    """
+    with open(path, "rb") as file:
+        head = file.read(64)
+    if without_mark(head) == head or without_mark(head).lstrip().startswith(b"<"):
+        return path
+    pair = (".ele", ".node") if path.suffix.lower() in (".ele", ".node") else (path.suffix,)
+    for suffix in pair:
+        copy = Path(folder, path.name).with_suffix(suffix)
+        copy.write_bytes(text_bytes(path.with_suffix(suffix)))
+    return copy.with_suffix(path.suffix)
 
 
 def _load(target: str) -> tuple[Soup, set[str], list[str]]:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 import warnings
-from contextlib import redirect_stderr, redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +57,8 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
             import meshlane
 
             _limit(seconds, memory)
-            found = meshlane.read(source)
+            with _only_regular_files(source):
+                found = meshlane.read(source)
             sets = sorted({*found.cell_sets, *_families(found), *_groups(found)})
             _save(soup_from_meshlane(found), sets, list(found.cell_data), target)
     except FileError as error:
@@ -66,6 +69,41 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
     else:
         return 0
     return 1
+
+
+@contextmanager
+def _only_regular_files(source: str) -> Iterator[None]:
+    """Refuse pipes and devices that meshlane opens beside the first file: they may never end."""
+    active = True
+
+    def refuse(path: object) -> None:
+        if active and isinstance(path, str | bytes | os.PathLike) and os.fsdecode(path) != os.devnull:
+            file = Path(os.fsdecode(path))
+            if file.exists() and not file.is_file() and not file.is_dir():
+                raise FileError(f"{file.name}: is not a regular file")
+
+    sys.addaudithook(lambda event, args: refuse(args[0]) if event == "open" else None)
+    if source.lower().endswith((".xdmf", ".xmf")):  # names HDF5 files, which are not opened by Python
+        _check_hdf5_files(refuse)
+    try:
+        yield
+    finally:
+        active = False  # audit hooks cannot be removed
+
+
+def _check_hdf5_files(check: Callable[[object], None]) -> None:
+    """Let h5py check each file before it is opened."""
+    try:
+        import h5py
+    except ImportError:
+        return
+
+    class CheckedFile(h5py.File):  # type: ignore[misc]
+        def __init__(self, name: object, *rest: Any, **options: Any) -> None:
+            check(name)
+            super().__init__(name, *rest, **options)
+
+    h5py.File = CheckedFile
 
 
 def _limit(seconds: int, memory: int) -> None:

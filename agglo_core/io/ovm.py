@@ -15,6 +15,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_lists
 from agglo_core.io.plain_cells import used_points, write_levels
@@ -50,7 +51,7 @@ def read_ovm(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh, or one in binary.
     """
-    content = path.read_bytes()
+    content = text_bytes(path)
     text = re.sub(rb"#[^\n]*", b"", content)
     points, edges, faces, cells = (_sections(text)[title] for title in _TITLES)
     count, rows = _numbers(text, points)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files import text_bytes
 from agglo_core.io.plain_cells import loops_of, write_levels
 from agglo_core.io.ply_elements import Element, Property, Rows, read_elements
 from agglo_core.io.tags import note_left_out
@@ -51,7 +52,7 @@ def read_ply(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh, or a surface.
     """
-    content = path.read_bytes()
+    content = text_bytes(path)
     header = _header(content)
     found = read_elements(content, header.stop, header.order, header.elements)
     points, (rows, lists) = _points(found), _faces(found)

@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 
 from agglo_core.errors import FileError
+from agglo_core.files import file_bytes
 from agglo_core.io.vtk_pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtu_arrays import vtk_root
 from agglo_core.io.vtu_read import stored_pieces
@@ -23,7 +24,7 @@ def read_pvtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
     """
-    files = [stored_piece(path.parent, source) for source in sources_of(path.read_bytes())]
+    files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
     if not files:
         raise FileError("there is no Piece in it")
     return mesh_from_pieces(
@@ -60,7 +61,9 @@ def sources_of(content: bytes) -> list[str]:
 def stored_piece(folder: Path, source: str) -> Stored:
     """The pieces of one VTU file, or FileError naming it."""
     try:
-        content = (folder / source).read_bytes()
+        content = file_bytes(folder / source)
+    except FileError as error:
+        raise FileError(f"piece {source!r}: {error}") from None
     except OSError as error:
         raise FileError(f"piece {source!r}: {error.strerror or error}") from error
     try:

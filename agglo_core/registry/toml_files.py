@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agglo_core.errors import FileError
+from agglo_core.files import check_regular
 
 __all__ = ["read_toml"]
 
@@ -20,11 +21,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         If there is no such file, it cannot be read, or it is not TOML; names the file.
     """
     try:
+        check_regular(path)
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise FileError(f"{path}: there is no such file; expected a TOML file") from None
-    except IsADirectoryError:
-        raise FileError(f"{path}: is a folder; expected a TOML file") from None
+    except FileError as error:
+        raise FileError(f"{path}: {error}; expected a TOML file") from None
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:

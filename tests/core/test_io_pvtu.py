@@ -87,7 +87,7 @@ def test_solids_in_pieces(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (listing("a.vtu", "c.vtu"), "piece 'c.vtu': No such file"),
+        (listing("a.vtu", "c.vtu"), "piece 'c.vtu': no such file"),
         (listing("a.vtu", "broken.vtu"), "piece 'broken.vtu': not well-formed XML"),
         (listing("a.vtu", "a.vtu"), "piece 'a.vtu' is named twice"),
         (listing("a.vtu", "./a.vtu"), "piece './a.vtu' is named twice"),

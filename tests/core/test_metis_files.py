@@ -91,9 +91,9 @@ def test_errors_name_the_file_and_the_line_comments_counted(tmp_path: Path) -> N
 
 
 def test_missing_and_broken_files_are_named(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"none\.graph: No such file"):
+    with pytest.raises(FileError, match=r"none\.graph: no such file"):
         graph_from_metis(tmp_path / "none.graph", PLACES)
-    with pytest.raises(FileError, match=r"xyz: No such file"):
+    with pytest.raises(FileError, match=r"xyz: no such file"):
         graph_from_metis(put(tmp_path, PLAIN), tmp_path / "xyz")
     (tmp_path / "xyz").write_text("1 2 3\n")
     with pytest.raises(FileError, match="3 coordinates for 5 vertices"):

@@ -128,12 +128,12 @@ def test_files_of_others_and_broken_ones(by_three: Path, tmp_path: Path) -> None
         assert [each[place]["ids"] for each in (first, second)] == [[0], [1]]
         assert [each[place]["tags"]["mat"] for each in (first, second)] == [[4], [6]]
         assert sum(each[place]["outer"] for each in (first, second)) == 6
-    assert second[2] == "FileError: /lost.pvtu: piece 'lost.vtu': No such file or directory"
+    assert second[2] == "FileError: /lost.pvtu: piece 'lost.vtu': no such file"
     assert first[2] == f"RankError: rank 1: {second[2]}"
     assert str(second[3]).startswith("FileError: /broken.pvtu: piece 'short.vtu': truncated")
     assert first[3] == f"RankError: rank 1: {second[3]}"
-    assert first[4] == "FileError: /no.pvtu: No such file or directory"
-    assert second[4] == "RankError: rank 0: FileError: /no.pvtu: No such file or directory"
+    assert first[4] == "FileError: /no.pvtu: no such file"
+    assert second[4] == "RankError: rank 0: FileError: /no.pvtu: no such file"
     assert sorted(first[5]["ids"] + second[5]["ids"]) == [0, 1, 2]
     assert first[5]["outer"] + second[5]["outer"] == 7
     assert sorted(first[6]["ids"] + second[6]["ids"]) == list(range(8))
