@@ -15,7 +15,14 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.shared_points import check_ids, numbered_by_place
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_indices, check_offsets, check_points, check_tags, whole_numbers
+from agglo_core.mesh.checks import (
+    check_finite,
+    check_indices,
+    check_offsets,
+    check_points,
+    check_tags,
+    whole_numbers,
+)
 from agglo_core.mesh.elements import Polyhedra, gather, take_cells
 from agglo_core.mesh.polygons import loops_as_csr
 from agglo_core.mesh.polyhedra import solids_as_csr
@@ -124,6 +131,7 @@ def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _List
         check_offsets(each, len(entries) - (entries is not vertices), "cell")
     first = offsets[0] if len(offsets) == 1 else offsets[1][offsets[0]]
     check_indices(first, vertices, len(where))
+    check_finite(where, vertices)
     return _Lists(where, ids, tuple(offsets), vertices)
 
 

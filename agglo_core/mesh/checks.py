@@ -16,6 +16,7 @@ __all__ = [
     "box_centre",
     "check_extent",
     "check_faces",
+    "check_finite",
     "check_indices",
     "check_labels",
     "check_offsets",
@@ -65,18 +66,26 @@ def name_cells(cells: ArrayLike) -> str:
 
 
 def check_points(points: ArrayLike) -> Float:
-    """Finite ``(n, 2 or 3)`` float copy, or MeshError naming the point."""
+    """Return a ``(n, 2 or 3)`` float copy, or raise MeshError; :func:`check_finite` checks the values."""
     try:
         array = frozen_float(np.array(points, dtype=np.float64))
     except (TypeError, ValueError) as error:
         raise MeshError(f"points must be numbers of shape (n_points, d): {error}") from None
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {array.shape}")
-    finite = np.isfinite(array)
-    if not finite.all():
-        bad = np.flatnonzero(~finite.all(axis=1))
-        raise MeshError(f"point {bad[0]} is not finite: {array[bad[0]].tolist()} ({len(bad)} such points)")
     return array
+
+
+def check_finite(points: Float, vertices: Int) -> None:
+    """Raise MeshError if a point that a cell uses is not finite; unused points are dropped later."""
+    finite = np.isfinite(points)
+    if finite.all():
+        return
+    used = np.zeros(len(points), bool)
+    used[vertices] = True
+    bad = np.flatnonzero(used & ~finite.all(axis=1))
+    if len(bad):
+        raise MeshError(f"point {bad[0]} is not finite: {points[bad[0]].tolist()} ({len(bad)} such points)")
 
 
 def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:

@@ -14,6 +14,7 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
     check_extent,
+    check_finite,
     check_indices,
     check_offsets,
     check_points,
@@ -84,6 +85,7 @@ def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool
     if len(few):
         raise MeshError(f"{name_cells(few)}: fewer than 3 vertices")
     check_indices(offsets, vertices, len(points))
+    check_finite(points, vertices)
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
     check_extent(points)

@@ -13,6 +13,7 @@ from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
     check_extent,
+    check_finite,
     check_indices,
     check_offsets,
     check_points,
@@ -40,6 +41,7 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     cell_offsets, loop_offsets, vertices = solids_as_csr(cells)
     _check_counts(cell_offsets, loop_offsets, vertices)
     check_indices(loop_offsets[cell_offsets], vertices, len(points))
+    check_finite(points, vertices)
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = frozen_float(points[used])
     check_extent(points)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import logging
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from agglo_core import Graph, Mesh, MeshError, samples
+from agglo_core import Graph, Mesh, MeshError, read, samples
 
 GRID = [[x, y] for y in range(3) for x in range(3)]  # points 0..8 of 2 x 2 unit squares
 CELLS = [[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]]
@@ -318,3 +319,23 @@ def test_graph_arrays(change: dict[str, Any], message: str) -> None:
     assert Graph.from_arrays(**PATH).n == 3
     with pytest.raises(MeshError, match=message):
         Graph.from_arrays(**(PATH | change))
+
+
+# --- points that no cell uses -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_unused_points_need_not_be_finite(value: float, tmp_path: Path) -> None:
+    square = [[value, value], [0, 0], [1, 0], [0, value], [1, 1], [0, 1]]
+    mesh = Mesh.from_polygons(square, [[1, 2, 4, 5]])
+    assert mesh.points.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert mesh.repairs == {"orphan points dropped": 2}
+    cube = np.vstack(([value] * 3, CUBE, [[value] * 3]))
+    solid = Mesh.from_polyhedra(cube, [[[v + 1 for v in face] for face in HEX]])
+    assert solid.points.tolist() == CUBE.tolist()
+    assert solid.cell_measures.tolist() == Mesh.from_polyhedra(CUBE, [HEX]).cell_measures.tolist()
+    rows = "".join(f"{x} {y} {'nan' if x != x else 0}\n" for x, y in square)
+    (tmp_path / "m.off").write_text(f"OFF\n6 1 0\n{rows}4 1 2 4 5\n")
+    assert read(tmp_path / "m.off").points.tolist() == mesh.points.tolist()
+    with pytest.raises(MeshError, match=r"point 3 is not finite: \[0.0, .*\] \(1 such points\)"):
+        Mesh.from_polygons(square, [[1, 2, 3, 4, 5]])
