@@ -8,6 +8,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -242,6 +244,15 @@ def _checked_path(function: str, path: object) -> Path:
     if not isinstance(path, str | PathLike):
         call = "read(path)" if function == "read" else "write(path, mesh, hierarchy)"
         raise OptionError(f"{call}: the path must be a str or a Path, given {type(path).__name__}")
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError:
+        encoding = sys.getfilesystemencoding()
+        raise FileError(
+            f"{str(path)!a}: file names are encoded as {encoding}, which has no such characters"
+        ) from None
+    if "\0" in str(path):
+        raise FileError(f"{str(path)!a}: a file name cannot hold a null character")
     return Path(path)
 
 

@@ -63,9 +63,9 @@ def staging(path: Path) -> Iterator[Path]:
         inner = [file for file in files if file.parent != stage]
         lists = [file for file in files if file.parent == stage]
         with _folders(path.parent / file.parent.relative_to(stage) for file in inner):
-            moves = [(file, (path.parent / file.relative_to(stage)).resolve()) for file in inner + lists]
-            for _, target in moves:
-                check_replaceable(target)
+            moves = [
+                (file, check_replaceable(path.parent / file.relative_to(stage))) for file in inner + lists
+            ]
             ready = [(_beside(target, file, elsewhere), target) for file, target in moves]
             for file, target in ready:
                 if target.exists():
@@ -95,14 +95,30 @@ def _folders(folders: Iterable[Path]) -> Iterator[None]:
         raise
 
 
-def check_replaceable(target: Path) -> None:
-    """Raise FileError if something stands at ``target`` that must not be overwritten."""
-    if target.exists() and not target.is_file():
+def check_replaceable(target: Path) -> Path:
+    """Return where a file is to be put, after all links.
+
+    Raises
+    ------
+    FileError
+        If something is there that must not be overwritten, its folder is missing or not writable, or links
+        lead round in a circle.
+    """
+    try:
+        place = target.resolve()
+    except RuntimeError:  # of Python before 3.13, which leaves such links as they are
+        place = target
+    if place.is_symlink():
+        raise FileError(f"{target}: is a symbolic link that leads back to itself")
+    if place.exists() and not place.is_file():
         raise FileError(f"{target}: exists and is not a regular file")
-    if target.exists() and not os.access(target, os.W_OK):
+    if place.exists() and not os.access(place, os.W_OK):
         raise FileError(f"{target}: exists and is read-only")
-    if not os.access(target.resolve().parent, os.W_OK):
+    if not place.parent.is_dir():
+        raise FileError(f"{target}: is a symbolic link to {place}, whose folder does not exist")
+    if not os.access(place.parent, os.W_OK):
         raise FileError(f"{target}: the folder is not writable")
+    return place
 
 
 def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
@@ -115,7 +131,9 @@ def _beside(target: Path, file: Path, elsewhere: ExitStack) -> Path:
 @contextmanager
 def _own_folder(path: Path) -> Iterator[Path]:
     """A new folder beside ``path``, locked; it is removed when the block ends."""
-    name = os.fsencode(path.name)[:_NAME].decode(errors="ignore")
+    name = path.name
+    while len(os.fsencode(name)) > _NAME:
+        name = name[:-1]
     prefix = f".{name}.agglo-"
     _remove_abandoned(path.parent, prefix)
     folder, lock = _new_folder(path.parent, prefix)

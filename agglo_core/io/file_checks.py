@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -137,4 +138,13 @@ def _checked_mesh(known: KnownFormat, method: str, given: Any) -> Mesh:
 
     if not isinstance(given, Mesh):
         raise PluginError(f"{known.title}: {method}() returned {shown(given)}, expected a Mesh")
-    return given
+    name = _readable(given.name)
+    return given if name == given.name else replace(given, name=name)
+
+
+def _readable(name: str) -> str:
+    """Name without lone surrogates, which stand for bytes of a file name that the locale cannot decode."""
+    try:
+        return name.encode(errors="surrogateescape").decode(errors="replace")
+    except UnicodeEncodeError:  # other surrogates
+        return name.encode(errors="replace").decode()

@@ -134,7 +134,8 @@ def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     n = len(points)
     rows = real_lines(points).splitlines()
     numbered = "".join(f"{i} {row}\n" for i, row in enumerate(rows))
-    path.with_suffix(".node").write_text(f"# points of {path.stem}.ele\n{n} 3 0 0\n{numbered}")
+    text = f"# points of {path.stem}.ele\n{n} 3 0 0\n{numbered}"
+    path.with_suffix(".node").write_text(text, encoding="utf-8", errors="surrogateescape")
     counts, sizes = np.diff(solids.cell_offsets), np.diff(solids.loop_offsets)
     rank = np.arange(len(sizes)) - np.repeat(solids.cell_offsets[:-1], counts)
     heads = np.stack((rank, sizes), axis=1).ravel()

@@ -19,11 +19,13 @@ import pytest
 import agglo_core as agglo
 from agglo_core import FileError, Mesh, samples
 from agglo_core.hierarchy import Hierarchy
+from agglo_core.io import check_writable
 from agglo_core.io.atomic import staging
 
 WRITER = """
 import sys, time
 from pathlib import Path
+from agglo_core.io import check_writable
 from agglo_core.io.atomic import staging
 target = Path(sys.argv[1])
 with staging(target) as folder:
@@ -238,3 +240,66 @@ def test_a_folder_that_is_read_only_is_named(tmp_path: Path) -> None:
             folder.chmod(mode)
     assert str(caught.value) == f"{tmp_path / 'a.vtu'}: the folder is not writable"
     assert os.listdir(tmp_path) == ["first.vtu"]
+
+
+def test_links_that_lead_nowhere(tmp_path: Path) -> None:
+    for link, to in {"a.npz": "b.npz", "b.npz": "a.npz", "c.npz": "no/x.npz", "d.vtu": "e.vtu"}.items():
+        (tmp_path / link).symlink_to(to)
+    mesh = samples.squares(2)
+    with pytest.raises(FileError, match=r"a\.npz: is a symbolic link that leads back to itself"):
+        agglo.write(tmp_path / "a.npz", mesh)
+    with pytest.raises(FileError, match=r"b\.npz: is a symbolic link that leads back to itself"):
+        check_writable(tmp_path / "b.npz")
+    with pytest.raises(FileError, match=r"c\.npz: is a symbolic link to .*/no/x\.npz, whose folder does not"):
+        agglo.write(tmp_path / "c.npz", mesh)
+    with pytest.raises(FileError, match=r"a\.npz: no such file"):
+        agglo.read(tmp_path / "a.npz")
+    agglo.write(tmp_path / "d.vtu", mesh)  # the file need not be there yet
+    assert (tmp_path / "d.vtu").is_symlink()
+    assert agglo.read(tmp_path / "e.vtu").n_cells == 4
+    assert sorted(os.listdir(tmp_path)) == ["a.npz", "b.npz", "c.npz", "d.vtu", "e.vtu"]
+
+
+IN_ANY_LOCALE = """
+import os, sys
+import agglo_core as agglo
+mesh = agglo.samples.boxes(2)
+for suffix in (".npz", ".vtu", ".ele", ".hedra", ".foam"):
+    agglo.write(sys.argv[1] + suffix, mesh)
+    back = agglo.read(sys.argv[1] + suffix)
+    agglo.write("back" + suffix, back)
+    print(ascii(back.name), back.n_cells)
+try:
+    agglo.write("\\u0142.npz", mesh)
+except agglo.FileError as error:
+    print(error)
+"""
+ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+
+
+@pytest.mark.parametrize("locale", [ASCII, {}], ids=["ascii", "utf-8"])
+@pytest.mark.parametrize(("name", "shown"), [("ł".encode(), r"'\u0142'"), (b"\xe9", r"'\ufffd'")])
+def test_names_that_the_locale_cannot_decode(
+    tmp_path: Path, name: bytes, shown: str, locale: dict[str, str]
+) -> None:
+    command = [sys.executable, "-c", IN_ANY_LOCALE, name]
+    done = subprocess.run(
+        command, cwd=tmp_path, env={**os.environ, **locale}, capture_output=True, check=False
+    )
+    lines = done.stdout.decode("utf-8").splitlines()
+    assert done.stderr == b""
+    assert lines[1:5] == [f"{shown} 8"] * 4
+    assert lines[5:] == (
+        [r"'\u0142.npz': file names are encoded as ascii, which has no such characters"] if locale else []
+    )
+    files = os.listdir(os.fsencode(tmp_path))
+    assert {name + suffix for suffix in (b".npz", b".vtu", b".ele", b".node", b".hedra", b".foam")} <= set(
+        files
+    )
+    assert not [each for each in files if b"agglo-" in each]
+
+
+def test_null_characters_in_names(tmp_path: Path) -> None:
+    for use in (agglo.read, lambda path: agglo.write(path, samples.squares(2)), check_writable):
+        with pytest.raises(FileError, match="a file name cannot hold a null character"):
+            use(f"{tmp_path}/a\0b.vtu")

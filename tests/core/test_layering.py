@@ -18,7 +18,7 @@ PLUGINS = sorted(folder.name for folder in (ROOT / "plugins").glob("agglo_*") if
 FILES = sorted([*(ROOT / "agglo_core").rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 
 EVERYBODY = {"arrays", "errors", "files", "progress", "threads"}
-"""Modules that all folders may import, except the registry: it starts fast with the errors and files alone."""
+"""Modules that all folders may import, except the registry: errors and files alone let it start fast."""
 
 MAY_IMPORT = {
     "arrays": set(),
