@@ -6,11 +6,14 @@ import numpy as np
 
 from agglo_core.arrays import Int, Mask, frozen_int, splitmix
 from agglo_core.errors import FileError
+from agglo_core.io.plain_cells import half_faces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import name_cells
-from agglo_core.mesh.geometry3d import sum_by
+from agglo_core.mesh.elements import take_cells
+from agglo_core.mesh.geometry3d import face_moments, sum_by
+from agglo_core.mesh.shells import TWO_SHELLS, outward_signs
 
-__all__ = ["check_arrays"]
+__all__ = ["check_arrays", "check_directions"]
 
 _CERTAIN = 1e-12  # far above rounding in a sum, over the sum of its absolute terms
 _CLOSED = 1e-6  # a gap in the surface of a cell, over its area
@@ -26,6 +29,27 @@ def check_arrays(mesh: Mesh) -> None:
     flat = flat[~(mesh.cell_measures[flat] > 0)] if len(flat) else flat
     if len(flat):
         raise FileError(f"{name_cells(flat)}: no positive measure; the faces are turned inside out")
+
+
+def check_directions(mesh: Mesh) -> None:
+    """Raise FileError for a solid cell with a shell whose faces look into the cell, such as that of a cavity.
+
+    The arrays are checked already, so that only a cell with several shells can have one.
+    """
+    if mesh.dim == 2 or not (np.diff(mesh.cell_faces[0]) >= TWO_SHELLS).any():
+        return
+    cells = frozen_int(np.flatnonzero(np.diff(mesh.cell_faces[0]) >= TWO_SHELLS))
+    solids = take_cells(half_faces(mesh), cells)
+    moments = face_moments(mesh.local_points, solids.loop_offsets, solids.vertices)
+    cell = frozen_int(np.repeat(np.arange(len(cells)), np.diff(solids.cell_offsets)))
+    sign, unsure, _ = outward_signs(
+        cell, solids.loop_offsets, solids.vertices, mesh.local_points, *moments, 0.0
+    )
+    turned = np.setdiff1d(cell[sign < 0], unsure)
+    if len(turned):
+        raise FileError(
+            f"{name_cells(cells[turned])}: faces of a shell, such as that of a cavity, look into the cell"
+        )
 
 
 def _check_ranges(mesh: Mesh) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.array_checks import check_arrays
+from agglo_core.io.array_checks import check_arrays, check_directions
 from agglo_core.io.foam_files import labels_of, open_foam
 from agglo_core.io.foam_parts import FoamPart, read_part
 from agglo_core.io.foam_processors import read_processors
@@ -122,6 +122,7 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
         points, vertices = frozen_float(points[used]), frozen_int((np.cumsum(used) - 1)[vertices])
     mesh = Mesh(points, part.offsets, vertices, part.sides, name=name)
     check_arrays(mesh)
+    check_directions(mesh)
     flat = np.flatnonzero(mesh.face_measures == 0)
     if len(flat):
         raise FileError(f"faces: face {flat[0]} has no area")

@@ -8,7 +8,7 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.array_checks import check_arrays
+from agglo_core.io.array_checks import check_arrays, check_directions
 from agglo_core.io.mat5 import Variable
 from agglo_core.io.mat5_write import numbers, structure
 from agglo_core.io.plain_cells import used_points
@@ -56,6 +56,7 @@ def mesh_of_grid(grid: Variable) -> Mesh:
         frozen_int(np.where(turned[:, None], cells[:, ::-1], cells)),
     )
     check_arrays(mesh)
+    check_directions(mesh)
     check_extent(mesh.points)
     return mesh
 

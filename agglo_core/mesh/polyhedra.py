@@ -6,7 +6,7 @@ from itertools import combinations
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
@@ -25,11 +25,10 @@ from agglo_core.mesh.checks import (
 )
 from agglo_core.mesh.geometry3d import face_moments
 from agglo_core.mesh.polygons import Faces
+from agglo_core.mesh.shells import outward_signs
 
 __all__ = ["build_polyhedra", "solids_as_csr"]
 
-_CLOSED = 1e-9  # of a cell's surface: what its area vectors may add up to
-_SLIT = 1e-4  # the same for cells that are small beside the rounding of their coordinates
 _ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
 
 
@@ -49,7 +48,12 @@ def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
     _refuse_repeats(cell_of, loop_offsets, vertices, len(points))
     local = frozen_float(points - box_centre(points))
     vector, centre = face_moments(local, loop_offsets, vertices)
-    sign = _outward(cell_of, loop_offsets, vertices, vector, centre, _ROUNDING * last_place(points))
+    off = _ROUNDING * last_place(points)
+    sign, open_, flat = outward_signs(cell_of, loop_offsets, vertices, local, vector, centre, off)
+    if len(open_):
+        raise MeshError(f"{name_cells(open_)}: the faces do not close, or cannot be oriented")
+    if flat.any():
+        raise MeshError(f"{name_cells(np.flatnonzero(flat))}: zero volume")
     repairs["faces turned outward"] = int((sign < 0).sum())
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
@@ -99,78 +103,6 @@ def _refuse_repeats(cell_of: Int, loop_offsets: Int, vertices: Int, n_points: in
     if repeated.any():
         cells = np.unique(cell_of[repeated])
         raise MeshError(f"{name_cells(cells)}: a face with a repeated vertex")
-
-
-def _outward(
-    cell_of: Int, loop_offsets: Int, vertices: Int, vector: Float, centre: Float, off: float
-) -> Float:
-    """Sign of each half-face: −1 where its loop as given is clockwise seen from outside.
-
-    Where all faces of a cell look away from its middle, or all look towards it, they are taken as they
-    are; elsewhere neighbours across an edge must traverse it in opposite directions. Points that hang on
-    an edge may be ``off`` it, so that the tiles of a split face and the faces beside it leave a slit.
-    """
-    from agglo_core.kernels.solid_cells import surfaces
-
-    offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
-    area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
-    alike = (least >= 0) | (most <= 0)
-    slit = np.minimum(off * np.sqrt(area), _SLIT * area)
-    closed = np.maximum(_CLOSED * area, slit)
-    doubtful = np.flatnonzero(~(alike & (gap <= closed))[cell_of])
-    sign = np.ones(len(cell_of))
-    if len(doubtful):
-        cells = cell_of[doubtful]
-        arm = centre[doubtful] - np.stack(middle, axis=1)[cells]
-        flux = frozen_float((arm * vector[doubtful]).sum(axis=1))
-        loops = _take_loops(loop_offsets, vertices, doubtful, np.ones(len(doubtful), bool))
-        sign[doubtful] = _consistent(frozen_int(cells), *loops, flux)
-        _, gap, _, _, total, *_ = surfaces(offsets, frozen_float(vector * sign[:, None]), centre).T
-    broken = np.flatnonzero(gap > closed)
-    if len(broken):
-        raise MeshError(f"{name_cells(broken)}: the faces do not close, or cannot be oriented")
-    flat = np.flatnonzero(np.abs(total) <= 3e-15 * area**1.5)
-    if len(flat):
-        raise MeshError(f"{name_cells(flat)}: zero volume")
-    return frozen_float(sign * np.sign(total)[cell_of])
-
-
-def _consistent(cell_of: Int, loop_offsets: Int, vertices: Int, flux: Float) -> Float:
-    """Signs that make the faces of each cell traverse every edge once in each direction, where possible."""
-    loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
-    head = np.roll(vertices, -1)
-    head[loop_offsets[1:] - 1] = vertices[loop_offsets[:-1]]
-    low, cell = np.minimum(vertices, head), cell_of[loop]
-    edge = low * (vertices.max() + 1) + np.maximum(vertices, head)
-    order = np.lexsort((edge, cell))
-    step = np.stack((cell, edge))[:, order]
-    start = np.flatnonzero(np.concatenate(([True], (np.diff(step, axis=1) != 0).any(axis=0))))
-    way = np.where(vertices == low, 1, -1)[order]
-    lost = np.add.reduceat(way, start) != 0
-    unbalanced = np.zeros(int(cell_of[-1]) + 1, bool)
-    unbalanced[step[0, start[lost]]] = True
-    pairs = start[np.diff(np.append(start, len(order))) == 2]
-    f, g = loop[order[pairs]], loop[order[pairs + 1]]
-    shell, side = _two_sides(frozen_int(f), frozen_int(g), way[pairs] == way[pairs + 1], len(cell_of))
-    net = np.bincount(shell, weights=side * flux)  # a shell looks outward on the whole
-    return frozen_float(np.where(unbalanced[cell_of], side * np.where(net < 0, -1.0, 1.0)[shell], 1.0))
-
-
-def _two_sides(f: Int, g: Int, clash: NDArray[np.bool_], n: int) -> tuple[Int, Float]:
-    """Shell of each of n faces, and the sign that orients it like the shell's first face.
-
-    Faces f and g share an edge; if they ``clash``, one of them must turn. Every face stands for two
-    nodes, as given and turned; joining what belongs together leaves the two orientations of a shell.
-    """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    turn = n * clash
-    rows, columns = np.concatenate((f, f + n)), np.concatenate((g + turn, g + n - turn))
-    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
-    component = connected_components(links, directed=False)[1]
-    shell = np.minimum(component[:n], component[n:])
-    return frozen_int(shell), frozen_float(np.where(component[:n] == shell, 1.0, -1.0))
 
 
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:

@@ -1,0 +1,295 @@
+"""Orientation of the faces of polyhedra: shells, shells inside one another, separate lumps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.mesh.elements import gather
+
+__all__ = ["TWO_SHELLS", "outward_signs"]
+
+_CLOSED = 1e-9  # sum of the area vectors of a closed cell, relative to its surface
+_SLIT = 1e-4  # the same for cells that are small compared to the rounding of their coordinates
+_FLAT = 3e-15  # volume of a flat cell, relative to its surface to the power 3/2
+_INSET = 1e-3  # distance of a test point from the edge of its face, relative to the height of the face
+_TOUCH = 1e-12  # distance of a test point from a face that it lies on, relative to the mesh
+
+TWO_SHELLS = 8
+"""Least number of faces of a cell with two shells."""
+
+# a direction along no usual face, and two more that span the plane across it (a right-handed frame)
+_PLANE = np.array([[0.9, -0.22], [0.36, 0.85], [-0.24, 0.48]])
+_PLANE = np.linalg.qr(_PLANE)[0]
+_LINE = np.cross(*_PLANE.T)
+
+
+class _Surface(NamedTuple):
+    """Half-faces, and the sign that turns each away from the inside of its shell."""
+
+    loop_offsets: Int
+    vertices: Int
+    points: Float
+    vector: Float
+    centre: Float
+    side: Float
+
+
+def outward_signs(
+    cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float, off: float
+) -> tuple[Float, Int, Mask]:
+    """Sign of each half-face: −1 where its loop as listed is clockwise seen from outside the cell.
+
+    Parameters
+    ----------
+    cell_of : (n,) int
+        Cell of each half-face, 0 to k − 1, rising, without gaps.
+    loop_offsets, vertices
+        Loops of the half-faces as CSR.
+    points : (n_points, 3) float
+        Near the origin, to limit rounding.
+    vector, centre : (n, 3) float
+        Area vectors and centroids of the half-faces.
+    off : float
+        Distance of hanging points from the edge that they lie on. The tiles of a split face and the faces
+        beside it leave such a slit.
+
+    Returns
+    -------
+    sign : (n,) float
+    open_ : int
+        Cells whose faces do not close, or cannot be oriented.
+    flat : (k,) bool
+        Whether a cell has no volume.
+
+    Notes
+    -----
+    A cell that is star-shaped about the mean of its face centres is oriented by the direction of its faces
+    alone. In all other cells the faces that share an edge are oriented alike, and each shell outward if an
+    even number of other shells of the cell encloses it, else inward: it bounds a cavity.
+    """
+    from agglo_core.kernels.solid_cells import surfaces
+
+    offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
+    area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T
+    slit = np.minimum(off * np.sqrt(area), _SLIT * area)
+    closed = np.maximum(_CLOSED * area, slit)
+    plain = ((least >= 0) | (most <= 0)) & (gap <= closed)
+    perhaps = frozen_int(np.flatnonzero(plain & (np.diff(offsets) >= TWO_SHELLS)))
+    if len(perhaps):
+        eyes = np.stack(middle, axis=1)[perhaps] @ _PLANE
+        count, halves = gather(offsets, perhaps)
+        plain[perhaps] = _star_shaped(count, halves, loop_offsets, vertices, points, vector, eyes)
+    doubtful = frozen_int(np.flatnonzero(~plain[cell_of]))
+    sign = np.ones(len(cell_of))
+    if len(doubtful):
+        loops, places = gather(loop_offsets, doubtful)
+        sign[doubtful] = _by_shells(
+            frozen_int(cell_of[doubtful]),
+            loops,
+            frozen_int(vertices[places]),
+            points,
+            frozen_float(vector[doubtful]),
+            frozen_float(centre[doubtful]),
+        )
+        _, gap, _, _, total, *_ = surfaces(offsets, frozen_float(vector * sign[:, None]), centre).T
+    return (
+        frozen_float(sign * np.sign(total)[cell_of]),
+        frozen_int(np.flatnonzero(~(gap <= closed))),
+        np.asarray(np.abs(total) <= _FLAT * area**1.5),
+    )
+
+
+def _star_shaped(
+    offsets: Int, halves: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, eyes: Float
+) -> Mask:
+    """Cells of which a line through the middle meets one face on either side.
+
+    All faces of the cells look away from the middle, or all towards it: the line meets every shell around
+    it. Cell c has the faces ``halves[offsets[c]:offsets[c + 1]]``; ``eyes`` are the middles across the line.
+    """
+    cell = np.repeat(np.arange(len(eyes)), np.diff(offsets))
+    met = np.abs(_turns(loop_offsets, vertices, points @ _PLANE, halves, eyes[cell]))
+    front = vector[halves] @ _LINE > 0
+    both = np.bincount(cell, met, len(eyes))
+    return np.asarray((both == 2) & (np.bincount(cell, met * front, len(eyes)) == 1))
+
+
+def _turns(offsets: Int, vertices: Int, seen: Float, loops: Int, eyes: Float) -> Int:
+    """Winding number of each of the ``loops`` about a point of its own, ``eyes``, as seen along the line."""
+    starts, places = gather(offsets, loops)
+    loop = np.repeat(np.arange(len(loops)), np.diff(starts))
+    vertex = vertices[places]
+    above = seen[:, 1][vertex] > eyes[:, 1][loop]
+    changes = above[1:] != above[:-1]
+    changes[starts[1:-1] - 1] = False
+    last = starts[1:] - 1
+    closing = np.flatnonzero(above[last] != above[starts[:-1]])
+    tail = np.concatenate((np.flatnonzero(changes), last[closing]))
+    head = np.concatenate((np.flatnonzero(changes) + 1, starts[:-1][closing]))
+    around = loop[tail]
+    (x, y), (u, v) = ((seen[vertex[ends]] - eyes[around]).T for ends in (tail, head))
+    way = np.where(v > y, 1, -1)
+    right = (x * v - u * y) * way > 0
+    return frozen_int(np.bincount(around[right], way[right], len(loops)))
+
+
+def _by_shells(
+    cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float, centre: Float
+) -> Float:
+    """Signs of half-faces that turn each shell of a cell away from its inside."""
+    links, loose = _links(cell_of, loop_offsets, vertices, points, vector)
+    patch, side = _two_sides(*links, len(cell_of))
+    shell = _shells(patch, cell_of, *loose)
+    first, shell = np.unique(shell, return_index=True, return_inverse=True)[1:]
+    # each patch outward: it has a positive flux of the position about the middle of its shell
+    count = np.bincount(shell)
+    middle = np.stack([np.bincount(shell, column) / count for column in centre.T], axis=1)
+    flux = ((centre - middle[shell]) * vector).sum(axis=1) * side
+    side = np.where(np.bincount(patch, flux)[patch] < 0, -side, side)
+    cells = frozen_int(cell_of[first])
+    if (np.diff(cells) == 0).any():
+        surface = _Surface(loop_offsets, vertices, points, vector, centre, frozen_float(side))
+        depth = _depths(surface, frozen_int(shell), cells)
+        side = side * (1 - 2 * (depth % 2))[shell]
+    return frozen_float(side)
+
+
+def _links(
+    cell_of: Int, loop_offsets: Int, vertices: Int, points: Float, vector: Float
+) -> tuple[tuple[Int, Int, Mask], tuple[Int, Int]]:
+    """Pairs of half-faces of a cell that follow one another around an edge, and whether one must turn.
+
+    Also the half-faces and the vertices of edges that an odd number of faces of the cell has: hanging
+    vertices that only some of them list.
+    """
+    loop = np.repeat(np.arange(len(cell_of)), np.diff(loop_offsets))
+    head = np.roll(vertices, -1)
+    head[loop_offsets[1:] - 1] = vertices[loop_offsets[:-1]]
+    low, high, cell = np.minimum(vertices, head), np.maximum(vertices, head), cell_of[loop]
+    order = np.lexsort((high, low, cell))
+    step = np.stack((cell, low, high))[:, order]
+    start = np.flatnonzero(np.concatenate(([True], (np.diff(step, axis=1) != 0).any(axis=0))))
+    size = np.diff(np.append(start, len(order)))
+    group = np.repeat(np.arange(len(start)), size)
+    way = np.where(vertices == low, 1, -1)
+    many = np.flatnonzero((size > 2)[group])
+    if len(many):  # faces of several shells, or one that touches itself: by their angle about the edge
+        edges = order[many]
+        along = _units(points[high[edges]] - points[low[edges]])
+        inward = np.cross(_units(vector[loop[edges]]), along) * way[edges, None]
+        fresh = np.diff(group[many], prepend=-1) != 0
+        axis = inward[np.flatnonzero(fresh)][np.cumsum(fresh) - 1]
+        other = np.cross(along, axis)
+        angle = np.arctan2((inward * other).sum(axis=1), (inward * axis).sum(axis=1))
+        order[many] = edges[np.lexsort((angle, group[many]))]
+    even = size % 2 == 0
+    pairs = np.flatnonzero((np.diff(group) == 0) & even[group[:-1]])
+    f, g = order[pairs], order[pairs + 1]
+    loose = order[~even[group]]
+    return (
+        (frozen_int(loop[f]), frozen_int(loop[g]), way[f] == way[g]),
+        (frozen_int(loop[loose]), frozen_int(vertices[loose])),
+    )
+
+
+def _units(vectors: Float) -> Float:
+    """Vectors ``(n, 3)`` of length one; zeros stay."""
+    length = np.linalg.norm(vectors, axis=1)
+    return frozen_float(vectors / np.where(length > 0, length, 1.0)[:, None])
+
+
+def _two_sides(f: Int, g: Int, clash: Mask, n: int) -> tuple[Int, Float]:
+    """Patch of each of n faces, and the sign that orients it like the first face of the patch.
+
+    Faces f and g share an edge; if they ``clash``, one of them must turn. Every face stands for two
+    nodes, as listed and turned; joining what belongs together leaves the two orientations of a patch.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    turn = n * clash
+    rows, columns = np.concatenate((f, f + n)), np.concatenate((g + turn, g + n - turn))
+    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n, 2 * n))
+    component = connected_components(links, directed=False)[1]
+    patch = np.minimum(component[:n], component[n:])
+    return frozen_int(patch), frozen_float(np.where(component[:n] == patch, 1.0, -1.0))
+
+
+def _shells(patch: Int, cell_of: Int, loops: Int, vertices: Int) -> Int:
+    """Shell of each face: its patch, or several that share vertices of edges that do not close them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(loops):
+        return patch
+    key = np.unique(np.stack((cell_of[loops], vertices)), axis=1, return_inverse=True)[1].ravel()
+    n = int(patch.max()) + 1
+    size = n + int(key.max()) + 1
+    links = coo_array((np.ones(len(key)), (patch[loops], n + key)), shape=(size, size))
+    return frozen_int(connected_components(links, directed=False)[1][patch])
+
+
+def _depths(surface: _Surface, shell: Int, cells: Int) -> Float:
+    """Number of shells of the same cell around each shell, of cells with several.
+
+    It is the sum of the windings of the faces of other shells that a ray from a point of the shell meets, and
+    NaN where the point lies on such a face: shells have a part of a face in common.
+    """
+    offsets, vertices, points, vector, centre, side = surface
+    test = _test_points(surface, shell, len(cells))
+    inner, face = _in_line(surface, test, shell, cells)
+    turns = _turns(offsets, vertices, points @ _PLANE, face, (test @ _PLANE)[inner])
+    met = np.flatnonzero(turns)
+    inner, face = inner[met], face[met]
+    away = ((centre[face] - test[inner]) * vector[face]).sum(axis=1) / (vector[face] @ _LINE)
+    winding = turns[met] * side[face]
+    depth = np.bincount(inner, winding * (away > 0), len(cells)).astype(float)
+    depth[inner[np.abs(away) < _TOUCH * np.abs(points).max()]] = np.nan
+    return frozen_float(depth)
+
+
+def _in_line(surface: _Surface, test: Float, shell: Int, cells: Int) -> tuple[Int, Int]:
+    """Pairs of a shell and a face of another shell of its cell whose box a line through its point meets."""
+    import shapely
+
+    several = np.bincount(cells)[cells] > 1
+    shells, faces = np.flatnonzero(several), np.flatnonzero(several[shell])
+    corners = surface.points @ _PLANE
+    # cells side by side, so that no line meets the faces of another
+    shift = 3 * np.abs(corners).max() * np.unique(cells, return_inverse=True)[1]
+    slack = 1e-14 * np.abs(shift).max() + 1e-9 * np.abs(corners).max()
+    offsets, places = gather(surface.loop_offsets, frozen_int(faces))
+    visited = corners[surface.vertices[places]]
+    visited[:, 0] += np.repeat(shift[shell[faces]], np.diff(offsets))
+    low, high = (least.reduceat(visited, offsets[:-1]) for least in (np.minimum, np.maximum))
+    boxes = shapely.box(*(low - slack).T, *(high + slack).T)
+    eyes = test[shells] @ _PLANE
+    eyes[:, 0] += shift[shells]
+    inner, face = shapely.STRtree(boxes).query(shapely.points(eyes))
+    inner, face = shells[inner], faces[face]
+    other = shell[face] != inner
+    return frozen_int(inner[other]), frozen_int(face[other])
+
+
+def _test_points(surface: _Surface, shell: Int, n: int) -> Float:
+    """A point ``(n, 3)`` of the largest face of each shell, near the middle of its longest edge."""
+    area = np.linalg.norm(surface.vector, axis=1)
+    order = np.lexsort((area, shell))
+    last = np.append(np.flatnonzero(np.diff(shell[order])), len(order) - 1)
+    face = frozen_int(order[last])
+    offsets, places = gather(surface.loop_offsets, face)
+    ahead = np.roll(places, -1)
+    ahead[offsets[1:] - 1] = places[offsets[:-1]]
+    tail, head = (surface.points[surface.vertices[ends]] for ends in (places, ahead))
+    length = np.linalg.norm(head - tail, axis=1)
+    rows = np.repeat(np.arange(n), np.diff(offsets))
+    order = np.lexsort((length, rows))
+    longest = order[offsets[1:] - 1]
+    along = (head - tail)[longest]
+    # into the face, across the edge: by a small part of its height
+    height = area[face] / np.where(length > 0, length, 1.0)[longest]
+    inward = np.cross(_units(surface.vector[face]), _units(along)) * height[:, None]
+    return frozen_float(0.5 * (head + tail)[longest] + _INSET * inward)
