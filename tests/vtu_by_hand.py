@@ -1,9 +1,10 @@
-"""A VTU file of ours taken apart without our reader."""
+"""VTU files taken apart without our reader, and written without our writer."""
 
 from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,8 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["arrays_of", "cell_data_of", "replace_bytes"]
+__all__ = ["arrays_of", "cell_data_of", "replace_bytes", "write_ascii"]
 
+_TRIPLES = ' NumberOfComponents="3"'
 _TYPES = {"Float64": "<f8", "Int64": "<i8", "Int32": "<i4", "UInt8": "<u1"}
 
 
@@ -39,6 +41,32 @@ def replace_bytes(file: Path, old: bytes, new: bytes) -> None:
     content = file.read_bytes()
     assert content.count(old) == 1
     file.write_bytes(content.replace(old, new))
+
+
+def write_ascii(
+    file: Path,
+    points: Sequence[Sequence[float]],
+    cells: Sequence[tuple[int, Sequence[int]]],
+    data: Mapping[str, Sequence[int]] | None = None,
+) -> Path:
+    """Write cells as VTK types with their nodes, and integer cell data, as text; returns the file."""
+
+    def array(kind: str, name: str, values: Any, more: str = "") -> str:
+        text = " ".join(map(str, np.ravel(values).tolist()))
+        return f'<DataArray type="{kind}" Name="{name}" format="ascii"{more}>{text}</DataArray>'
+
+    nodes = np.concatenate([np.asarray(each, np.int64) for _, each in cells])
+    ends = np.cumsum([len(each) for _, each in cells])
+    file.write_text(
+        '<VTKFile type="UnstructuredGrid" version="0.1"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(cells)}">'
+        f"<Points>{array('Float64', 'p', points, _TRIPLES)}</Points>"
+        f"<Cells>{array('Int64', 'connectivity', nodes)}{array('Int64', 'offsets', ends)}"
+        f"{array('UInt8', 'types', [kind for kind, _ in cells])}</Cells>"
+        f"<CellData>{''.join(array('Int64', *each) for each in (data or {}).items())}</CellData>"
+        "</Piece></UnstructuredGrid></VTKFile>"
+    )
+    return file
 
 
 def _parts(file: Path) -> tuple[ElementTree.Element, bytes]:

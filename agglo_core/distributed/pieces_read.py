@@ -19,6 +19,7 @@ from agglo_core.distributed.whole_cells import WholeCells
 from agglo_core.errors import FileError, MeshError
 from agglo_core.io.bridges import single_loops
 from agglo_core.io.file_checks import naming
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.joined_pieces import in_global_order
 from agglo_core.io.listed_faces import usual_values
 from agglo_core.io.plain_cells import half_faces
@@ -107,7 +108,8 @@ def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
         return None
     soup = in_global_order(soup if stored.ours else soup._replace(cell_ids=None))
     merge = soup.point_ids is None
-    mesh = mesh_of_soup(soup, ghosts, stored.left_out, merge_points=merge, allow_gaps=True, name=name)
+    options: ReadOptions = {"merge_points": merge, "allow_gaps": True, "drop_flat": False}
+    mesh = mesh_of_soup(soup, ghosts, stored.left_out, name=name, **options)
     if not (allow_gaps or merge) and mesh.conforming(merge_points=False).n_faces != mesh.n_faces:
         raise FileError(
             "outer faces of its pieces lie on one another, but global ids say that their points are not the "

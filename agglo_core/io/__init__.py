@@ -38,6 +38,7 @@ def read(
     *,
     merge_points: bool = True,
     allow_gaps: bool = False,
+    drop_flat: bool = False,
     registry: Registry | None = None,
 ) -> Mesh:
     """Mesh of a file; its suffix chooses the format.
@@ -59,6 +60,10 @@ def read(
         it has two points at each place), bodies that touch. By default they are joined as by
         :meth:`Mesh.conforming <agglo_core.mesh.Mesh.conforming>`; an ``.npz`` written by :func:`write`
         is warned about.
+    drop_flat : bool
+        Leave out cells of zero area or volume, such as pinched layers; the others are numbered anew, in
+        their order. By default such cells are an error. Formats that are read face by face (OpenFOAM, MRST's
+        ``G``, an ``.npz`` written by :func:`write`) leave out none.
     registry : Registry, optional
         Where the formats are looked up; by default the installed plugins.
 
@@ -86,6 +91,8 @@ def read(
     options = {} if merge_points else {"merge_points": False}
     if allow_gaps:
         options["allow_gaps"] = True
+    if drop_flat:
+        options["drop_flat"] = True
     with naming(source):
         return _formats(registry, options).first_accepted(source, lambda known: read_by(known, source))
 

@@ -41,6 +41,9 @@ class OpenFoam(Compressing):
     atomic: bool = True
     folders: tuple[str, ...] = ("constant", "0")
 
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
+        super().__init__(merge_points, allow_gaps, compress)
+
     def recognises(self, head: bytes) -> bool:
         """Whether a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
         return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
@@ -55,7 +58,7 @@ class OpenFoam(Compressing):
         """Return the mesh of the case; raises FileError or MeshError."""
         from agglo_core.io.foam_read import read_foam
 
-        return read_foam(path, **self.reading)
+        return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
 
     def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
         """Write a solid mesh and the labels of its levels as a case; raises an AggloError."""

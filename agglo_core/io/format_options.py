@@ -12,6 +12,7 @@ class ReadOptions(TypedDict):
 
     merge_points: bool
     allow_gaps: bool
+    drop_flat: bool
 
 
 class Reading:
@@ -23,16 +24,23 @@ class Reading:
         Merge exactly equal points on reading.
     allow_gaps : bool
         Leave outer faces that lie on one another as they are.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
     """
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False) -> None:
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, drop_flat: bool = False) -> None:
         self.merge_points = merge_points
         self.allow_gaps = allow_gaps
+        self.drop_flat = drop_flat
 
     @property
     def reading(self) -> ReadOptions:
         """The options, for the function that reads."""
-        return {"merge_points": self.merge_points, "allow_gaps": self.allow_gaps}
+        return {
+            "merge_points": self.merge_points,
+            "allow_gaps": self.allow_gaps,
+            "drop_flat": self.drop_flat,
+        }
 
 
 class Compressing(Reading):
@@ -44,6 +52,12 @@ class Compressing(Reading):
         Write compressed data: smaller files, slower to write and to read.
     """
 
-    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
-        super().__init__(merge_points, allow_gaps)
+    def __init__(
+        self,
+        merge_points: bool = True,
+        allow_gaps: bool = False,
+        compress: bool = False,
+        drop_flat: bool = False,
+    ) -> None:
+        super().__init__(merge_points, allow_gaps, drop_flat)
         self.compress = compress

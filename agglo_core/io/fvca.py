@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from agglo_core.errors import FileError
 from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.counted_lists import counted_lists
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import loops_of, write_levels
 from agglo_core.io.text_numbers import integer_lines, integers, line_of, real_lines, reals
 from agglo_core.mesh import Mesh
@@ -45,7 +46,7 @@ class _Section(NamedTuple):
     stop: int
 
 
-def read_fvca(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_fvca(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a ``.typ1`` or ``.typ2`` file; cell data of agglo's own files become tags again.
 
     Raises
@@ -58,8 +59,7 @@ def read_fvca(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         points,
         (offsets, vertices),
         cell_tags=tags,
-        merge_points=merge_points,
-        allow_gaps=allow_gaps,
+        **options,
         name=path.stem,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from agglo_core.errors import FileError
 from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.counted_lists import counted_lists
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import used_points, write_levels
 from agglo_core.io.text_numbers import integer_lines, real_lines, reals
 from agglo_core.mesh import Mesh
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["read_hedra", "write_hedra"]
 
 
-def read_hedra(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_hedra(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a file; cell data of agglo's own files become tags again.
 
     Raises
@@ -55,8 +56,7 @@ def read_hedra(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         frozen_float(rows.reshape(-1, 3)),
         Polyhedra(cell_offsets, loop_offsets, frozen_int(vertices[places])),
         cell_tags=find_tags(content, n_cells),
-        merge_points=merge_points,
-        allow_gaps=allow_gaps,
+        **options,
         name=path.stem,
     )
 

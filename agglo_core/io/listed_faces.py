@@ -12,6 +12,7 @@ from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
+from agglo_core.mesh.repeated_vertices import simple_loops
 
 __all__ = [
     "ListedFaces",
@@ -164,20 +165,22 @@ def tags_of_faces(mesh: Mesh, points: Float, listed: ListedFaces) -> dict[str, I
 def faces_with(mesh: Mesh, points: Float, offsets: Int, vertices: Int, cells: Int | None = None) -> Int:
     """The face with the same points as each of k loops ``(k,)``, −1 where there is none.
 
-    Points are compared by their coordinates, because building a mesh renumbers them. With ``cells`` a face
+    Points are compared by their coordinates, because building a mesh renumbers them, and those that follow
+    themselves count once: triangles that are stored as quadrilaterals. With ``cells`` a face
     must also lie beside that cell, and beside none of a smaller number.
     """
     given = points[:, : mesh.dim]
     point = _row_numbers(np.concatenate((mesh.points, given)) + 0.0)
-    own, theirs = point[mesh.face_vertices], point[mesh.n_points :][vertices]
-    sizes, face_sizes = np.diff(offsets), np.diff(mesh.face_offsets)
+    face_offsets, own = simple_loops(mesh.face_offsets, point[mesh.face_vertices])
+    offsets, theirs = simple_loops(offsets, point[mesh.n_points :][vertices])
+    sizes, face_sizes = np.diff(offsets), np.diff(face_offsets)
     beside = np.zeros(mesh.n_faces, np.int64) if cells is None else _smaller_cell(mesh)
     cells = frozen_int(np.zeros(len(sizes))) if cells is None else cells
     face = np.full(len(sizes), -1)
-    for size in np.unique(sizes):
+    for size in np.intersect1d(sizes[sizes >= mesh.dim], face_sizes):
         loops, faces = np.flatnonzero(sizes == size), np.flatnonzero(face_sizes == size)
         rows = (
-            _keys(beside, mesh.face_offsets, own, frozen_int(faces), int(size)),
+            _keys(beside, face_offsets, own, frozen_int(faces), int(size)),
             _keys(cells, offsets, theirs, frozen_int(loops), int(size)),
         )
         number = _row_numbers(np.concatenate(rows))

@@ -25,6 +25,8 @@ class Matlab(Compressing):
         Leave outer faces that lie on one another as they are.
     compress : bool
         Deflate the variables, as ``save -v7`` does: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
     """
 
     suffixes: tuple[str, ...] = (".mat",)

@@ -41,7 +41,7 @@ class _Cells(NamedTuple):
         return len(self.plane[0]) - 1
 
 
-def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: bool) -> Mesh:
     """Mesh of a MATLAB file; numbers with a whole value for each cell become tags.
 
     Raises
@@ -68,10 +68,17 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
             cell_tags=tags,
             merge_points=merge_points,
             allow_gaps=allow_gaps,
+            drop_flat=drop_flat,
             name=path.stem,
         )
     mesh = Mesh.from_polygons(
-        cells.points, cells.plane, cell_tags=tags, merge_points=merge_points, allow_gaps=True, name=path.stem
+        cells.points,
+        cells.plane,
+        cell_tags=tags,
+        merge_points=merge_points,
+        allow_gaps=True,
+        drop_flat=drop_flat,
+        name=path.stem,
     )
     mesh = _with_boundary(mesh, cells.points, fields)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)

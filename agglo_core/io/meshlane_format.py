@@ -30,6 +30,8 @@ class Meshlane(Reading):
         Merge exactly equal points on reading.
     allow_gaps : bool
         Leave outer faces that lie on one another as they are.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
 
     Examples
     --------

@@ -10,12 +10,14 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import AggloError, FileError
 from agglo_core.files import text_bytes, without_mark
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.soup import Soup, mesh_from_soup
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.unread import why_unread
@@ -29,7 +31,7 @@ _SECONDS, _BYTES_PER_SECOND = 6, 100_000  # processor time allowed: far above wh
 _MEMORY, _MEMORY_PER_BYTE = 1 << 28, 400  # beyond what the program itself takes
 
 
-def read_foreign(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_foreign(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of any file that meshlane reads; integer cell data and cell sets become tags.
 
     Raises
@@ -38,7 +40,7 @@ def read_foreign(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         For a broken file or mesh; FileError for a layout that is known and not read.
     """
     try:
-        return _read(path, merge_points, allow_gaps)
+        return _read(path, options)
     except AggloError as error:
         known = why_unread(path)
         if known is None:
@@ -46,10 +48,10 @@ def read_foreign(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         raise FileError(known) from error
 
 
-def _read(path: Path, merge_points: bool, allow_gaps: bool) -> Mesh:
+def _read(path: Path, options: ReadOptions) -> Mesh:
     _check_end(path)
     soup, sets, left = _soup(path)
-    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=False, name=path.stem)
+    mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
     mesh = _without_empty_sets(mesh, sets)
     _note_sets(mesh, sets)
     return note_left_out(mesh, left)

@@ -107,7 +107,7 @@ def _check_whole(written: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
     """Raise FileError unless the file holds the mesh with its tags."""
     hint = f"{written.suffix} would lose {{}}; .vtu and .npz keep everything"
     try:
-        found = read_foreign(written, merge_points=False, allow_gaps=True)
+        found = read_foreign(written, merge_points=False, allow_gaps=True, drop_flat=False)
     except (AggloError, OSError) as error:
         raise FileError(hint.format(f"the mesh ({error})")) from None
     if found.dim != mesh.dim or found.n_cells != mesh.n_cells or found.n_faces != mesh.n_faces:

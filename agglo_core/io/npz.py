@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.lib import format as npy
@@ -23,6 +23,7 @@ from agglo_core.errors import FileError
 from agglo_core.io.archive import Archive
 from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.conforming import warn_of_gaps
 from agglo_core.progress import Tell, part
@@ -91,7 +92,7 @@ def _plain(value: Any) -> Any:
     raise FileError(f"statistics or targets hold a {type(value).__name__}, expected plain data")
 
 
-def read_npz(path: Path, *, merge_points: bool, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
+def read_npz(path: Path, **options: Unpack[ReadOptions]) -> tuple[Mesh, Hierarchy | None]:
     """Mesh and hierarchy of an ``.npz``, native or plain.
 
     Raises
@@ -103,7 +104,7 @@ def read_npz(path: Path, *, merge_points: bool, allow_gaps: bool) -> tuple[Mesh,
     """
     arrays = Archive(path)
     if "meta" in arrays.members:
-        return _native(arrays, allow_gaps)
+        return _native(arrays, options["allow_gaps"])
     if not set(_PLAIN) <= arrays.members.keys():
         raise FileError(
             f"holds neither an agglo mesh (array 'meta') nor the arrays {', '.join(_PLAIN)}; "
@@ -114,7 +115,7 @@ def read_npz(path: Path, *, merge_points: bool, allow_gaps: bool) -> tuple[Mesh,
     vertices = arrays.take("cell_vertices", "iu", (int(offsets[-1]) if offsets.size else None,))
     points = arrays.take("points", "fiu", (None, None))
     cells = (offsets, vertices)
-    mesh = Mesh.from_polygons(points, cells, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
+    mesh = Mesh.from_polygons(points, cells, **options, name=path.stem)
     return mesh, None
 
 

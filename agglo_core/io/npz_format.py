@@ -26,6 +26,8 @@ class Npz(Compressing):
         Leave outer faces that lie on one another as they are.
     compress : bool
         Deflate the arrays: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
 
     Examples
     --------

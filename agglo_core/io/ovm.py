@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from agglo_core.errors import FileError
 from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_lists
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import used_points, write_levels
 from agglo_core.io.text_numbers import integer_lines, integers, line_of, real_lines, reals
 from agglo_core.mesh import Mesh
@@ -43,7 +44,7 @@ class _Section(NamedTuple):
     stop: int
 
 
-def read_ovm(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_ovm(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a file; properties of other programs are passed over.
 
     Raises
@@ -69,8 +70,7 @@ def read_ovm(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         frozen_float(rows.reshape(-1, 3)),
         solids,
         cell_tags=find_tags(content, len(cell_offsets) - 1, _COMMENT),
-        merge_points=merge_points,
-        allow_gaps=allow_gaps,
+        **options,
         name=path.stem,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.files import text_bytes
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import loops_of, write_levels
 from agglo_core.io.ply_elements import Element, Property, Rows, read_elements
 from agglo_core.io.tags import note_left_out
@@ -44,7 +45,7 @@ class _Header(NamedTuple):
     stop: int
 
 
-def read_ply(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_ply(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a PLY file; whole numbers of faces become cell tags, colours are passed over.
 
     Raises
@@ -61,9 +62,7 @@ def read_ply(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         for name, values in rows.items()
         if values.dtype.kind in "iu" and name not in _COLOURS
     }
-    mesh = Mesh.from_polygons(
-        points, lists, cell_tags=tags, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
-    )
+    mesh = Mesh.from_polygons(points, lists, cell_tags=tags, **options, name=path.stem)
     return note_left_out(mesh, [name for name, values in rows.items() if values.dtype.kind == "f"])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from agglo_core.errors import FileError
 from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_lists
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import loops_of, write_levels
 from agglo_core.io.text_numbers import integer_lines, integers, real_lines, reals, words_per_line
 from agglo_core.mesh import Mesh
@@ -27,7 +28,7 @@ _COMMENT = "# "
 _OFF = re.compile(rb"\s*(?:((?:ST)?C?N?)OFF)?\s+(?=\d)")
 
 
-def read_off(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_off(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of an OFF file; normals, colours and textures of points, and colours of faces, are left out.
 
     Raises
@@ -54,7 +55,7 @@ def read_off(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
                 f"in each, and for each of the {n_faces} faces"
             )
         rows = _off_stream(numbers[3:], n_points, n_faces)
-    return _mesh(path, content, *rows, merge_points, allow_gaps)
+    return _mesh(path, content, *rows, options)
 
 
 def _off_rows(
@@ -98,7 +99,7 @@ def _whole(numbers: Float) -> Int:
     return frozen_int(np.where(whole == numbers, whole, -1))
 
 
-def read_obj(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_obj(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of the points and faces of an OBJ file; normals, textures and groups are passed over.
 
     Raises
@@ -121,7 +122,7 @@ def read_obj(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     values = integers(lines)
     vertices = np.where(values > 0, values - 1, values + len(points))  # those below 0 count from the end
     vertices[values == 0] = -1
-    return _mesh(path, content, points, (offsets, frozen_int(vertices)), merge_points, allow_gaps)
+    return _mesh(path, content, points, (offsets, frozen_int(vertices)), options)
 
 
 def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
@@ -136,13 +137,9 @@ def _check_own_counts(content: bytes, n_points: int, n_faces: int) -> None:
         )
 
 
-def _mesh(
-    path: Path, content: bytes, points: Float, cells: tuple[Int, Int], merge_points: bool, allow_gaps: bool
-) -> Mesh:
+def _mesh(path: Path, content: bytes, points: Float, cells: tuple[Int, Int], options: ReadOptions) -> Mesh:
     tags = find_tags(content, len(cells[0]) - 1, _COMMENT)
-    return Mesh.from_polygons(
-        points, cells, cell_tags=tags, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
-    )
+    return Mesh.from_polygons(points, cells, cell_tags=tags, **options, name=path.stem)
 
 
 def write_off(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:

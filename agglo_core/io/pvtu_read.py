@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path, PurePosixPath
+from typing import Unpack
 
 from agglo_core.errors import FileError
 from agglo_core.files import file_bytes
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.vtk_pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtu_arrays import vtk_root
 from agglo_core.io.vtu_read import stored_pieces
@@ -16,7 +18,7 @@ from agglo_core.mesh import Mesh
 __all__ = ["read_pvtu", "sources_of", "stored_piece", "stored_together"]
 
 
-def read_pvtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_pvtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a PVTU file and the VTU files beside it; cells follow one another piece by piece.
 
     Raises
@@ -27,9 +29,7 @@ def read_pvtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
     if not files:
         raise FileError("there is no Piece in it")
-    return mesh_from_pieces(
-        stored_together(files), merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
-    )
+    return mesh_from_pieces(stored_together(files), **options, name=path.stem)
 
 
 def stored_together(files: Sequence[Stored]) -> Stored:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from agglo_core.errors import FileError
 from agglo_core.files import text_bytes
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_solids
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import solids_of, write_levels
 from agglo_core.io.text_numbers import integer_lines, integers, real_lines, reals
 from agglo_core.mesh import Mesh
@@ -31,7 +32,7 @@ __all__ = ["read_rf", "write_rf"]
 _COMMENT = "# "
 
 
-def read_rf(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_rf(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of ``NAME.node`` and ``NAME.ele``; cell data of agglo's own files become tags again.
 
     Raises
@@ -48,9 +49,7 @@ def read_rf(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     number, points = _points(_content(path, ".node"), path.with_suffix(".node"))
     solids = _solids(body, first, number, len(points), path.stem)
     tags = find_tags(cells, len(solids.cell_offsets) - 1, _COMMENT)
-    return Mesh.from_polyhedra(
-        points, solids, cell_tags=tags, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
-    )
+    return Mesh.from_polyhedra(points, solids, cell_tags=tags, **options, name=path.stem)
 
 
 def _content(path: Path, suffix: str) -> bytes:

@@ -58,7 +58,9 @@ class Soup(NamedTuple):
     cell_ids: Int | None = None
 
 
-def mesh_from_soup(soup: Soup, *, merge_points: bool, allow_gaps: bool, weak: bool, name: str) -> Mesh:
+def mesh_from_soup(
+    soup: Soup, *, merge_points: bool, allow_gaps: bool, drop_flat: bool, weak: bool, name: str
+) -> Mesh:
     """Mesh of the cells of the highest dimension; those one lower become face tags, the rest are dropped.
 
     Raises
@@ -86,18 +88,25 @@ def mesh_from_soup(soup: Soup, *, merge_points: bool, allow_gaps: bool, weak: bo
             cell_tags=tags,
             merge_points=merge_points,
             allow_gaps=True,
+            drop_flat=drop_flat,
             weak=weak,
             name=name,
         )
     else:
         solids = _solids(soup, cells)
         mesh = Mesh.from_polyhedra(
-            soup.points, solids, cell_tags=tags, merge_points=merge_points, allow_gaps=True, name=name
+            soup.points,
+            solids,
+            cell_tags=tags,
+            merge_points=merge_points,
+            allow_gaps=True,
+            drop_flat=drop_flat,
+            name=name,
         )
     facets = np.flatnonzero(dims[kind] == dim - 1) if soup.tags else np.empty(0, np.int64)
     facets = facets[~np.isin(soup.types[facets], _OTHER_LINES)]
     face_tags, kept = _face_tags(mesh, soup, _loops(soup, sizes, facets), facets)
-    if soup.listed is not None and len(cells) == len(soup.types):
+    if soup.listed is not None and mesh.n_cells == len(soup.types):
         face_tags |= tags_of_faces(mesh, soup.points, soup.listed)
     straightened = int((sizes < np.diff(soup.offsets))[cells].sum())
     repairs = {

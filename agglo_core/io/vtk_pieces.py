@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Unpack
 
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.joined_pieces import in_global_order, joined, without_ghosts
 from agglo_core.io.soup import Soup, mesh_from_soup, with_repairs
 from agglo_core.io.tags import BRIDGES, note_left_out
@@ -140,11 +141,11 @@ def _face_stream(stream: Int, stops: Int) -> Polyhedra:
     return Polyhedra(frozen_int(offsets), frozen_int(loop_offsets), frozen_int(stream[entries]))
 
 
-def mesh_from_pieces(stored: Stored, *, merge_points: bool, allow_gaps: bool, name: str) -> Mesh:
+def mesh_from_pieces(stored: Stored, *, name: str, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of pieces, joined without the ghost cells that repeat each other; raises an AggloError."""
     soup, ghosts = soup_of_pieces(stored.pieces)
     soup, left_out = in_global_order(soup) if stored.ours else soup, stored.left_out
-    return mesh_of_soup(soup, ghosts, left_out, merge_points=merge_points, allow_gaps=allow_gaps, name=name)
+    return mesh_of_soup(soup, ghosts, left_out, name=name, **options)
 
 
 def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
@@ -154,12 +155,12 @@ def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
 
 
 def mesh_of_soup(
-    soup: Soup, ghosts: int, left_out: Iterable[str], *, merge_points: bool, allow_gaps: bool, name: str
+    soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
 ) -> Mesh:
     """Mesh of joined cells; what was left out of it is told among its repairs. Raises an AggloError."""
     weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
     if weak:
         soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
-    mesh = mesh_from_soup(soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=weak, name=name)
+    mesh = mesh_from_soup(soup, weak=weak, name=name, **options)
     mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
     return note_left_out(mesh, left_out)

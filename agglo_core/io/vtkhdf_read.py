@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_float
 from agglo_core.errors import AggloError, FileError
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.listed_faces import listed_faces
 from agglo_core.io.soup import Soup
 from agglo_core.io.tags import tag_values
@@ -23,7 +24,7 @@ __all__ = ["read_vtkhdf"]
 _SPARE, _EXPANSION = 1 << 24, 400  # bytes that arrays may take, and for each byte of the file
 
 
-def read_vtkhdf(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_vtkhdf(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a file; its partitions are joined, integer cell data become cell tags.
 
     Raises
@@ -39,7 +40,7 @@ def read_vtkhdf(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         raise
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError, MemoryError) as error:
         raise FileError(f"HDF5 cannot read it: {str(error)[:200]}") from None
-    return mesh_from_pieces(stored, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
+    return mesh_from_pieces(stored, **options, name=path.stem)
 
 
 def _stored(file: Any, room: int) -> Stored:

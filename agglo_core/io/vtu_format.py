@@ -27,6 +27,8 @@ class Vtu(Compressing):
         Leave outer faces that lie on one another as they are.
     compress : bool
         Write zlib of the arrays: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
 
     Examples
     --------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.listed_faces import ListedFaces, listed_faces
 from agglo_core.io.soup import Soup
 from agglo_core.io.tags import tag_values
@@ -25,7 +26,7 @@ __all__ = ["read_vtu", "stored_pieces"]
 _FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
 
 
-def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_vtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
 
     Raises
@@ -33,9 +34,7 @@ def read_vtu(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
     FileError, MeshError
         For a broken file or mesh.
     """
-    return mesh_from_pieces(
-        stored_pieces(path.read_bytes()), merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem
-    )
+    return mesh_from_pieces(stored_pieces(path.read_bytes()), **options, name=path.stem)
 
 
 def stored_pieces(content: bytes) -> Stored:

@@ -28,6 +28,7 @@ _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
 }
 CORNERS: Mapping[str, int] = {"tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
+_FOLDED_TETRA = (0, 1, 2, 2, 3, 3, 3, 3)  # its nodes, from those of a hexahedron 0, 1, 2, 3, 3, 3, 3, 3
 
 
 class Polyhedra(NamedTuple):
@@ -45,7 +46,9 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
     ----------
     blocks : mapping of kind to (n, k) int
         Kinds "tetra" (k = 4), "hexahedron" (8), "wedge" (6), "pyramid" (5); point numbers in VTK
-        order (a wedge's first triangle is seen counter-clockwise from outside).
+        order (a wedge's first triangle is seen counter-clockwise from outside). Repeated nodes stay:
+        ``Mesh.from_polyhedra`` drops the faces that have no area. A hexahedron whose last five nodes are one
+        is a tetrahedron, as LS-DYNA has it.
 
     Raises
     ------
@@ -66,6 +69,10 @@ def _block(kind: str, cells: ArrayLike) -> Polyhedra:
     table, nodes = _FACES[kind], np.asarray(cells, dtype=np.int64)
     if nodes.ndim != 2 or nodes.shape[1] != CORNERS[kind]:
         raise MeshError(f"{kind} cells must have shape (n, {CORNERS[kind]}), not {nodes.shape}")
+    if kind == "hexahedron":
+        tetra = (nodes[:, 4:] == nodes[:, 3:4]).all(axis=1)
+        if tetra.any():
+            nodes = np.where(tetra[:, None], nodes[:, _FOLDED_TETRA], nodes)
     n, local = len(nodes), np.concatenate([np.asarray(face) for face in table])
     sizes = np.tile([len(face) for face in table], n)
     return Polyhedra(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
@@ -23,13 +23,15 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
+from agglo_core.mesh.elements import gather
 from agglo_core.mesh.plain_faces import plain_faces
+from agglo_core.mesh.repeated_vertices import simple_loops
 
-__all__ = ["Faces", "build_polygons", "loops_as_csr"]
+__all__ = ["Faces", "build_polygons", "kept_cells", "loops_as_csr"]
 
-_FAULTS = {  # by the codes of kernels.faces
-    1: "a repeated vertex",
-    2: "zero area",
+_REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
+_FAULTS = {
+    _REPEATED: "a repeated vertex",
     3: "a boundary that crosses itself (bow-tie)",
     4: "a boundary that folds back on itself",
 }
@@ -74,12 +76,18 @@ def _plane(points: Float) -> Float:
     return frozen_float(points[:, :2])
 
 
-def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool) -> Faces:
-    """Faces of polygons given as vertex loops; arguments and errors are those of ``Mesh.from_polygons``."""
+def build_polygons(
+    points: ArrayLike, cells: Any, merge_points: bool, weak: bool, strict: bool, drop_flat: bool
+) -> tuple[Faces, Int, int]:
+    """Faces of polygons given as vertex loops, the cells that are left, and the number of cells given.
+
+    Arguments and errors are those of ``Mesh.from_polygons``.
+    """
     offsets, vertices = loops_as_csr(cells)
     points = check_points(points)
     check_offsets(offsets, len(vertices), "cell")
-    if len(offsets) < 2:
+    n = len(offsets) - 1
+    if n < 1:
         raise MeshError("the mesh is empty: it has no cells")
     few = np.flatnonzero(np.diff(offsets) < 3)
     if len(few):
@@ -89,42 +97,96 @@ def build_polygons(points: ArrayLike, cells: Any, merge_points: bool, weak: bool
     used, vertices, repairs = compact_points(points, vertices, merge_points)
     points = _plane(points if len(used) == len(points) else frozen_float(points[used]))
     check_extent(points)
-    vertices, repairs["clockwise cells reversed"] = _orient(points, offsets, vertices, weak)
-    face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, weak, strict)
+    own, offsets, vertices, simplified, reversed_ = _oriented(points, offsets, vertices, weak, drop_flat)
+    repairs["cells with repeated vertices simplified"] = simplified
+    repairs["cells without area dropped"] = n - len(own)
+    repairs["clockwise cells reversed"] = reversed_
+    if len(own) < n:  # points of dropped cells alone
+        again, vertices, more = compact_points(points, vertices, False)
+        used, points = used[again], frozen_float(points[again])
+        repairs["orphan points dropped"] += more["orphan points dropped"]
+    face_vertices, face_cells, overlaps = _faces(offsets, vertices, used, own, weak, strict)
     repairs["overlapping edges left apart"] = overlaps
     if strict:
-        _check_coverage(points, offsets, vertices)
-    return Faces(
+        _check_coverage(points, offsets, vertices, own)
+    faces = Faces(
         points,
         frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
         frozen_int(face_vertices.ravel()),
         face_cells,
         note_repairs(repairs),
     )
+    return faces, own, n
 
 
-def _orient(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Int, int]:
-    """Vertices with every loop counter-clockwise, and the number of loops reversed."""
+def kept_cells(flat: Mask, measure: str, drop_flat: bool, own: Int | None = None) -> Int:
+    """Numbers of the cells that are not flat.
+
+    Parameters
+    ----------
+    flat : (n,) bool
+    measure : str
+        Area or volume, for the message.
+    drop_flat : bool
+        Whether flat cells may be left out.
+    own : (n,) int, optional
+        Numbers of the cells for the message, if not 0, 1, ….
+
+    Raises
+    ------
+    MeshError
+        For flat cells, unless they may be left out and are not all.
+    """
+    if flat.any() and not drop_flat:
+        cells = np.flatnonzero(flat)
+        named = name_cells(cells if own is None else own[cells])
+        raise MeshError(f"{named}: zero {measure}; drop_flat=True leaves such cells out")
+    if flat.all():
+        raise MeshError(f"the mesh is empty: all {len(flat)} cells have zero {measure}")
+    return frozen_int(np.flatnonzero(~flat))
+
+
+def _oriented(
+    points: Float, offsets: Int, vertices: Int, weak: bool, drop_flat: bool
+) -> tuple[Int, Int, Int, int, int]:
+    """Cells that have an area, their loops counter-clockwise, how many were simplified, how many reversed."""
     from agglo_core.kernels.polygon_faults import check_polygons
 
-    local = frozen_float(points - box_centre(points))
+    local, simplified = frozen_float(points - box_centre(points)), 0
+    own = frozen_int(np.arange(len(offsets) - 1))
     area, fault = check_polygons(local, offsets, vertices, weak)
+    if (fault == _REPEATED).any():
+        sizes, (offsets, vertices) = np.diff(offsets), simple_loops(offsets, vertices)
+        simplified = int((np.diff(offsets) < sizes).sum())
+        own = kept_cells(np.diff(offsets) < 3, "area", drop_flat)
+        offsets, places = gather(offsets, own)
+        vertices = frozen_int(vertices[places])
+        area, fault = check_polygons(local, offsets, vertices, weak)
+    if (fault == _ZERO).any():
+        full = kept_cells(fault == _ZERO, "area", drop_flat, own)
+        own, area, fault = own[full], area[full], fault[full]
+        offsets, places = gather(offsets, full)
+        vertices = frozen_int(vertices[places])
     if fault.any():
         code = int(fault[np.argmax(fault > 0)])
-        raise MeshError(f"{name_cells(np.flatnonzero(fault == code))}: {_FAULTS[code]}")
+        raise MeshError(f"{name_cells(own[fault == code])}: {_FAULTS[code]}")
     clockwise = area < 0
-    if not clockwise.any():
-        return vertices, 0
-    sizes = np.diff(offsets)
-    position = np.arange(len(vertices))
-    mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - position
-    return frozen_int(vertices[np.where(np.repeat(clockwise, sizes), mirrored, position)]), int(
-        clockwise.sum()
-    )
+    count = int(clockwise.sum())
+    if count:
+        sizes = np.diff(offsets)
+        position = np.arange(len(vertices))
+        mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - position
+        vertices = frozen_int(vertices[np.where(np.repeat(clockwise, sizes), mirrored, position)])
+    return own, offsets, vertices, simplified, count
 
 
-def _faces(offsets: Int, vertices: Int, used: Int, weak: bool, strict: bool) -> tuple[Int, Int, int]:
-    """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
+def _faces(
+    offsets: Int, vertices: Int, used: Int, own: Int, weak: bool, strict: bool
+) -> tuple[Int, Int, int]:
+    """Face vertices, face cells, and how many pairs of cells overlap at an edge.
+
+    Messages name points and cells by the numbers ``used`` and ``own``.
+    """
     from agglo_core.kernels.faces import match_half_edges
 
     plain = plain_faces(offsets, vertices, len(used))
@@ -132,31 +194,35 @@ def _faces(offsets: Int, vertices: Int, used: Int, weak: bool, strict: bool) -> 
         return *plain, 0
     face_vertices, face_cells, double, (a, b, *cells) = match_half_edges(offsets, vertices, len(used))
     if a >= 0:
-        _refuse_duplicates(offsets, vertices, combinations(cells, 2))
-        named = ", ".join(str(cell) for cell in sorted(cells))
+        _refuse_duplicates(offsets, vertices, own, combinations(cells, 2))
+        named = ", ".join(str(own[cell]) for cell in sorted(cells))
         raise MeshError(
             f"the face between points {used[a]} and {used[b]} has more than two cells: cells {named}"
         )
     if weak:  # an agglomerate of two overlapping cells traverses their common edge twice
         double = double[double[:, 0] != double[:, 1]]
-    _refuse_duplicates(offsets, vertices, double.tolist())
+    _refuse_duplicates(offsets, vertices, own, double.tolist())
     for first, second in double.tolist():
         if strict:
-            raise MeshError(f"cells {first} and {second} overlap: both lie on the same side of an edge")
+            raise MeshError(
+                f"cells {own[first]} and {own[second]} overlap: both lie on the same side of an edge"
+            )
     return frozen_int(face_vertices), frozen_int(face_cells), len(double)
 
 
-def _refuse_duplicates(offsets: Int, vertices: Int, pairs: Iterable[Sequence[int]]) -> None:
+def _refuse_duplicates(offsets: Int, vertices: Int, own: Int, pairs: Iterable[Sequence[int]]) -> None:
     """Raise MeshError if a pair of cells is one cell twice, or a cell traverses an edge twice."""
     for first, second in pairs:
         if first == second:
-            raise MeshError(f"cell {first}: a repeated vertex (it traverses an edge twice)")
+            raise MeshError(f"cell {own[first]}: a repeated vertex (it traverses an edge twice)")
         a, b = (np.sort(vertices[offsets[c] : offsets[c + 1]]) for c in (first, second))
         if np.array_equal(a, b):
-            raise MeshError(f"cells {first} and {second} are duplicates: they have the same vertices")
+            raise MeshError(
+                f"cells {own[first]} and {own[second]} are duplicates: they have the same vertices"
+            )
 
 
-def _check_coverage(points: Float, offsets: Int, vertices: Int) -> None:
+def _check_coverage(points: Float, offsets: Int, vertices: Int, own: Int) -> None:
     """Strict check: no two cells overlap, no vertex hangs on a neighbour's edge without being listed."""
     import shapely
 
@@ -170,8 +236,8 @@ def _check_coverage(points: Float, offsets: Int, vertices: Int) -> None:
     if len(cells):
         a, b = (shapely.get_coordinates(wrong[cells[0]])[:2] + centre).tolist()
         raise MeshError(
-            f"{name_cells(cells)} overlap a neighbour or touch it at an unlisted vertex, "
-            f"first along the edge from {a} to {b} of cell {cells[0]}"
+            f"{name_cells(own[cells])} overlap a neighbour or touch it at an unlisted vertex, "
+            f"first along the edge from {a} to {b} of cell {own[cells[0]]}"
         )
 
 

@@ -23,8 +23,10 @@ from agglo_core.mesh.checks import (
     note_repairs,
     whole_numbers,
 )
+from agglo_core.mesh.elements import Polyhedra, take_cells
 from agglo_core.mesh.geometry3d import face_moments
-from agglo_core.mesh.polygons import Faces
+from agglo_core.mesh.polygons import Faces, kept_cells
+from agglo_core.mesh.repeated_vertices import simple_solids
 from agglo_core.mesh.shells import outward_signs
 
 __all__ = ["build_polyhedra", "solids_as_csr"]
@@ -32,35 +34,93 @@ __all__ = ["build_polyhedra", "solids_as_csr"]
 _ROUNDING = 8  # units in the last place that points may be off an edge or a face that they lie on
 
 
-def build_polyhedra(points: ArrayLike, cells: Any, merge_points: bool) -> Faces:
-    """Faces of polyhedra given as loops; arguments and errors are those of ``Mesh.from_polyhedra``."""
+def build_polyhedra(
+    points: ArrayLike, cells: Any, merge_points: bool, drop_flat: bool
+) -> tuple[Faces, Int, int]:
+    """Faces of polyhedra given as loops, the cells that are left, and the number of cells given.
+
+    Arguments and errors are those of ``Mesh.from_polyhedra``.
+    """
     points = check_points(points)
     if points.shape[1] != 3:
         raise MeshError(f"polyhedra need points of shape (n_points, 3), not {points.shape}")
-    cell_offsets, loop_offsets, vertices = solids_as_csr(cells)
-    _check_counts(cell_offsets, loop_offsets, vertices)
-    check_indices(loop_offsets[cell_offsets], vertices, len(points))
-    check_finite(points, vertices)
-    used, vertices, repairs = compact_points(points, vertices, merge_points)
+    solids = Polyhedra(*solids_as_csr(cells))
+    n = len(solids.cell_offsets) - 1
+    _check_counts(solids)
+    check_indices(solids.loop_offsets[solids.cell_offsets], solids.vertices, len(points))
+    check_finite(points, solids.vertices)
+    used, vertices, repairs = compact_points(points, solids.vertices, merge_points)
+    solids, repairs["cells with repeated vertices simplified"] = _simple(
+        solids._replace(vertices=vertices), len(used)
+    )
     points = frozen_float(points[used])
     check_extent(points)
-    cell_of = frozen_int(np.repeat(np.arange(len(cell_offsets) - 1), np.diff(cell_offsets)))
-    _refuse_repeats(cell_of, loop_offsets, vertices, len(points))
-    local = frozen_float(points - box_centre(points))
-    vector, centre = face_moments(local, loop_offsets, vertices)
-    off = _ROUNDING * last_place(points)
-    sign, open_, flat = outward_signs(cell_of, loop_offsets, vertices, local, vector, centre, off)
-    if len(open_):
-        raise MeshError(f"{name_cells(open_)}: the faces do not close, or cannot be oriented")
-    if flat.any():
-        raise MeshError(f"{name_cells(np.flatnonzero(flat))}: zero volume")
+    own, solids, vector, sign = _oriented(points, solids, drop_flat)
+    repairs["cells without volume dropped"] = n - len(own)
     repairs["faces turned outward"] = int((sign < 0).sum())
+    loop_offsets, vertices = solids.loop_offsets, solids.vertices
+    cell_of = frozen_int(np.repeat(own, np.diff(solids.cell_offsets)))
     owner, neighbour = _match(cell_of, loop_offsets, vertices, used)
     _refuse_overlaps(cell_of, owner, neighbour, vector * sign[:, None])
     keep_offsets, keep_vertices = _take_loops(loop_offsets, vertices, owner, sign[owner] > 0)
-    sides = np.where(neighbour >= 0, cell_of[neighbour], -1)
-    face_cells = frozen_int(np.stack((cell_of[owner], sides), axis=1))
-    return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs))
+    sides = np.stack((cell_of[owner], np.where(neighbour >= 0, cell_of[neighbour], -1)), axis=1)
+    if len(own) < n:  # cells numbered anew, without the points of dropped ones
+        sides = np.where(sides >= 0, np.searchsorted(own, sides), -1)
+        again, keep_vertices, more = compact_points(points, keep_vertices, False)
+        points = frozen_float(points[again])
+        repairs["orphan points dropped"] += more["orphan points dropped"]
+    face_cells = frozen_int(sides)
+    return Faces(points, keep_offsets, keep_vertices, face_cells, note_repairs(repairs)), own, n
+
+
+def _oriented(points: Float, solids: Polyhedra, drop_flat: bool) -> tuple[Int, Polyhedra, Float, Float]:
+    """Cells that have a volume, their half-faces, with area vectors and the signs that turn them outward."""
+    own = kept_cells(np.diff(solids.cell_offsets) == 0, "volume", drop_flat)
+    if len(own) < len(solids.cell_offsets) - 1:
+        solids = take_cells(solids, own)
+    _check_counts(solids, own)
+    local = frozen_float(points - box_centre(points))
+    vector, centre = face_moments(local, solids.loop_offsets, solids.vertices)
+    cell_of = frozen_int(np.repeat(np.arange(len(own)), np.diff(solids.cell_offsets)))
+    sign, open_, flat = outward_signs(
+        cell_of,
+        solids.loop_offsets,
+        solids.vertices,
+        local,
+        vector,
+        centre,
+        _ROUNDING * last_place(points),
+    )
+    if len(open_):
+        raise MeshError(f"{name_cells(own[open_])}: the faces do not close, or cannot be oriented")
+    if not flat.any():
+        return own, solids, vector, sign
+    full = kept_cells(flat, "volume", drop_flat, own)
+    half = ~flat[cell_of]
+    return (
+        own[full],
+        take_cells(solids, full),
+        frozen_float(vector[half]),
+        frozen_float(sign[half]),
+    )
+
+
+def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
+    """Polyhedra without vertices that follow themselves, and the number of cells that had any.
+
+    Raises MeshError for a face that meets a vertex again later.
+    """
+    from agglo_core.kernels.face_loops import repeated_points
+
+    if not repeated_points(solids.loop_offsets, solids.vertices, n_points).any():
+        return solids, 0
+    simple = simple_solids(solids)
+    repeated = repeated_points(simple.loop_offsets, simple.vertices, n_points)
+    if repeated.any():
+        cells = np.searchsorted(simple.cell_offsets, np.flatnonzero(repeated), side="right") - 1
+        raise MeshError(f"{name_cells(np.unique(cells))}: a face with a repeated vertex")
+    length, simple_length = (np.diff(each.loop_offsets[each.cell_offsets]) for each in (solids, simple))
+    return simple, int((simple_length < length).sum())
 
 
 def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
@@ -82,27 +142,20 @@ def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
     )
 
 
-def _check_counts(cell_offsets: Int, loop_offsets: Int, vertices: Int) -> None:
+def _check_counts(solids: Polyhedra, own: Int | None = None) -> None:
+    """Raise MeshError for too few cells, faces or vertices; ``own`` are the numbers of the cells."""
+    cell_offsets, loop_offsets, vertices = solids
     check_offsets(cell_offsets, len(loop_offsets) - 1, "cell")
     check_offsets(loop_offsets, len(vertices), "face")
     if len(cell_offsets) < 2:
         raise MeshError("the mesh is empty: it has no cells")
     few = np.flatnonzero(np.diff(cell_offsets) < 4)
     if len(few):
-        raise MeshError(f"{name_cells(few)}: fewer than 4 faces")
+        raise MeshError(f"{name_cells(few if own is None else own[few])}: fewer than 4 faces")
     few = np.flatnonzero(np.diff(loop_offsets) < 3)
     if len(few):
         owner = np.searchsorted(cell_offsets, few, side="right") - 1
         raise MeshError(f"{name_cells(np.unique(owner))}: a face with fewer than 3 vertices")
-
-
-def _refuse_repeats(cell_of: Int, loop_offsets: Int, vertices: Int, n_points: int) -> None:
-    from agglo_core.kernels.face_loops import repeated_points
-
-    repeated = repeated_points(loop_offsets, vertices, n_points)
-    if repeated.any():
-        cells = np.unique(cell_of[repeated])
-        raise MeshError(f"{name_cells(cells)}: a face with a repeated vertex")
 
 
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:

@@ -29,9 +29,8 @@ __all__ = ["Mesh"]
 class Mesh(Derived, Interchange, Tagged):
     """A polygonal (d = 2) or polyhedral (d = 3) mesh, face by face.
 
-    Build one with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
-    :mod:`agglo_core.samples`; these check their input. An agglomerate is just a bigger cell, so
-    :meth:`coarsen` gives a Mesh again.
+    :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` and :mod:`agglo_core.samples`
+    build one and check their input. An agglomerate is a bigger cell: :meth:`coarsen` gives a Mesh again.
 
     Attributes
     ----------
@@ -40,8 +39,7 @@ class Mesh(Derived, Interchange, Tagged):
     face_offsets : (n_faces + 1,) int
         Face f has the vertices ``face_vertices[face_offsets[f]:face_offsets[f + 1]]``.
     face_vertices : (v,) int
-        In 2-D two per face, the owner on the left; in 3-D counter-clockwise seen from outside
-        the owner.
+        In 2-D two per face, the owner on the left; in 3-D counter-clockwise seen from outside the owner.
     face_cells : (n_faces, 2) int
         Owner and neighbour cell; −1 is outside the domain.
     cell_tags, face_tags : mapping of name to (n_cells,) or (n_faces,) int
@@ -81,6 +79,7 @@ class Mesh(Derived, Interchange, Tagged):
         cell_tags: Mapping[str, ArrayLike] | None = None,
         merge_points: bool | None = None,
         allow_gaps: bool = False,
+        drop_flat: bool = False,
         weak: bool = False,
         strict: bool = False,
         name: str = "",
@@ -92,7 +91,8 @@ class Mesh(Derived, Interchange, Tagged):
         points : (n_points, 2) float
             Coordinates; a third column is accepted if it is constant.
         cells : list of index loops, (n, k) integers, or a tuple of two 1-D arrays (offsets, vertices)
-            Loops in either direction (clockwise ones are reversed and counted).
+            Loops in either direction (clockwise ones are reversed and counted). A vertex that follows
+            itself, as in closed and padded loops, counts once.
         cell_tags : mapping of name to (n,) integers, optional
         merge_points : bool, optional
             True merges all exactly equal points first, False merges no points at all. By default points
@@ -100,6 +100,8 @@ class Mesh(Derived, Interchange, Tagged):
         allow_gaps : bool
             Leave outer edges that lie on one another as they are: a crack, bodies that touch. By default
             they are joined, and vertices that hang on a neighbour's edge are inserted there.
+        drop_flat : bool
+            Leave out cells of zero area or volume; the others are numbered anew, in their order.
         weak : bool
             Accept polygons that touch themselves; an edge traversed both ways is a bridge to a hole
             and is dropped.
@@ -109,12 +111,11 @@ class Mesh(Derived, Interchange, Tagged):
         Raises
         ------
         MeshError
-            Naming cells or faces: non-finite coordinates, too few or repeated vertices, zero area,
-            self-intersection, duplicate cells, more than two cells on a face, an empty mesh,
-            a surface in 3-D.
+            Naming cells or faces: non-finite coordinates, too few vertices, a vertex met again, zero area,
+            self-intersection, duplicates, more than two cells on a face, no cells, a surface in 3-D.
         """
-        faces = build_polygons(points, cells, bool(merge_points), weak, strict)
-        mesh = cls._of(faces, cell_tags, name)
+        built = build_polygons(points, cells, bool(merge_points), weak, strict, drop_flat)
+        mesh = cls._of(*built, cell_tags, name)
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
 
     @classmethod
@@ -126,6 +127,7 @@ class Mesh(Derived, Interchange, Tagged):
         cell_tags: Mapping[str, ArrayLike] | None = None,
         merge_points: bool | None = None,
         allow_gaps: bool = False,
+        drop_flat: bool = False,
         name: str = "",
     ) -> Mesh:
         """Mesh from polyhedra given as lists of faces (vertex loops).
@@ -134,8 +136,9 @@ class Mesh(Derived, Interchange, Tagged):
         ----------
         points : (n_points, 3) float
         cells : list of cells, each a list of loops; or (cell_offsets, loop_offsets, vertices)
-            Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]`` of the CSR of loops.
-        cell_tags, merge_points, allow_gaps, name
+            Cell c owns loops ``cell_offsets[c]:cell_offsets[c + 1]``, each in either direction. Shells
+            inside a shell bound cavities. Faces that repeated vertices leave without area are dropped.
+        cell_tags, merge_points, allow_gaps, drop_flat, name
             As in :meth:`from_polygons`.
 
         Raises
@@ -144,19 +147,18 @@ class Mesh(Derived, Interchange, Tagged):
             Naming cells or faces, as in :meth:`from_polygons`; also a cell whose faces do not close, and
             outer faces that overlap in part (unless ``allow_gaps=True``).
         """
-        mesh = cls._of(build_polyhedra(points, cells, bool(merge_points)), cell_tags, name)
+        mesh = cls._of(*build_polyhedra(points, cells, bool(merge_points), drop_flat), cell_tags, name)
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
 
     @classmethod
-    def _of(cls, faces: Faces, cell_tags: Mapping[str, ArrayLike] | None, name: str) -> Mesh:
-        tags = {key: np.array(values) for key, values in (cell_tags or {}).items()}
+    def _of(cls, faces: Faces, own: Int, n: int, given: Mapping[str, ArrayLike] | None, name: str) -> Mesh:
+        tags = {key: values[own] for key, values in check_tags("cell", given or {}, n).items()}
         return cls(**faces._asdict(), cell_tags=tags, name=name)
 
     def __repr__(self) -> str:
         name = f"{self.name!r}, " if self.name else ""
         return f"Mesh({name}{self.dim}-D, {self.n_cells} cells, {self.n_faces} faces, {self.n_points} points)"
 
-    # -- agglomeration -------------------------------------------------------------------------
     def coarsen(self, labels: ArrayLike) -> Mesh:
         """Mesh whose cells are the agglomerates of this one's.
 

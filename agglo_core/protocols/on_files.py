@@ -25,7 +25,8 @@ class Format(Protocol):
     whole or not at all. ``keeps_level_values``: its ``write`` takes a fourth argument, for each level numbers
     ``(k,)`` by name. ``recognises(head)`` may know a file of another suffix by its first 512 bytes,
     ``recognises_folder(folder)`` a folder that is read as a whole.
-    Options ``merge_points`` and ``allow_gaps`` (bool) of the constructor are what ``agglo.read`` sets.
+    Options ``merge_points``, ``allow_gaps`` and ``drop_flat`` (bool) of the constructor are those of
+    ``agglo.read``.
 
     Examples
     --------

@@ -52,9 +52,9 @@ FAULTS: dict[str, tuple[Any, Any, str]] = {
     "duplicate cell": (GRID, [*CELLS, CELLS[0]], r"cells 0 and 4 are duplicates"),
     "duplicate alone": (GRID, [CELLS[0], CELLS[0]], r"cells 0 and 1 are duplicates"),
     "duplicate, other way around": (GRID, [*CELLS, [4, 3, 0, 1][::-1]], r"cells 0 and 4 are duplicates"),
-    "repeated vertex": (GRID, replaced(2, [3, 4, 4, 6]), r"cell 2: a repeated vertex"),
+    "repeated vertices, one left": (GRID, replaced(2, [4, 4, 4]), r"cell 2: zero area; drop_flat=True"),
     "repeated vertex, apart": (GRID, [[0, 1, 4, 1, 2]], r"cell 0: a repeated vertex"),
-    "repeated vertex, triangle": (GRID, [[0, 1, 0]], r"cell 0: a repeated vertex"),
+    "repeated vertex, triangle": (GRID, [[0, 1, 0]], r"cell 0: zero area"),
     "too few vertices": (GRID, replaced(3, [4, 5]), r"cell 3: fewer than 3 vertices"),
     "no vertices": (GRID, replaced(3, []), r"cell 3: fewer than 3 vertices"),
     "nothing but empty loops": (GRID, [[], []], r"cells 0, 1: fewer than 3 vertices"),
@@ -111,9 +111,10 @@ def test_polygons(fault: str, merge_points: bool) -> None:
 
 def test_merging_may_degenerate_a_cell() -> None:
     points = [[0, 0], [1, 0], [1, 0], [1, 1]]
-    assert Mesh.from_polygons([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]]).n_cells == 1
     with pytest.raises(MeshError, match="cell 0: a repeated vertex"):
-        Mesh.from_polygons(points, [[0, 1, 2, 3]], merge_points=True)
+        Mesh.from_polygons([*points, [0, 1]], [[0, 1, 4, 2, 3]], merge_points=True)
+    with pytest.raises(MeshError, match="cell 1: zero area; drop_flat=True leaves such cells out"):
+        Mesh.from_polygons(points, [[0, 1, 3], [0, 1, 2]], merge_points=True)
 
 
 def test_many_faulty_cells_are_counted_and_the_first_named() -> None:
