@@ -12,6 +12,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError, MeshError
 from agglo_core.io.listed_faces import ListedFaces, faces_with, tags_of_faces
+from agglo_core.io.point_sets import convex_hulls
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.checks import name_cells
 from agglo_core.mesh.elements import (
@@ -33,7 +34,10 @@ _SHAPES: Mapping[str, tuple[int, ...]] = {
     "voxel": (11,),
     "wedge": (13, 26, 31, 32, 73, 80),
     "pyramid": (14, 27, 37, 74, 81),
+    "pentagonal prism": (15,),
+    "hexagonal prism": (16,),
 }
+_STRIP, _POINT_SET = 6, 41
 _POLYGON, _PIXEL, _QUADRATIC_POLYGON, _POLYHEDRON = 7, 8, 36, 42
 _TRIANGLES, _QUADS = (5, 22, 34, 69, 76), (9, 23, 28, 30, 70, 77)
 _LINES, _OTHER_LINES, _POINTS = (3, 21, 35, 68, 75), (4,), (0, 1, 2)
@@ -135,8 +139,8 @@ def _tables() -> tuple[Int, Int]:
         (_OTHER_LINES, 1, 0),
         (_TRIANGLES, 2, 3),
         ((*_QUADS, _PIXEL), 2, 4),
-        ((_POLYGON, _QUADRATIC_POLYGON), 2, 0),
-        ((_POLYHEDRON,), 3, 0),
+        ((_POLYGON, _QUADRATIC_POLYGON, _STRIP), 2, 0),
+        ((_POLYHEDRON, _POINT_SET), 3, 0),
         *((types, 3, CORNERS.get(shape, 8)) for shape, types in _SHAPES.items()),
     ):
         dims[list(types)], corners[list(types)] = dim, count
@@ -157,12 +161,17 @@ def _corner_counts(soup: Soup, corners: Int) -> Int:
 
 def _loops(soup: Soup, sizes: Int, cells: Int) -> tuple[Int, Int]:
     """Corner loops of the chosen 2-D cells (or lines) as CSR."""
-    if len(cells) == len(sizes) and np.array_equal(sizes, np.diff(soup.offsets)) and _PIXEL not in soup.types:
+    plain = not np.isin(soup.types, (_PIXEL, _STRIP)).any()
+    if len(cells) == len(sizes) and np.array_equal(sizes, np.diff(soup.offsets)) and plain:
         return soup.offsets, soup.vertices
     offsets = np.concatenate(([0], np.cumsum(sizes[cells])))
     rank = np.arange(offsets[-1]) - np.repeat(offsets[:-1], sizes[cells])
-    pixel = np.repeat(soup.types[cells] == _PIXEL, sizes[cells])
+    pixel, strip = (np.repeat(soup.types[cells] == kind, sizes[cells]) for kind in (_PIXEL, _STRIP))
     rank = np.where(pixel & (rank >= 2), 5 - rank, rank)
+    if strip.any():  # nodes 0, 1, 3, 5, … on one side, then …, 4, 2 back on the other
+        size = np.repeat(sizes[cells], sizes[cells])
+        back = np.where(2 * rank <= size, np.maximum(2 * rank - 1, 0), 2 * (size - rank))
+        rank = np.where(strip, back, rank)
     return frozen_int(offsets), frozen_int(soup.vertices[np.repeat(soup.offsets[cells], sizes[cells]) + rank])
 
 
@@ -176,6 +185,9 @@ def _solids(soup: Soup, cells: Int) -> Polyhedra:
         nodes = soup.vertices[soup.offsets[own][:, None] + order]
         parts.append(polyhedra_from_elements({element: nodes}))
         found.append(own)
+    own = np.flatnonzero(soup.types == _POINT_SET)
+    parts.append(convex_hulls(soup.points, soup.offsets, soup.vertices, frozen_int(own)))
+    found.append(own)
     blocks = [k for k, own in enumerate(found) if len(own)]
     if len(blocks) == 1:  # all of one shape
         return parts[blocks[0]]

@@ -26,8 +26,23 @@ _FACES: Mapping[str, tuple[tuple[int, ...], ...]] = {
     "hexahedron": ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)),
     "wedge": ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
     "pyramid": ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+    "pentagonal prism": (
+        (4, 3, 2, 1, 0), (5, 6, 7, 8, 9), (0, 1, 6, 5), (1, 2, 7, 6), (2, 3, 8, 7), (3, 4, 9, 8),
+        (4, 0, 5, 9),
+    ),
+    "hexagonal prism": (
+        (5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), (0, 1, 7, 6), (1, 2, 8, 7), (2, 3, 9, 8), (3, 4, 10, 9),
+        (4, 5, 11, 10), (5, 0, 6, 11),
+    ),
+}  # fmt: skip
+CORNERS: Mapping[str, int] = {
+    "tetra": 4,
+    "hexahedron": 8,
+    "wedge": 6,
+    "pyramid": 5,
+    "pentagonal prism": 10,
+    "hexagonal prism": 12,
 }
-CORNERS: Mapping[str, int] = {"tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
 _FOLDED_TETRA = (0, 1, 2, 2, 3, 3, 3, 3)  # its nodes, from those of a hexahedron 0, 1, 2, 3, 3, 3, 3, 3
 
 
@@ -45,10 +60,10 @@ def polyhedra_from_elements(blocks: Mapping[str, ArrayLike]) -> Polyhedra:
     Parameters
     ----------
     blocks : mapping of kind to (n, k) int
-        Kinds "tetra" (k = 4), "hexahedron" (8), "wedge" (6), "pyramid" (5); point numbers in VTK
-        order (a wedge's first triangle is seen counter-clockwise from outside). Repeated nodes stay:
-        ``Mesh.from_polyhedra`` drops the faces that have no area. A hexahedron whose last five nodes are one
-        is a tetrahedron, as LS-DYNA has it.
+        Kinds "tetra" (k = 4), "hexahedron" (8), "wedge" (6), "pyramid" (5), "pentagonal prism" (10),
+        "hexagonal prism" (12); point numbers in VTK order (a wedge's first triangle is seen
+        counter-clockwise from outside). Repeated nodes stay: ``Mesh.from_polyhedra`` drops the faces
+        that have no area. A hexahedron whose last five nodes are one is a tetrahedron, as LS-DYNA has it.
 
     Raises
     ------

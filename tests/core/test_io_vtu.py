@@ -197,12 +197,21 @@ def test_cell_kinds_2d(tmp_path: Path) -> None:
     assert mesh.repairs["lower-dimensional cells kept as face tags"] == 1
 
 
+def prism(sides: int) -> list[list[float]]:
+    """Corners of a regular prism of height 1, the lower end first."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    return [[np.cos(angle), np.sin(angle), z] for z in (0, 1) for angle in angles.tolist()]
+
+
 ELEMENTS = {
     10: ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], 1 / 6),
     11: ([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], 1),
     12: ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], 1),
     13: ([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1], [0, 1, 1], [1, 0, 1]], 1 / 2),
     14: ([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]], 1 / 3),
+    15: (prism(5), 5 / 2 * np.sin(2 * np.pi / 5)),
+    16: (prism(6), 3 * np.sin(np.pi / 3)),
+    41: ([[0, 1, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [0, 0, 0], [1, 0, 1], [1, 1, 0]], 1),
 }
 
 
@@ -215,6 +224,44 @@ def test_cell_kinds_3d(tmp_path: Path, kind: int) -> None:
     mesh = read(file)
     np.testing.assert_allclose(mesh.cell_measures, [volume], rtol=1e-14)
     assert mesh.repairs == {}
+
+
+@pytest.mark.parametrize("kind", [15, 16, 41])
+def test_prisms_and_point_sets_are_neighbours(tmp_path: Path, kind: int) -> None:
+    """A second cell on top has the same face, whichever way it is made of triangles."""
+    points, volume = ELEMENTS[kind]
+    upper = [[x, y, 1 + z] for x, y, z in points]
+    n, w = len(points), Writer()
+    cells = [(kind, list(range(n))), (kind, list(range(n, 2 * n)))]
+    file = tmp_path / "two.vtu"
+    file.write_bytes(w.file(w.piece(points + upper, cells)))
+    mesh = read(file)
+    np.testing.assert_allclose(mesh.cell_measures, [volume] * 2, rtol=1e-14)
+    np.testing.assert_allclose(mesh.graph.interface, [volume] * 2)
+    assert mesh.n_faces == 2 * (8 if kind == 16 else 7 if kind == 15 else 6) - 1
+
+
+def test_convex_point_sets(tmp_path: Path) -> None:
+    """Points inside the hull are not used; points in a plane have none."""
+    points, w = [*ELEMENTS[41][0], [0.5, 0.25, 0.5], [0.5, 0.5, 0]], Writer()
+    file = tmp_path / "one.vtu"
+    file.write_bytes(w.file(w.piece(points, [(41, list(range(10)))])))
+    mesh = read(file)
+    assert (mesh.n_points, mesh.n_faces) == (8, 6)
+    np.testing.assert_allclose(mesh.cell_measures, [1])
+    file.write_bytes(w.file(w.piece(points, [(12, [5, 1, 7, 2, 3, 6, 4, 0]), (41, [1, 2, 5, 7])])))
+    with pytest.raises(FileError, match=r"cell 1 of VTK type 41 .*: its 4 points do not span a volume"):
+        read(file)
+
+
+@pytest.mark.parametrize("n", [3, 4, 5, 8, 9])
+def test_triangle_strips_are_one_cell(tmp_path: Path, n: int) -> None:
+    points, w = [[i / 2, i % 2, 0] for i in range(n)], Writer()
+    file = tmp_path / "strip.vtu"
+    file.write_bytes(w.file(w.piece(points, [(6, list(range(n)))], data=w.array("tag", [4], "i8"))))
+    mesh = read(file)
+    assert mesh.cell_measures == pytest.approx([(n - 2) / 2])
+    assert (mesh.n_faces, mesh.cell_tags["tag"].tolist()) == (n, [4])
 
 
 CUBE_FACES = [[3, 0, 4, 7], [1, 2, 6, 5], [0, 1, 5, 4], [2, 3, 7, 6], [3, 2, 1, 0], [4, 5, 6, 7]]
