@@ -92,7 +92,8 @@ def agglomerate(
         No part holds cells of two regions: of different values of a cell tag, or of several.
     barriers : str, sequence of str, mapping of str to values, or (n_faces,) bool, optional
         Fractures, faults, walls: no part lies on both sides of such a face, not even around its end. A name
-        stands for all faces where that tag is not zero, ``"name=3"`` for those where it is 3.
+        stands for the faces of that group, where the tag is neither 0 nor −1; ``"name=3"`` for those where
+        it is 3.
     where : str, sequence of str, mapping or (n,) bool, optional
         Only these cells are agglomerated, all others stay single at every level.
     boundary_rules : "ridges", optional

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.agglomeration.choices import Choice, chosen
-from agglo_core.agglomeration.marked import marked, values_of
 from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
+from agglo_core.mesh.marks import marked, values_of
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
@@ -145,7 +145,8 @@ class Rules:
         if self.regions is not None:
             made.append(("regions", _regions(self.regions)))
         if self.barriers is not None:
-            made.append(("barriers", _component("barriers:Barriers")(_pairs(mesh, self.barriers))))
+            tags = _component("barriers:BarrierTags")(self.barriers)
+            made.append(("barriers", tags.for_mesh(_faces(mesh, "barriers"))))
         if self.where is not None:
             alone = ~marked("where", self.where, graph.data, graph.n, "cell")
             made.append(("where", _component("regions:SingleCells")(alone)))
@@ -180,13 +181,6 @@ def _regions(given: Names | ArrayLike) -> Any:
     if values.dtype.kind not in "iubU":
         raise OptionError(f"regions must be names of cell tags, integers or booleans, not {values.dtype}")
     return make(values=values)
-
-
-def _pairs(mesh: Mesh | Graph, barriers: Marks) -> Any:
-    """Both cells of each inner face of a barrier."""
-    faces = _faces(mesh, "barriers")
-    chosen = marked("barriers", barriers, faces.face_tags, faces.n_faces, "face")
-    return faces.face_cells[chosen & (faces.face_cells[:, 1] >= 0)]
 
 
 def _faces(mesh: Mesh | Graph, word: str) -> Mesh:

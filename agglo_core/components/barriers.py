@@ -8,6 +8,7 @@ from agglo_core.arrays import Int, Mask, frozen_index, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.marks import marked
 
 __all__ = ["BarrierTags", "Barriers"]
 
@@ -71,19 +72,14 @@ class BarrierTags:
     Parameters
     ----------
     tags : str or tuple of str
-        Face tags; faces where one of them is not zero are barriers.
+        Names of face tags, for the faces of these groups, or ``"name=3"`` for those with that value. In
+        Python also whatever :func:`~agglo_core.mesh.marks.marked` accepts.
     """
 
     def __init__(self, tags: str | tuple[str, ...] = "region") -> None:
-        self.tags = (tags,) if isinstance(tags, str) else tuple(tags)
+        self.tags = tags
 
     def for_mesh(self, mesh: Mesh) -> Barriers:
         """The barriers of this mesh; an OptionError if it lacks a tag."""
-        chosen = mesh.face_cells[:, 1] >= 0
-        marked = np.zeros(mesh.n_faces, bool)
-        for tag in self.tags:
-            if tag not in mesh.face_tags:
-                known = ", ".join(mesh.face_tags) or "none"
-                raise OptionError(f"barriers: no face tag is named {tag!r}; face tags: {known}")
-            marked |= mesh.face_tags[tag] != 0
-        return Barriers(mesh.face_cells[chosen & marked])
+        chosen = marked("barriers", self.tags, mesh.face_tags, mesh.n_faces, "face")
+        return Barriers(mesh.face_cells[chosen & (mesh.face_cells[:, 1] >= 0)])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, Mask
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
+from agglo_core.mesh.marks import in_group
 
 __all__ = ["Regions", "SingleCells", "Where"]
 
@@ -67,9 +68,9 @@ class Where:
     Parameters
     ----------
     tag : str
-        Cell tag that is not zero in cells that may be agglomerated.
+        Cell tag whose group may be agglomerated: cells where it is neither 0 nor −1.
     values : tuple of int
-        Values of the tag that mark such cells, in place of all but zero.
+        Values of the tag that mark such cells instead.
     """
 
     def __init__(self, tag: str = "region", values: tuple[int, ...] = ()) -> None:
@@ -77,8 +78,8 @@ class Where:
 
     def forbidden(self, graph: Graph) -> Mask:
         """Entries of the graph ``(m,)`` beside a cell that stays single."""
-        given = _of_cells(graph, self.tag)
-        return beside(graph, ~np.isin(given, self.values) if self.values else given == 0)
+        tag = _of_cells(graph, self.tag)
+        return beside(graph, ~(np.isin(tag, self.values) if self.values else in_group(tag)))
 
 
 class SingleCells:

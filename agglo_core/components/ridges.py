@@ -11,6 +11,7 @@ from agglo_core.components.regions import Regions, beside
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.marks import in_group, values_of
 
 __all__ = ["Ridges"]
 
@@ -18,15 +19,16 @@ __all__ = ["Ridges"]
 class Ridges:
     """Cells are joined only with cells that touch the same boundary patches; those at corners not at all.
 
-    A patch is a face tag on outer faces, each of its values but zero for itself. Cells on three or more
-    patches in 3-D, two in 2-D, lie at a corner and stay single; on two patches in 3-D they lie on a ridge.
+    A patch is the outer faces that agree in all tags, and lie in the group of at least one. Cells on three
+    or more patches in 3-D, two in 2-D, lie at a corner and stay single; on two patches in 3-D they lie on a
+    ridge.
     Source: Nishikawa, Diskin and Thomas, "Critical study of agglomerated multigrid methods for diffusion"
     (AIAA J. 48, 2010), hierarchical agglomeration.
 
     Parameters
     ----------
     tags : tuple of str
-        Face tags that mark patches; all of the mesh if none is given.
+        Face tags that mark patches, where they are neither 0 nor −1; all of the mesh if none is given.
     """
 
     def __init__(self, tags: tuple[str, ...] = ()) -> None:
@@ -54,20 +56,16 @@ class BoundaryClasses:
 
 def _patches_of_cells(mesh: Mesh, tags: tuple[str, ...]) -> Mask:
     """Whether each cell touches each patch ``(n, patches)``."""
-    missing = [tag for tag in tags if tag not in mesh.face_tags]
-    if missing or not tags:
-        known = ", ".join(mesh.face_tags) or "none"
-        what = f"no face tag is named {missing[0]!r}" if missing else "the mesh has no boundary patches"
-        raise OptionError(f"ridges: {what}; face tags: {known}")
-    outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
-    cells = mesh.face_cells[outer, 0]
-    columns = []
-    for tag in tags:
-        values = mesh.face_tags[tag][outer]
-        for value in np.unique(values[values != 0]):
-            touched = np.zeros(mesh.n_cells, bool)
-            touched[cells[values == value]] = True
-            columns.append(touched)
-    if not columns:
+    if not tags:
+        raise OptionError("ridges: the mesh has no boundary patches; face tags: none")
+    outer = mesh.face_cells[:, 1] < 0
+    columns = [values_of("ridges", tag, mesh.face_tags, mesh.n_faces, "face")[outer] for tag in tags]
+    # a file may describe one patch by its name and by numbers, so only combinations of values differ
+    values = np.stack([np.where(in_group(each), each, 0) for each in columns], axis=1)
+    listed = values.any(axis=1)
+    if not listed.any():
         raise OptionError(f"ridges: no outer face has one of the tags {', '.join(tags)}")
-    return np.stack(columns, axis=1)
+    patches, patch = np.unique(values[listed], axis=0, return_inverse=True)
+    touched = np.zeros((mesh.n_cells, len(patches)), bool)
+    touched[mesh.face_cells[outer, 0][listed], patch.reshape(-1)] = True
+    return touched

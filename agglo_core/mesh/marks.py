@@ -1,4 +1,4 @@
-"""Cells or faces that a user marks: by tags, by tags with the values that count, or by an array."""
+"""Groups of cells or faces that a user selects: by tags, by tags with values, or by an array."""
 
 from __future__ import annotations
 
@@ -11,14 +11,40 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Mask
 from agglo_core.errors import OptionError
 
-__all__ = ["marked", "values_of"]
+__all__ = ["in_group", "marked", "values_of"]
+
+
+def in_group(values: NDArray[Any]) -> Mask:
+    """Mask ``(n,)`` of the members of the group that a tag names: its value is neither 0 nor −1.
+
+    Readers set −1 on faces that the file does not list, and 0 on listed faces of other groups.
+
+    Examples
+    --------
+    >>> from agglo_core.mesh.marks import in_group
+    >>> in_group(np.array([-1, 0, 1, 7, -6])).tolist()
+    [False, False, True, True, True]
+    """
+    mask: Mask = (values != 0) & (values != -1)
+    return mask
 
 
 def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
-    """Mask ``(n,)`` of what ``given`` marks.
+    """Mask ``(n,)`` of the cells or faces that ``given`` selects.
 
-    A name marks where that tag is not zero, ``name=value`` where it has that value, several names where any
-    of them does; a mapping has values or lists of values by name; an array of booleans is taken as it is.
+    A name selects the members of that group (see :func:`in_group`), ``name=value`` those with that value,
+    several names those of any of them. A mapping has values or lists of values by name. An array of
+    booleans is returned as it is.
+
+    Parameters
+    ----------
+    word : str
+        Name of the rule, for error messages.
+    given : str, sequence of str, mapping of str to values, or (n,) bool
+    tags : mapping of str to (n,) int
+    n : int
+        Number of cells or faces.
+    what : "cell" or "face"
 
     Raises
     ------
@@ -30,8 +56,8 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
     if isinstance(given, Mapping):
         masks = [np.isin(values_of(word, name, tags, n, what), values) for name, values in given.items()]
         return _any(masks, n)
-    if isinstance(given, Sequence) and given and all(isinstance(each, str) for each in given):
-        return _any([_by_name(word, each, tags, n, what) for each in given], n)
+    if isinstance(given, Sequence) and given and all(isinstance(name, str) for name in given):
+        return _any([_by_name(word, name, tags, n, what) for name in given], n)
     mask = np.asarray(given)
     if mask.shape != (n,) or mask.dtype != bool:
         raise OptionError(
@@ -42,7 +68,7 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
 
 
 def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> NDArray[Any]:
-    """Values ``(n,)`` of a tag, or an OptionError that says which tags there are."""
+    """Values ``(n,)`` of a tag; an OptionError lists the tags if there is none of that name."""
     if name not in tags:
         known = f"there are {', '.join(tags)}" if tags else "the mesh has none"
         raise OptionError(f"{word}: no {what} tag is named {name!r}; {known}")
@@ -55,14 +81,13 @@ def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, wh
 def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:
     name, equals, value = text.rpartition("=")
     if not equals or text in tags:
-        mask: Mask = values_of(word, text, tags, n, what) != 0
-        return mask
+        return in_group(values_of(word, text, tags, n, what))
     try:
         number = int(value)
     except ValueError:
         raise OptionError(f"{word}: {text!r} should be a tag, or a tag = a whole number") from None
-    found: Mask = values_of(word, name, tags, n, what) == number
-    return found
+    mask: Mask = values_of(word, name, tags, n, what) == number
+    return mask
 
 
 def _any(masks: Sequence[Mask], n: int) -> Mask:
