@@ -46,13 +46,17 @@ def random_rules(draw):
     rules = {}
     for name in draw(st.sets(st.sampled_from(sorted(MAKERS)), max_size=3)):
         rules[name] = MAKERS[name](mesh, rng)
-    if draw(st.booleans()):
+    kind = draw(st.sampled_from(["n_parts", "cells_per_part", "h_factor"]))
+    if kind == "cells_per_part":
+        mode.pop("merge", None)
+        target = {kind: tuple(draw(st.lists(st.floats(1, 40), min_size=1, max_size=3)))}
+    elif kind == "n_parts":
         mode.pop("merge", None)
         counts = st.lists(st.integers(max(1, mesh.n_cells // 6), mesh.n_cells), min_size=1, max_size=3)
-        target = {"n_parts": tuple(draw(counts))}
+        target = {kind: tuple(draw(counts))}
     else:
         rules.pop("weights", None)
-        target = {"h_factor": tuple(draw(st.lists(st.floats(0.7, 9), min_size=1, max_size=3)))}
+        target = {kind: tuple(draw(st.lists(st.floats(0.7, 9), min_size=1, max_size=3)))}
     return mesh, {**mode, **target}, rules
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["alone", "check_bounds", "constrained", "forbidden_by", "naming"]
+__all__ = ["bounded_goals", "constrained", "forbidden_by", "naming"]
 
 
 def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Graph:
@@ -38,27 +39,33 @@ def constrained(graph: Graph, constraints: Sequence[Member], there: Graph) -> Gr
     return there.without_edges(forbidden)
 
 
-def alone(graph: Graph, allowed: Graph) -> int:
-    """Number of cells that have neighbours, and may be joined with none of them."""
-    if allowed is graph:
-        return 0
-    return int(np.count_nonzero((np.diff(allowed.indptr) == 0) & (np.diff(graph.indptr) > 0)))
-
-
-def check_bounds(graph: Graph, allowed: Graph, constraints: Sequence[Member], goals: Sequence[Goal]) -> None:
-    """Raise OptionError if a goal is a smaller number of parts than a bound on parts needs.
+def bounded_goals(
+    graph: Graph, allowed: Graph, constraints: Sequence[Member], goals: Sequence[Goal]
+) -> tuple[Goal, ...]:
+    """The goals, mean sizes with at least as many parts as bounds on parts need.
 
     Measures are those of ``graph``, connections those that are ``allowed``.
+
+    Raises
+    ------
+    OptionError
+        If an exact number of parts is smaller.
     """
-    asked = [member for member in constraints if hasattr(member.tool, "fewest")]
-    least = min((goal.parts for goal in goals if isinstance(goal, CountGoal)), default=None)
-    if not asked or least is None:
-        return
+    bounds = [member for member in constraints if hasattr(member.tool, "fewest")]
+    if not bounds or not any(isinstance(goal, CountGoal) for goal in goals):
+        return tuple(goals)
     components = allowed.components()
-    for member in asked:
-        fewest = member.tool.fewest(graph, components)
-        if least < fewest:
-            raise OptionError(f"too few parts, {least}: {member.title} needs {fewest} at least")
+    needs = {member.title: member.tool.fewest(graph, components) for member in bounds}
+    title, fewest = max(needs.items(), key=lambda need: need[1])
+    return tuple(_at_least(goal, fewest, title) for goal in goals)
+
+
+def _at_least(goal: Goal, fewest: int, title: str) -> Goal:
+    if not isinstance(goal, CountGoal) or goal.parts >= fewest:
+        return goal
+    if goal.exact:
+        raise OptionError(f"too few parts, {goal.parts}: {title} needs {fewest} at least")
+    return replace(goal, parts=fewest)
 
 
 @contextmanager

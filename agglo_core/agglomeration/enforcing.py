@@ -73,7 +73,7 @@ class PartRules:
             labels = level.join_split(labels, level.split(labels))
             labels = level.join_small(labels)
             if isinstance(goal, CountGoal):
-                labels = level.to_count(labels, goal.parts)
+                labels = level.to_count(labels, goal)
             self._refuse_inadmissible(labels)
             run.statistics.small_parts += int(np.count_nonzero(self.incomplete(labels)))
         return labels
@@ -166,24 +166,28 @@ class _Level:
 
         return merged_pairs(self.graph, self.blocks, labels, small, self._refused, by_interface=True)
 
-    def to_count(self, labels: Int, count: int) -> Int:
-        """Labels of exactly ``count`` parts."""
+    def to_count(self, labels: Int, goal: CountGoal) -> Int:
+        """Labels of as many parts as the goal says; if it is not exact, of as many as the rules allow."""
+        start, count = labels, goal.parts
         for turn in range(_ROUNDS):
             k = int(labels.max()) + 1
             if k == count:
-                return labels
+                break
             if k > count:
-                fewer = self._fewer(labels, k - count)
-                if int(fewer.max()) + 1 > count:
+                labels = self._fewer(labels, k - count)
+                if int(labels.max()) + 1 > count:
                     break
-                labels = fewer
             else:
                 labels = self.split(self._more(labels, count - k, turn))
-                labels = self.join_small(labels) if turn < _ROUNDS - 2 else labels
+                labels = self.join_small(labels) if turn < _ROUNDS - 2 or not goal.exact else labels
+        k = int(labels.max()) + 1
+        if not goal.exact:
+            return start if k < count else labels  # splitting only made parts that had to be joined again
+        if k == count:
+            return labels
         titles = ", ".join(member.title for member in self.rules.members)
         raise OptionError(
-            f"found no {count} parts that keep the constraints ({titles}): the search ended at "
-            f"{int(labels.max()) + 1}"
+            f"found no {count} parts that keep the constraints ({titles}): the search ended at {k}"
         )
 
     def _fewer(self, labels: Int, surplus: int) -> Int:

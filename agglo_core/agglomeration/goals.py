@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.agglomeration.quotas import share_out, split_quotas
-from agglo_core.arrays import Float, Int, Mask, frozen_float
+from agglo_core.agglomeration.quotas import apportion, split_quotas
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import compared_diameters
@@ -62,6 +62,10 @@ class SizeGoal:
         """What components are told."""
         return Target(h_star=self.h_star)
 
+    def record(self, parts: int) -> Mapping[str, Any]:
+        """Description of the target of a level that has so many parts."""
+        return self.asked
+
     def estimate(self, graph: Graph) -> int:
         """Number of parts to ask of a direct partition: real parts fill about half a ball of ``h_star``."""
         ball = np.pi / 4 if graph.dim == 2 else np.pi / 6
@@ -83,15 +87,17 @@ class SizeGoal:
 
 @dataclass(frozen=True)
 class CountGoal:
-    """There are exactly ``parts`` parts.
+    """There are ``parts`` parts.
 
     The state of a piece is the number of parts it is to become; at 1 it is finished. Splits share it by
-    mass, and so do the first pieces, unless their ``quotas`` are given.
+    mass, and so do the first pieces, unless their ``quotas`` are given. A count that is not ``exact`` stands
+    for a mean size: pieces and constraints that need other counts get them.
     """
 
     parts: int
     asked: Mapping[str, Any] = field(default_factory=dict)
     quotas: Int | None = None
+    exact: bool = True
 
     @property
     def limit(self) -> float:
@@ -102,6 +108,15 @@ class CountGoal:
     def target(self) -> Target:
         """What components are told."""
         return Target(parts=self.parts)
+
+    def record(self, parts: int) -> Mapping[str, Any]:
+        """Description of the target of a level that has so many parts."""
+        return self.asked if self.exact else {**self.asked, "n_parts": parts}
+
+    def shares(self, measures: Float, cells: Int) -> Int:
+        """Parts of each of the pieces at the start: see :func:`~.quotas.apportion`."""
+        parts = self.parts if self.exact else int(np.clip(self.parts, len(cells), cells.sum()))
+        return apportion(parts, measures, cells)
 
     def estimate(self, graph: Graph) -> int:
         """Number of parts to ask of a direct partition."""
@@ -116,7 +131,10 @@ class CountGoal:
         elif self.quotas is not None:
             quotas = frozen_float(self.quotas)
         else:
-            quotas = frozen_float(share_out(self.parts, graph.mass[order], offsets))
+            cells = np.diff(offsets)
+            piece = np.repeat(np.arange(len(cells)), cells)
+            masses = frozen_float(np.bincount(piece, graph.mass[order]))  # as `growing` adds them up
+            quotas = frozen_float(self.shares(masses, frozen_int(cells)))
         return quotas, quotas == 1
 
 
@@ -144,12 +162,14 @@ def resolve_goals(
     h_factor: Numbers | None = None,
     n_parts: Numbers | None = None,
     cells_per_part: Numbers | None = None,
-    alone: int = 0,
+    components: Callable[[], Int] | None = None,
 ) -> tuple[Goal, ...]:
     """Goals from exactly one of the four kinds of target, finest first; ``h_factor=(2, 4, 8)`` if none.
 
-    ``h_factor`` is in units of ``h0()``, the mesh size. ``cells_per_part=c`` means round(n / c) parts,
-    of those cells that are not to stay ``alone``.
+    ``h_factor`` is in units of ``h0()``, the mesh size. ``cells_per_part=c`` means round(n / c) parts of
+    a mesh that is connected. In general connected components of up to c cells are a part each, and the
+    number of all others is round(m / c) for the m cells of larger ones. ``components()`` returns the number
+    of cells of each component.
 
     Raises
     ------
@@ -168,7 +188,7 @@ def resolve_goals(
     name, value = next(given, ("h_factor", (2.0, 4.0, 8.0)))
     values = _positive(name, value)
     if name in ("n_parts", "cells_per_part"):
-        counts = [_count(name, value, n_cells, alone) for value in values]
+        counts = _counts(values, n_cells) if name == "n_parts" else _means(values, n_cells, components)
         return tuple(sorted(counts, key=lambda goal: -goal.parts))
     sizes = _sizes(values) if name == "h_star" else _multiples(values, h0())
     return tuple(sorted(sizes, key=lambda goal: goal.h_star))
@@ -191,13 +211,18 @@ def _multiples(values: Sequence[float], size: float) -> list[SizeGoal]:
     return [SizeGoal(value * size, {"h_star": value * size, "h_factor": value}) for value in values]
 
 
-def _count(name: str, value: float, n: int, alone: int) -> CountGoal:
-    if name == "n_parts":
-        parts = _whole(value, n)
-        return CountGoal(parts, {"n_parts": parts})
-    parts = alone + max(min(1, n - alone), int(np.floor((n - alone) / value + 0.5)))
-    parts = _whole(parts, n)
-    return CountGoal(parts, {"n_parts": parts, "cells_per_part": value})
+def _counts(values: Sequence[float], n: int) -> list[CountGoal]:
+    counts = [_whole(value, n) for value in values]
+    return [CountGoal(parts, {"n_parts": parts}) for parts in counts]
+
+
+def _means(values: Sequence[float], n: int, components: Callable[[], Int] | None) -> list[CountGoal]:
+    sizes = frozen_int([n]) if components is None else components()
+    goals = []
+    for value in values:
+        parts = _whole(float(np.floor(np.maximum(1.0, sizes / value).sum() + 0.5)), n)
+        goals.append(CountGoal(parts, {"n_parts": parts, "cells_per_part": value}, exact=False))
+    return goals
 
 
 def _whole(value: float, n: int) -> int:

@@ -10,7 +10,6 @@ import numpy as np
 from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
 from agglo_core.agglomeration.growth import Growth, GrowthToSize
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.quotas import apportion
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import PluginError
@@ -77,6 +76,5 @@ def _split(
 
 def _quotas(graph: Graph, labels: Int, goal: CountGoal) -> Int:
     if not labels.any():  # one piece: a connected mesh, most of the time
-        return apportion(goal.parts, frozen_float([graph.mass.sum()]), frozen_int([graph.n]))
-    measures = frozen_float(np.bincount(labels, graph.mass))
-    return apportion(goal.parts, measures, frozen_int(np.bincount(labels)))
+        return goal.shares(frozen_float([graph.mass.sum()]), frozen_int([graph.n]))
+    return goal.shares(frozen_float(np.bincount(labels, graph.mass)), frozen_int(np.bincount(labels)))

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from agglo_core.agglomeration.goals import Goal, SizeGoal
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
 from agglo_core.agglomeration.polishing import PostPass
-from agglo_core.agglomeration.quotas import apportion, share_out
+from agglo_core.agglomeration.quotas import apportion
 from agglo_core.agglomeration.recursion import grow, note_oversized
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
@@ -47,9 +47,9 @@ def kway_levels(graph: Graph, goals: Sequence[Goal], nested: bool, run: Run, pos
 def _one_level(graph: Graph, parts: int, goal: Goal, run: Run, stage: int) -> Int:
     """One level on ``graph``: partition each component, refine, repair, then split the parts too large."""
     pieces, cells = graph.split(graph.components())
-    if isinstance(goal, SizeGoal):
-        parts = int(np.clip(parts, pieces.n_blocks, graph.n))
-    quotas = share_out(parts, pieces.mass, pieces.offsets)
+    count = goal if isinstance(goal, CountGoal) else CountGoal(parts, exact=False)
+    quotas = count.shares(frozen_float(np.bincount(pieces.block_ids, pieces.mass)), pieces.sizes)
+    parts = int(quotas.sum())
     seeds, statistics = run.seeds(stage, pieces.n_blocks), run.statistics
     with statistics.timed("partition"), phase(run.progress, "partitioning") as tell:
         local = _partition_components(pieces, quotas, goal, run, seeds, tell)

@@ -70,7 +70,9 @@ def agglomerate(
         Default ``"kmeans"`` and ``"connectivity"``.
     h_star, h_factor, n_parts, cells_per_part : number or sequence, optional
         One kind of target, a level for each value: largest diameter, the same in units of the mesh
-        size h0, exact number of parts, mean number of cells. Default ``h_factor=(2, 4, 8)``.
+        size h0, exact number of parts, mean number of cells. Default ``h_factor=(2, 4, 8)``. An exact number
+        that cannot be had is refused; for a mean size each connected component, also of a region, is at
+        least one part.
     method : "recursive" or "kway", optional
     nested : bool, optional
         Default True.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from agglo_core.agglomeration.choices import POLISH, Choice, new_run, short_name
-from agglo_core.agglomeration.constraints import alone, check_bounds, constrained, naming
+from agglo_core.agglomeration.constraints import bounded_goals, constrained, naming
 from agglo_core.agglomeration.enforcing import part_rules
 from agglo_core.agglomeration.goals import TARGETS, CountGoal, Goal, Numbers, check_targets, resolve_goals
 from agglo_core.agglomeration.lines import line_levels
@@ -23,6 +23,7 @@ from agglo_core.agglomeration.rules import Rules, imbalance
 from agglo_core.agglomeration.run import Run
 from agglo_core.agglomeration.run_file import RunFile
 from agglo_core.agglomeration.stretching import in_metric
+from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -172,9 +173,8 @@ class Pipeline(Rules):
         members = self.members(mesh, graph, registry)
         there = graph if self.metric is None else in_metric(mesh, graph, self.metric)
         allowed = constrained(graph, members, there)
-        goals = self._goals(mesh, there, allowed)
+        goals = bounded_goals(graph, allowed, members, self._goals(mesh, there, allowed))
         run = self.new_run(registry, listen)
-        check_bounds(graph, allowed, members, goals)
         post = PostPass(self.merge, bool(run.post_refiners), part_rules(graph, members))
         counts = isinstance(goals[0], CountGoal)
         usable = self.balanced(allowed, counts=counts)
@@ -190,7 +190,7 @@ class Pipeline(Rules):
             mesh if isinstance(mesh, Mesh) else None,
             graph,
             levels,
-            [goal.asked for goal in goals],
+            [goal.record(int(labels.max()) + 1) for goal, labels in zip(goals, levels, strict=True)],
             self.nested or len(levels) == 1,
             run.statistics.told() | told,
         )
@@ -208,7 +208,9 @@ class Pipeline(Rules):
             progress=progress,
         )
 
-    def goals(self, n_cells: int, mesh_size: Callable[[], float], alone: int) -> tuple[Goal, ...]:
+    def goals(
+        self, n_cells: int, mesh_size: Callable[[], float], components: Callable[[], Int]
+    ) -> tuple[Goal, ...]:
         """The goals on a mesh of so many cells, finest first: see :func:`~.goals.resolve_goals`."""
         return resolve_goals(
             n_cells,
@@ -217,7 +219,7 @@ class Pipeline(Rules):
             h_factor=self.h_factor,
             n_parts=self.n_parts,
             cells_per_part=self.cells_per_part,
-            alone=alone,
+            components=components,
         )
 
     def _goals(self, mesh: Mesh | Graph, graph: Graph, allowed: Graph) -> tuple[Goal, ...]:
@@ -226,4 +228,4 @@ class Pipeline(Rules):
                 return mesh.h
             return float(graph.part_diameters(np.arange(graph.n)).max())
 
-        return self.goals(graph.n, mesh_size, alone(graph, allowed))
+        return self.goals(graph.n, mesh_size, lambda: frozen_int(np.bincount(allowed.components())))

@@ -7,7 +7,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 
-__all__ = ["TooFewPartsError", "apportion", "share_out", "split_quotas"]
+__all__ = ["TooFewPartsError", "apportion", "split_quotas"]
 
 
 class TooFewPartsError(OptionError):
@@ -20,17 +20,11 @@ class TooFewPartsError(OptionError):
         )
 
 
-def share_out(k: int, measures: Float, offsets: Int) -> Int:
-    """Quotas of pieces; ``measures`` are those of their cells, piece after piece, cut by ``offsets``."""
-    sizes = np.diff(offsets)
-    pieces = np.repeat(np.arange(len(sizes)), sizes)
-    return apportion(k, frozen_float(np.bincount(pieces, measures)), frozen_int(sizes))
-
-
 def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
     """Divide k parts among pieces by measure: at least ``least`` each, at most their cells, exactly k in all.
 
-    If no piece has a measure, they are divided by number of cells.
+    Pieces whose share lies beyond these limits get the limit, and the others divide the rest in proportion
+    to their measures. If no piece has a measure, k is divided by number of cells.
 
     Raises
     ------
@@ -45,7 +39,7 @@ def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
     if len(measures) == 1:
         return frozen_int([k])
     share = measures if measures.sum() > 0 else cells
-    ideal = k * share / share.sum()
+    ideal = _limited(frozen_float(k * share / share.sum()), k, least, cells)
     low, high = -float(k), float(k)
     for _ in range(80):  # the quotas nearest to ideal + shift add up to more as the shift rises
         shift = 0.5 * (low + high)
@@ -55,6 +49,18 @@ def apportion(k: int, measures: Float, cells: Int, least: Int | int = 1) -> Int:
     want = np.where(quotas < cells, ideal - quotas, -np.inf)
     quotas[np.argsort(-want, kind="stable")[: k - int(quotas.sum())]] += 1
     return frozen_int(quotas)
+
+
+def _limited(ideal: Float, k: int, least: Int | int, cells: Int) -> Float:
+    """Multiples of the shares ``ideal`` by one factor, cut off at the limits, that add up to k."""
+    if (np.clip(ideal, least, cells) == ideal).all():
+        return ideal
+    low, high = -64.0, 64.0  # exponents of the factor, by bisection: the sum rises with it
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        fits = np.clip(np.exp2(middle) * ideal, least, cells).sum() <= k
+        low, high = (middle, high) if fits else (low, middle)
+    return frozen_float(np.clip(np.exp2(low) * ideal, least, cells))
 
 
 def split_quotas(quotas: Float, measures: Float, cells: Int) -> Float:

@@ -93,7 +93,7 @@ def agglomerate(
         mesh,
         labels,
         [level.numbering.bounds for level in levels],
-        [goal.asked for goal in start.goals],
+        [goal.record(level.numbering.parts) for goal, level in zip(start.goals, levels, strict=True)],
         given.nested or len(levels) == 1,
         asdict(statistics)
         | {"bisector": short_name(given.bisector), "method": given.method}

@@ -1,4 +1,4 @@
-"""Whether parts are connected that lie on several ranks, and which component of the domain cells are in."""
+"""Connected components across ranks: of parts, and of the domain."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int
 from agglo_core.distributed.distributed_mesh import DistributedMesh
+from agglo_core.graph import Graph
 
-__all__ = ["components_of_parts", "first_cells"]
+__all__ = ["component_sizes", "components_of_parts", "first_cells"]
 
 
 def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
@@ -26,7 +27,7 @@ def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
         Rank r has the parts ``bounds[r]:bounds[r + 1]``.
     """
     ranks = mesh.ranks
-    told = _touching(mesh, labels)[1]
+    told = _touching(mesh, mesh.local.graph, labels)[1]
     owner = np.searchsorted(bounds, told[:, 0], side="right") - 1
     parcels = {rank: told[owner == rank] for rank in np.unique(owner).tolist()}
     found = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
@@ -42,7 +43,7 @@ def first_cells(mesh: DistributedMesh) -> Int:
     All ranks must call it.
     """
     ranks, own = mesh.ranks, mesh.global_ids[mesh.own]
-    names, told = _touching(mesh, frozen_int(np.zeros(len(own))))
+    names, told = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own))))
     pieces, place, which = np.unique(names, return_index=True, return_inverse=True)
     found = np.concatenate(ranks.gathered(told[:, 1:]))
     first = np.concatenate(ranks.gathered(np.stack((pieces, own[place]), axis=1)))
@@ -53,12 +54,39 @@ def first_cells(mesh: DistributedMesh) -> Int:
     return frozen_int(least[component[np.searchsorted(every, pieces)]][which])
 
 
-def _touching(mesh: DistributedMesh, labels: Int) -> tuple[Int, Int]:
+def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
+    """Number of cells of each component of the domain, in any order. All ranks must call it.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    forbidden : (m,) bool
+        Entries of the local graph that join no cells, the same on both sides of a border between ranks.
+    """
+    ranks = mesh.ranks
+    with ranks.together():
+        graph = mesh.local.graph.without_edges(forbidden)
+    names, told = _touching(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
+    edges = told[told[:, 1] != told[:, 2], 1:]
+    pieces, sizes = np.unique(names, return_counts=True)
+    beyond = np.isin(pieces, edges)  # pieces that go on on other ranks; of the others sizes will do
+    whole = np.stack(np.unique(sizes[~beyond], return_counts=True))
+    every = ranks.gathered((edges.T, np.stack((pieces[beyond], sizes[beyond])), whole))
+    edges, joined, whole = (np.concatenate(each, axis=1) for each in zip(*every, strict=True))
+    of_whole = np.repeat(whole[0], whole[1])
+    if not edges.size:
+        return frozen_int(of_whole)
+    component = _joined(edges.T)[0][np.searchsorted(np.unique(edges), joined[0])]
+    return frozen_int(np.concatenate((np.bincount(component, joined[1]), of_whole)))
+
+
+def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
     """The piece that each own cell is in ``(n_own,)``, and ``(e, 3)``: part, two pieces of it that touch.
 
-    A piece is what of a part is connected on a rank; each is beside itself, too.
+    A piece is what of a part is connected on a rank, by the ``graph`` of local cells; each is beside itself,
+    too.
     """
-    ranks, graph = mesh.ranks, mesh.local.graph
+    ranks = mesh.ranks
     part = np.asarray(mesh.exchange(labels))
     with ranks.together():
         own = graph.subgraph(mesh.own, [0, len(mesh.own)])

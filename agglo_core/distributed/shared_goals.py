@@ -92,8 +92,15 @@ def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
             least = _shares(goal.parts, census, least)
             shares.append([replace(goal, parts=int(share)) for share in least])
         else:
-            shares.append([goal] * count)
+            shares.append([_at_least(goal, int(fewest)) for fewest in census.fewest])
     return [list(each) for each in zip(*reversed(shares), strict=True)] if shares else [[]] * count
+
+
+def _at_least(goal: Goal, fewest: int) -> Goal:
+    """The goal, a mean size with as many parts as a domain cannot do without."""
+    if isinstance(goal, SizeGoal) or goal.exact:
+        return goal
+    return replace(goal, parts=max(goal.parts, fewest))
 
 
 def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:

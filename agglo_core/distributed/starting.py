@@ -17,6 +17,7 @@ from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.distributed_rules import Kept, kept_rules, with_ghosts
 from agglo_core.distributed.domain import Domain
 from agglo_core.distributed.first_domains import first_domains
+from agglo_core.distributed.part_components import component_sizes
 from agglo_core.distributed.stages import Return, Stage, moved
 from agglo_core.registry import Registry
 
@@ -110,14 +111,10 @@ def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start
 
 
 def _goals(mesh: DistributedMesh, pipeline: Pipeline, cells: Cells, kept: Kept) -> tuple[Goal, ...]:
-    neighbours = np.bincount(cells.rows, minlength=cells.graph.n)
-    barred = np.bincount(cells.rows, kept.forbidden, cells.graph.n)
-    alone = int(np.count_nonzero(cells.own & (neighbours > 0) & (neighbours == barred)))
-
     def mesh_size() -> float:
         if pipeline.metric is None:
             return mesh.h
         own = cells.graph.part_diameters(np.arange(cells.graph.n))[cells.own]
         return cells.ranks.largest(float(own.max(initial=0.0)))
 
-    return pipeline.goals(mesh.n_cells, mesh_size, int(cells.ranks.summed(alone)))
+    return pipeline.goals(mesh.n_cells, mesh_size, lambda: component_sizes(mesh, kept.forbidden))

@@ -8,6 +8,7 @@ import pytest
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
 from agglo_core.agglomeration.goals import CountGoal, SizeGoal, resolve_goals
+from agglo_core.arrays import frozen_int
 
 GRID = samples.squares(4)
 
@@ -57,6 +58,24 @@ def test_cells_per_part_is_the_nearest_count(per_part, parts):
     (goal,) = resolved(cells_per_part=per_part)
     assert counts([goal]) == (parts,)
     assert goal.asked == {"n_parts": parts, "cells_per_part": per_part}
+
+
+@pytest.mark.parametrize(
+    ("sizes_of_components", "per_part", "parts"),
+    [
+        ([144, 1, 1], (8, 64, 512), (20, 4, 3)),
+        ([700, 100, *[1] * 200], (8, 1000), (300, 202)),
+        ([99, 33, 9, 3], (8, 64), (19, 5)),
+        ([1] * 7, (8,), (7,)),
+    ],
+)
+def test_small_components_are_parts_beside_the_mean_of_the_others(sizes_of_components, per_part, parts):
+    sizes = np.array(sizes_of_components)
+    goals = resolve_goals(
+        sizes.sum(), lambda: 1.0, cells_per_part=per_part, components=lambda: frozen_int(sizes)
+    )
+    assert counts(goals) == parts
+    assert not any(goal.exact for goal in goals)
 
 
 def test_mesh_size_of_a_graph_is_that_of_its_mesh():

@@ -80,9 +80,22 @@ def test_split_quotas_add_up_and_fit(data):
         assert abs(first - np.clip(ideal, low, high)) <= 0.5 + 1e-9
 
 
+def ideal_shares(k, measures, cells):
+    """Multiples of the measures by one factor, limited to 1 and the cells, that add up to k."""
+
+    def limited(factor):
+        return np.clip(factor * np.asarray(measures), 1, cells)
+
+    low, high = 0.0, 1e6
+    for _ in range(200):
+        middle = (low + high) / 2
+        low, high = (middle, high) if limited(middle).sum() <= k else (low, middle)
+    return limited(low)
+
+
 def fairest(k, measures, cells):
     """Least sum of squared distances from the ideal shares, over all ways to share k parts."""
-    ideal = k * np.asarray(measures) / np.sum(measures)
+    ideal = ideal_shares(k, measures, cells)
     choices = product(*(range(1, c + 1) for c in cells))
     return min(((np.array(q) - ideal) ** 2).sum() for q in choices if sum(q) == k)
 
@@ -95,7 +108,7 @@ def test_apportion_is_as_fair_as_any(data):
     quotas = apportion(k, frozen_float(measures), frozen_int(cells))
     assert quotas.sum() == k
     assert ((quotas >= 1) & (quotas <= cells)).all()
-    ideal = k * np.asarray(measures) / np.sum(measures)
+    ideal = ideal_shares(k, measures, cells)
     assert ((quotas - ideal) ** 2).sum() <= fairest(k, measures, cells) * (1 + 1e-9) + 1e-9
 
 
@@ -104,6 +117,10 @@ def test_apportion_by_hand():
     assert apportion(5, frozen_float([3, 2, 1]), frozen_int([9, 9, 9])).sum() == 5
     assert apportion(3, frozen_float([1e9, 1e-9, 1e-9]), frozen_int([9, 9, 9])).tolist() == [1, 1, 1]
     assert apportion(9, frozen_float([1e9, 1, 1]), frozen_int([2, 9, 1])).tolist() == [2, 6, 1]
+    # what is left beside pieces of one part each is divided in proportion: 75 and 25, not 99 and 1
+    masses = frozen_float([600.0, 200.0, *np.ones(100)])
+    quotas = apportion(200, masses, frozen_int(masses))
+    assert quotas.tolist() == [75, 25] + [1] * 100
     assert apportion(4, frozen_float([0, 0]), frozen_int([5, 5])).tolist() == [2, 2]
     assert (
         apportion(10**6, frozen_float(np.ones(1000)), frozen_int(np.full(1000, 2000))).tolist()

@@ -155,6 +155,79 @@ def test_bounds_that_mean_nothing(bounds, message):
         agglo.agglomerate(FINE, n_parts=30, **bounds)
 
 
+# --- mean sizes that pieces or bounds do not allow -------------------------------------------------------
+
+
+def with_islands(n=12):
+    """A square of n × n cells, and two triangles off it."""
+    square = samples.squares(n)
+    loops = np.split(square.boundary_loops.vertices, square.boundary_loops.loop_offsets[1:-1])
+    k = len(square.points)
+    islands = [[5, 5], [6, 5], [6, 6], [7, 7], [8, 7], [8, 8]]
+    cells = [*loops, [k, k + 1, k + 2], [k + 3, k + 4, k + 5]]
+    return agglo.Mesh.from_polygons(np.vstack([square.points, islands]), cells)
+
+
+@pytest.mark.parametrize("method", ["recursive", "kway"])
+def test_a_mean_size_beside_islands(method):
+    """Islands are parts; the size is that of the parts of the square, which is one part at the coarsest."""
+    mesh = with_islands()
+    hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 64, 512), method=method)
+    assert hierarchy.parts == [20, 4, 3]
+    assert [target["n_parts"] for target in hierarchy.targets] == [20, 4, 3]
+    assert [target["cells_per_part"] for target in hierarchy.targets] == [8, 64, 512]
+    for labels in hierarchy.levels:
+        assert np.bincount(labels)[labels[-2:]].tolist() == [1, 1]
+    with pytest.raises(OptionError, match="too few parts, 2: the mesh has 3 disconnected components"):
+        agglo.agglomerate(mesh, n_parts=2, method=method)
+
+
+@pytest.mark.parametrize("method", ["recursive", "kway"])
+def test_a_mean_size_within_regions_and_ridges(method):
+    sizes = {"cells_per_part": (8, 100), "method": method}
+    column = np.arange(144) % 12
+    strip = agglo.agglomerate(samples.squares(12), regions=np.digitize(column, (10, 11)), **sizes)
+    assert strip.parts == [18, 3]
+    assert sorted(np.bincount(strip.levels[1])) == [12, 12, 120]
+    square = samples.squares(12)
+    side = sum(
+        k * np.isclose(square.face_centroids[:, axis], at)
+        for k, (axis, at) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)], 1)
+    )
+    ridges = agglo.agglomerate(square.with_face_tags(side=side), boundary_rules="ridges", **sizes)
+    assert sorted(np.bincount(ridges.levels[1])) == [1] * 4 + [10] * 4 + [100]
+
+
+@pytest.mark.parametrize("method", ["recursive", "kway"])
+def test_a_mean_size_on_a_matrix_with_dirichlet_rows(method):
+    """Two bodies of 400 and 100 nodes, and 200 rows with nothing but a diagonal."""
+    one, other = samples.squares(20).graph, samples.squares(10).graph
+    shift = one.n
+    links = np.concatenate((one.indptr, one.indptr[-1] + other.indptr[1:]))
+    alone = 200
+    graph = Graph.from_arrays(
+        np.concatenate((links, np.full(alone, links[-1]))),
+        np.concatenate((one.indices, other.indices + shift)),
+        np.concatenate((one.centroids, other.centroids + 3, np.random.default_rng(0).random((alone, 2)) + 9)),
+    )
+    labels = agglo.agglomerate(graph, cells_per_part=10, method=method).levels[0]
+    parts = [len(np.unique(labels[nodes])) for nodes in np.split(np.arange(graph.n), [400, 500])]
+    assert parts == [40, 10, 200]
+
+
+@pytest.mark.parametrize("method", ["recursive", "kway"])
+def test_a_mean_size_gives_way_to_barriers_and_bounds(method):
+    barrier = agglo.agglomerate(FINE, cells_per_part=64, barriers=fracture(FINE, 0.4), method=method)
+    assert barrier.parts == [2]
+    assert barrier.targets[0]["n_parts"] == 2
+    bounded = agglo.agglomerate(FINE, cells_per_part=(4, 40), max_cells=16, method=method)
+    assert bounded.parts[0] == 16
+    assert bounded.parts[1] == bounded.targets[1]["n_parts"] >= 4
+    assert np.bincount(bounded.levels[1]).max() <= 16
+    least = agglo.agglomerate(FINE, cells_per_part=(2, 30), min_cells=8, method=method)
+    assert np.bincount(least.levels[0]).min() >= 8
+
+
 # --- what counts are shared out by -----------------------------------------------------------------------
 
 

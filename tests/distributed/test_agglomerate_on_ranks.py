@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +13,9 @@ from on_ranks import on_ranks
 
 import agglo_core as agglo
 from agglo_core import Mesh, Pipeline, samples
+from agglo_core.components.regions import Regions
 from agglo_core.distributed import DistributedMesh, Ranks, agglomerate, distributed_levels
+from agglo_core.distributed.part_components import component_sizes
 
 Labels = list[NDArray[Any]]
 
@@ -28,6 +30,8 @@ CASES: dict[str, dict[str, Any]] = {
     "ridges": {"boundary_rules": "ridges", "n_parts": (200, 60)},
     "bounds": {"max_cells": 14, "min_cells": 5, "n_parts": 120},
     "bounds of agglomerates": {"max_cells": 700, "n_parts": 3},
+    "mean sizes": {"regions": "mat", "cells_per_part": (10, 100, 2000)},
+    "mean sizes and bounds": {"max_cells": 60, "cells_per_part": (12, 500)},
     "stretched": {"metric": np.diag([1.0, 9.0]), "n_parts": (120, 12)},
     "k-way": {"method": "kway", "bisector": "metis", "n_parts": (120, 24)},
     "each level for itself": {"nested": False, "n_parts": (120, 24)},
@@ -46,7 +50,7 @@ def cracked() -> Mesh:
     sides = left[mesh.face_cells[:, 0]] != left[mesh.face_cells[:, 1]]
     middle = np.abs(mesh.face_centroids[:, 1] - 0.5) < 0.3
     return mesh.with_face_tags(
-        crack=sides & middle & (mesh.face_cells[:, 1] >= 0),
+        crack=np.where(sides & middle & (mesh.face_cells[:, 1] >= 0), 1, -1),  # -1 as in files
         side=lambda x: (x[:, 0] < 1e-9) + 2 * (x[:, 1] < 1e-9) + 3 * (x[:, 0] > 1 - 1e-9),
     )
 
@@ -76,7 +80,9 @@ def check_levels(mesh: Mesh, name: str, levels: Labels) -> None:
         parts = int(labels.max()) + 1
         assert len(np.unique(labels)) == parts, name
         assert mesh.graph.components(labels).max() == parts - 1, name
-        if "n_parts" in target:
+        if name == "mean sizes and bounds":
+            assert 20 <= parts < 120, name
+        elif "n_parts" in target:
             assert parts == target["n_parts"], name
         else:
             wide = mesh.graph.part_diameters(labels) > target["h_star"] * (1 + 1e-9)
@@ -91,6 +97,7 @@ def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
     material = mesh.cell_tags["mat"]
     for labels in found["regions"]:
         assert len(np.unique(np.stack((labels, material)), axis=1)[0]) == labels.max() + 1
+    assert found["barriers"][1].max() < 60  # the crack alone separates cells
     for labels in found["barriers"]:
         beside = labels[mesh.face_cells[mesh.face_tags["crack"] == 1]]
         assert (beside[:, 0] != beside[:, 1]).all()
@@ -99,6 +106,9 @@ def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
     assert np.bincount(found["bounds"][0]).max() <= 14
     assert np.bincount(found["bounds"][0]).min() >= 5
     assert np.bincount(found["bounds of agglomerates"][0]).max() <= 700
+    assert [labels.max() + 1 for labels in found["mean sizes"]] == [120, 12, 4]
+    for labels in found["mean sizes and bounds"]:
+        assert np.bincount(labels).max() <= 60
 
 
 def test_all_that_is_promised_on_one_machine_where_the_cells_lie() -> None:
@@ -219,3 +229,29 @@ def test_what_cannot_be_had_is_refused_on_all_ranks() -> None:
         assert few.startswith("rank 0: OptionError: too few parts, 3" if rank else "too few parts, 3")
         assert "with the constraints (constraint 'regions')" in few
     assert "only bounds and barriers" in refused({"constraints": [Moody()]})[0]
+
+
+def sizes_of_regions(mesh: Mesh, places: Sequence[NDArray[Any]]) -> list[list[int]]:
+    """Cells of each component of a region, for cells that lie on the ranks of each of the ``places``."""
+    whole, found = shared(mesh), []
+    for to in places:
+        there = whole.redistributed(to[whole.global_ids[whole.own]])
+        found.append(sorted(component_sizes(there, Regions("region").forbidden(there.local.graph)).tolist()))
+    return found
+
+
+def test_components_across_ranks_have_the_sizes_of_one_machine() -> None:
+    mesh = samples.disconnected(12)
+    x = mesh.cell_centroids
+    region = np.where(np.arange(mesh.n_cells) % 7 == 0, np.arange(mesh.n_cells), -1 - (x[:, 1] > 0.5))
+    mesh = mesh.with_tags(region=region)
+    places = [
+        np.random.default_rng(1).integers(0, 3, len(x)),
+        2 * (x[:, 0] > 0.5),  # one rank has no cells
+        (3 * np.argsort(np.argsort(x[:, 1])) // len(x)),
+        np.zeros(len(x), np.int64),
+    ]
+    graph = mesh.graph
+    serial = np.bincount(graph.without_edges(Regions(values=region).forbidden(graph)).components())
+    for answer in on_ranks(3, sizes_of_regions, mesh, places):
+        assert answer == [sorted(serial.tolist())] * len(places)
