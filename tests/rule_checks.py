@@ -46,6 +46,8 @@ def random_rules(draw):
     rules = {}
     for name in draw(st.sets(st.sampled_from(sorted(MAKERS)), max_size=3)):
         rules[name] = MAKERS[name](mesh, rng)
+    if "max_weight" in rules:
+        rules.setdefault("weights", MAKERS["weights"](mesh, rng))
     kind = draw(st.sampled_from(["n_parts", "cells_per_part", "h_factor"]))
     if kind == "cells_per_part":
         mode.pop("merge", None)
@@ -55,7 +57,8 @@ def random_rules(draw):
         counts = st.lists(st.integers(max(1, mesh.n_cells // 6), mesh.n_cells), min_size=1, max_size=3)
         target = {kind: tuple(draw(counts))}
     else:
-        rules.pop("weights", None)
+        if "max_weight" not in rules:
+            rules.pop("weights", None)
         target = {kind: tuple(draw(st.lists(st.floats(0.7, 9), min_size=1, max_size=3)))}
     return mesh, {**mode, **target}, rules
 
@@ -85,6 +88,7 @@ MAKERS = {
     "max_cells": lambda mesh, rng: int(rng.integers(1, 12)),
     "min_cells": lambda mesh, rng: int(rng.integers(1, 2)),
     "max_measure": lambda mesh, rng: float(mesh.cell_measures.sum() * rng.uniform(0.02, 0.3)),
+    "max_weight": lambda mesh, rng: float(rng.integers(1, 30)),
 }
 
 
@@ -111,6 +115,9 @@ def broken_promises(mesh, hierarchy, rules):
         measures = np.bincount(labels, mesh.cell_measures)
         if (measures[sizes > 1] > rules.get("max_measure", np.inf) * (1 + 1e-9)).any():
             yield "a part is too large"
+        weights = np.bincount(labels, rules.get("weights"))
+        if (weights[sizes > 1] > rules.get("max_weight", np.inf) * (1 + 1e-9)).any():
+            yield "a part is too heavy"
         if _components(labels, joined) != k:
             yield "a part is not connected, but across what it may not be"
         if target.get("n_parts", k) != k:

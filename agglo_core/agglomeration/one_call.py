@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, Literal
 
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ __all__ = ["agglomerate", "changed"]
 
 _COUNTS, _SIZES = ("n_parts", "cells_per_part"), ("h_star", "h_factor")
 _DEFAULT = Pipeline()
+_NAMES = frozenset(each.name for each in fields(Pipeline))
 
 
 def agglomerate(
@@ -53,6 +54,8 @@ def agglomerate(
     min_cells: int | None = None,
     max_measure: float | None = None,
     min_measure: float | None = None,
+    max_weight: float | None = None,
+    min_weight: float | None = None,
     metric: ArrayLike | None = None,
     lines: bool | None = None,
     registry: Registry | None = None,
@@ -101,12 +104,12 @@ def agglomerate(
     boundary_rules : "ridges", optional
         Cells are joined only with cells on the same boundary patches; those at corners stay single.
     weights : str or (n,) array, optional
-        What counts are shared out by: the name of cell data, or numbers.
+        What counts are shared out by, and what bounds on weights refer to: the name of cell data, or numbers.
     balance : "cells", "measure" or "weights", optional
         What counts are shared out by; by default weights if given, else cells.
-    max_cells, max_measure : int, float, optional
-        No part has more, single cells excepted.
-    min_cells, min_measure : int, float, optional
+    max_cells, max_measure, max_weight : int, float, float, optional
+        No part has more, single cells excepted. Bounds on weights need ``weights``.
+    min_cells, min_measure, min_weight : int, float, float, optional
         Smaller parts join a neighbour where nothing forbids it; ``statistics`` say how many are left.
     metric : (d, d) or (n, d, d) float, optional
         Symmetric positive definite tensor, one or one for each cell, in which diameters, distances and
@@ -148,48 +151,24 @@ def agglomerate(
     >>> agglo.agglomerate(mesh, bisector="coordinate", h_factor=4, polish=False).parts
     [4]
     """
+    given = {name: value for name, value in locals().items() if name in _NAMES}
     if not isinstance(mesh, Mesh | Graph):
         raise OptionError(f"agglomerate needs a Mesh or a Graph, given {type(mesh).__name__}")
     base = _DEFAULT if config is None else Pipeline.from_toml(config, allow_code=allow_code)
-    given = {
-        "bisector": bisector,
-        "refiners": refiners,
-        "fixer": fixer,
-        "method": method,
-        "nested": nested,
-        "merge": merge,
-        "polish": polish,
-        "post_refiners": post_refiners,
-        "seed": seed,
-        "h_star": h_star,
-        "h_factor": h_factor,
-        "n_parts": n_parts,
-        "cells_per_part": cells_per_part,
-        "constraints": constraints,
-        "regions": regions,
-        "barriers": barriers,
-        "where": where,
-        "boundary_rules": boundary_rules,
-        "weights": weights,
-        "balance": balance,
-        "max_cells": max_cells,
-        "min_cells": min_cells,
-        "max_measure": max_measure,
-        "min_measure": min_measure,
-        "metric": metric,
-        "lines": lines,
-    }
     return changed(base, given).run(mesh, registry, progress, verbose, threads)
 
 
 def changed(base: Pipeline, given: Mapping[str, Any]) -> Pipeline:
     """The pipeline with what is given (None is nothing) in place of its own.
 
-    A target takes the place of any other, and of what makes no sense beside it.
+    A target takes the place of any other, and of what makes no sense beside it: with sizes, weights
+    do unless they are bounded.
     """
     own = {name: value for name, value in given.items() if value is not None}
     counts, sizes = (any(name in own for name in names) for names in (_COUNTS, _SIZES))
     gone: dict[str, Any] = dict.fromkeys((*_COUNTS, *_SIZES) if counts or sizes else ())
     gone |= {"merge": False} if counts else {}
-    gone |= {"weights": None, "balance": None} if sizes else {}
+    gone |= {"balance": None} if sizes else {}
+    bounded = any(own.get(name, getattr(base, name)) is not None for name in ("max_weight", "min_weight"))
+    gone |= {"weights": None} if sizes and not bounded else {}
     return replace(base, **{**gone, **own})

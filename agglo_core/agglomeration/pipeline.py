@@ -121,35 +121,8 @@ class Pipeline(Rules):
         known = [each.name for each in sorted(fields(cls), key=lambda each: bool(each.kw_only))]
         base, file = cls(), RunFile(Path(path), known, allow_code=allow_code)
         try:
-            check_targets({name: file.value(name, None) for name in TARGETS})
-            return cls(
-                bisector=file.component("bisector", base.bisector),
-                refiners=file.components("refiners", base.refiners),
-                fixer=file.component("fixer", base.fixer),
-                method=file.value("method", base.method),
-                nested=file.value("nested", base.nested),
-                merge=file.value("merge", base.merge),
-                polish=file.value("polish", base.polish),
-                post_refiners=file.components("post_refiners", base.post_refiners),
-                seed=file.value("seed", base.seed),
-                h_star=file.value("h_star", base.h_star),
-                h_factor=file.value("h_factor", base.h_factor),
-                n_parts=file.value("n_parts", base.n_parts),
-                cells_per_part=file.value("cells_per_part", base.cells_per_part),
-                constraints=file.components("constraints", base.constraints),
-                regions=file.value("regions", base.regions),
-                barriers=file.value("barriers", base.barriers),
-                where=file.value("where", base.where),
-                boundary_rules=file.value("boundary_rules", base.boundary_rules),
-                weights=file.value("weights", base.weights),
-                balance=file.value("balance", base.balance),
-                max_cells=file.value("max_cells", base.max_cells),
-                min_cells=file.value("min_cells", base.min_cells),
-                max_measure=file.value("max_measure", base.max_measure),
-                min_measure=file.value("min_measure", base.min_measure),
-                metric=file.value("metric", base.metric),
-                lines=file.value("lines", base.lines),
-            )
+            check_targets({name: file.read(name, None) for name in TARGETS})
+            return cls(**{name: file.read(name, getattr(base, name)) for name in known})
         except OptionError as error:
             raise OptionError(f"{path}: {error}") from error
 

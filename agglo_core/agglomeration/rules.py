@@ -15,11 +15,11 @@ from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
-from agglo_core.mesh.marks import marked, values_of
+from agglo_core.mesh.marks import marked, weights_of
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
 
-__all__ = ["BALANCES", "Balance", "Marks", "Names", "Rules", "imbalance"]
+__all__ = ["BALANCES", "BOUNDS", "Balance", "Marks", "Names", "Rules", "imbalance"]
 
 Balance = Literal["cells", "measure", "weights"]
 BALANCES = ("cells", "measure", "weights")
@@ -30,7 +30,8 @@ Marks = Names | Mapping[str, Any] | ArrayLike
 _TIE = 1e-4
 """Share of the measure in masses: of sides of as many cells the larger one is the same on any axes."""
 
-_BOUNDS = ("max_cells", "min_cells", "max_measure", "min_measure")
+BOUNDS = ("max_cells", "min_cells", "max_measure", "min_measure", "max_weight", "min_weight")
+"""Keywords for bounds on parts."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +51,15 @@ class Rules:
     boundary_rules : "ridges", optional
         Cells on several boundary patches are joined with cells on the same ones only, or not at all.
     weights : str or (n,) array, optional
-        What counts are shared out by: the name of cell data, or numbers.
+        What counts are shared out by, and what bounds on weights refer to: the name of cell data, or numbers.
     balance : "cells", "measure" or "weights", optional
         What counts are shared out by; by default the weights if given, else cells.
     max_cells, min_cells : int, optional
         At most, and where neighbours allow at least, so many cells in a part.
     max_measure, min_measure : float, optional
         At most, and where neighbours allow at least, so much area or volume in a part.
+    max_weight, min_weight : float, optional
+        At most, and where neighbours allow at least, so much of the ``weights`` in a part.
     metric : (d, d) or (n, d, d) float, optional
         In which diameters, distances and interfaces are measured.
     lines : bool
@@ -74,8 +77,15 @@ class Rules:
     min_cells: int | None = None
     max_measure: float | None = None
     min_measure: float | None = None
+    max_weight: float | None = None
+    min_weight: float | None = None
     metric: ArrayLike | None = None
     lines: bool = False
+
+    @property
+    def bounds_weights(self) -> bool:
+        """Whether there are bounds on weights."""
+        return self.max_weight is not None or self.min_weight is not None
 
     def check_rules(self) -> None:
         """Raise OptionError for values that mean nothing on any mesh."""
@@ -85,12 +95,12 @@ class Rules:
             raise OptionError(f"boundary_rules must be 'ridges', given {self.boundary_rules!r}")
         if self.balance not in (None, *BALANCES):
             raise OptionError(f"balance is one of {', '.join(BALANCES)}; given {self.balance!r}")
-        if self.weights is not None and self.balance not in (None, "weights"):
+        if self.weights is not None and self.balance not in (None, "weights") and not self.bounds_weights:
             raise OptionError(f"weights are given, but balance is {self.balance!r}")
-        self._bounds()
+        self._bounds(self.weights)
         if not isinstance(self.lines, bool):
             raise OptionError(f"lines must be true or false, given {self.lines!r}")
-        if self.lines and not (self.max_cells is None and self.max_measure is None):
+        if self.lines and any(getattr(self, name) is not None for name in BOUNDS if name[:3] == "max"):
             raise OptionError("lines and a largest part cannot be had together: a line may be larger")
 
     def members(self, mesh: Mesh | Graph, graph: Graph, registry: Registry) -> list[Member]:
@@ -117,9 +127,10 @@ class Rules:
             If a size is asked for, and weights or a balance were given.
         """
         if not counts:
-            word = "weights" if self.weights is not None else "balance"
-            if getattr(self, word) is not None:
-                raise OptionError(f"{word} shares out a number of parts; with sizes it means nothing")
+            if self.weights is not None and not self.bounds_weights:
+                raise OptionError("weights shares out a number of parts; with sizes it means nothing")
+            if self.balance is not None:
+                raise OptionError("balance shares out a number of parts; with sizes it means nothing")
             return graph
         if self.balance == "measure":
             return graph
@@ -133,12 +144,14 @@ class Rules:
 
     def mass(self, graph: Graph) -> Float:
         """What counts are shared out by ``(n,)``."""
-        if self.weights is not None:
-            given: Float = _weights(self.weights, graph)
-            return given
-        if self.balance == "weights":
-            return graph.weights
+        weights = self.cell_weights(graph)
+        if self.balance == "weights" or (self.balance is None and weights is not None):
+            return graph.weights if weights is None else weights
         return graph.measures if self.balance == "measure" else np.broadcast_to(1.0, graph.n)
+
+    def cell_weights(self, graph: Graph) -> Float | None:
+        """The ``weights (n,)`` of cells; None if there are none."""
+        return None if self.weights is None else weights_of(self.weights, graph.data, graph.n)
 
     def _by_keyword(self, mesh: Mesh | Graph, graph: Graph) -> list[tuple[str, Any]]:
         made: list[tuple[str, Any]] = []
@@ -154,12 +167,14 @@ class Rules:
             made.append(
                 ("boundary_rules", _component("ridges:Ridges")().for_mesh(_faces(mesh, "boundary_rules")))
             )
-        if any(getattr(self, name) is not None for name in _BOUNDS):
-            made.append((" and ".join(n for n in _BOUNDS if getattr(self, n) is not None), self._bounds()))
+        bounds = [name for name in BOUNDS if getattr(self, name) is not None]
+        if bounds:
+            made.append((" and ".join(bounds), self._bounds(self.cell_weights(graph))))
         return made
 
-    def _bounds(self) -> Any:
-        return _component("bounds:Bounds")(self.max_cells, self.min_cells, self.max_measure, self.min_measure)
+    def _bounds(self, weights: Any) -> Any:
+        limits = {name: getattr(self, name) for name in BOUNDS}
+        return _component("bounds:Bounds")(**limits, weights=weights)
 
 
 def imbalance(mass: Float | None, labels: Int) -> float:
@@ -187,20 +202,6 @@ def _faces(mesh: Mesh | Graph, word: str) -> Mesh:
     if not isinstance(mesh, Mesh):
         raise OptionError(f"{word} needs a mesh: a graph has no faces")
     return mesh
-
-
-def _weights(given: str | ArrayLike, graph: Graph) -> Any:
-    values = values_of("weights", given, graph.data, graph.n, "cell") if isinstance(given, str) else given
-    weights = np.asarray(values)
-    if weights.shape != (graph.n,) or weights.dtype.kind not in "iufb":
-        raise OptionError(
-            f"weights must be {graph.n} numbers, one for each cell; given shape {weights.shape} "
-            f"of {weights.dtype}"
-        )
-    if not (np.isfinite(weights) & (weights >= 0)).all():
-        cell = int(np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))[0])
-        raise OptionError(f"weights must be finite and not negative; cell {cell} has {weights[cell]}")
-    return frozen_float(weights)
 
 
 def _on_mesh(member: Member, mesh: Mesh | Graph) -> Member:

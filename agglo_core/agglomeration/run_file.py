@@ -13,6 +13,9 @@ from agglo_core.registry.toml_files import read_toml
 
 __all__ = ["RunFile"]
 
+COMPONENTS = ("bisector", "fixer")
+COMPONENT_LISTS = ("refiners", "post_refiners", "constraints")
+
 
 class RunFile:
     """Values of a TOML file by key.
@@ -38,21 +41,24 @@ class RunFile:
         if unknown:
             raise FileError(f"{path}: unknown key {unknown[0]!r}; accepted: {', '.join(known)}")
 
-    def value(self, key: str, default: Any) -> Any:
-        """The value of a key as it stands, or ``default``."""
-        return self._table.get(key, default)
+    def read(self, key: str, default: Any) -> Any:
+        """The value of a key, or ``default``; components are turned into choices.
 
-    def component(self, key: str, default: Choice) -> Choice:
-        """A component: a name, or a table with ``name`` and its options."""
-        return self._choice(key, self._table[key]) if key in self._table else default
-
-    def components(self, key: str, default: Sequence[Choice]) -> Sequence[Choice]:
-        """A list of components."""
+        Raises
+        ------
+        FileError
+            If it is not a component, or list of components, where there should be one.
+        """
         if key not in self._table:
             return default
-        if not isinstance(self._table[key], list):
-            raise FileError(f"{self._path}: {key} must be a list, given {self._table[key]!r:.60}")
-        return tuple(self._choice(key, each) for each in self._table[key])
+        value = self._table[key]
+        if key in COMPONENTS:
+            return self._choice(key, value)
+        if key in COMPONENT_LISTS:
+            if not isinstance(value, list):
+                raise FileError(f"{self._path}: {key} must be a list, given {value!r:.60}")
+            return tuple(self._choice(key, each) for each in value)
+        return value
 
     def _choice(self, key: str, value: Any) -> Choice:
         if isinstance(value, str):

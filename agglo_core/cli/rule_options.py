@@ -61,7 +61,7 @@ RULE_OPTIONS: tuple[Callable[[Any], Any], ...] = (
         type=click.Choice(("ridges",)),
         help="Join cells only with those on the same boundary patches (face tags).",
     ),
-    click.option("--weights", metavar="NAME", help="Cell data that counts are shared out by."),
+    click.option("--weights", metavar="NAME", help="Cell data that counts are shared out by, or bounded."),
     click.option(
         "--balance",
         type=click.Choice(("cells", "measure", "weights")),
@@ -71,6 +71,8 @@ RULE_OPTIONS: tuple[Callable[[Any], Any], ...] = (
     click.option("--min-cells", type=Number(int, least=1), help="Smaller parts join a neighbour."),
     click.option("--max-measure", type=Number(float, above=0), help="No part is larger, but single cells."),
     click.option("--min-measure", type=Number(float, above=0), help="Smaller parts join a neighbour."),
+    click.option("--max-weight", type=Number(float, above=0), help="No part is heavier, but single cells."),
+    click.option("--min-weight", type=Number(float, above=0), help="Lighter parts join a neighbour."),
     click.option(
         "--metric-tensor",
         "metric",
@@ -91,6 +93,8 @@ RULES = (
     "min_cells",
     "max_measure",
     "min_measure",
+    "max_weight",
+    "min_weight",
     "metric",
     "lines",
 )

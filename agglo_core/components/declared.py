@@ -135,5 +135,8 @@ CONSTRAINTS = {
     "where": ("regions:Where", "Only cells with a tag are agglomerated, all others stay single."),
     "barriers": ("barriers:BarrierTags", "No part lies on both sides of faces with a tag: fractures, walls."),
     "ridges": ("ridges:Ridges", "Cells join only those on the same boundary patches, at corners none."),
-    "bounds": ("bounds:Bounds", "At most, and where possible at least, so many cells or so much measure."),
+    "bounds": (
+        "bounds:Bounds",
+        "At most, and where possible at least, so many cells, so much measure or weight.",
+    ),
 }

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.constraints import forbidden_by
-from agglo_core.agglomeration.rules import Rules
-from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.agglomeration.rules import BOUNDS, Rules
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.components.barriers import Barriers
 from agglo_core.components.bounds import Bounds
 from agglo_core.distributed.cells import Cells, agreed
@@ -30,7 +30,6 @@ from agglo_core.registry.attribution import Member
 __all__ = ["Kept", "kept_rules", "with_ghosts"]
 
 _OF_PARTS = ("admissible", "incomplete")
-_BOUNDS = ("max_cells", "min_cells", "max_measure", "min_measure")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +44,8 @@ class Kept:
         Pairs of cells that no part may both hold.
     bounds : sequence of Member
         Bounds on the size of parts.
+    weights : (n, len(bounds)) float
+        Weights of cells to which each of them refers.
     members : sequence of Member
         All constraints, for what is said of them.
     """
@@ -52,6 +53,7 @@ class Kept:
     forbidden: Mask
     barriers: Int
     bounds: Sequence[Member]
+    weights: Float
     members: Sequence[Member]
 
 
@@ -66,6 +68,8 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
         If a rule fits on no rank, or asks of whole parts what cannot be asked of agglomerates.
     """
     ranks, graph = cells.ranks, mesh.graph
+    with ranks.together():
+        pipeline.cell_weights(graph)  # those of one rank may be wrong
     asked = (_asked(ranks, rule, mesh, graph, registry) for rule in _single_rules(pipeline))
     members = [member for found in asked for member in found]
     forbidden, pairs, bounds = np.zeros(len(graph.indices), bool), [], []
@@ -81,8 +85,12 @@ def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry)
                     f"{member.title} asks something of whole parts; across ranks only bounds and barriers do"
                 )
             forbidden |= forbidden_by(member, graph)
+    with ranks.together():
+        weights = np.empty((graph.n, len(bounds)))
+        for column, member in enumerate(bounds):
+            weights[:, column] = member.tool.weights(graph)
     barriers = np.concatenate([np.empty((0, 2), np.int64), *pairs])
-    return Kept(agreed(cells, forbidden), frozen_int(barriers), bounds, members)
+    return Kept(agreed(cells, forbidden), frozen_int(barriers), bounds, frozen_float(weights), members)
 
 
 def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
@@ -92,9 +100,9 @@ def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
     for name in ("regions", "barriers", "where", "boundary_rules"):
         if getattr(pipeline, name) is not None:
             yield replace(Rules(), **{name: getattr(pipeline, name)})
-    bounds = {name: getattr(pipeline, name) for name in _BOUNDS}
+    bounds = {name: getattr(pipeline, name) for name in BOUNDS}
     if any(value is not None for value in bounds.values()):
-        yield replace(Rules(), **bounds)
+        yield replace(Rules(), **bounds, weights=pipeline.weights)
 
 
 def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:

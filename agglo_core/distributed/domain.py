@@ -13,6 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_index, frozen_int
 from agglo_core.graph import Graph
+from agglo_core.registry.attribution import Member
 
 __all__ = ["Domain", "Links", "joined"]
 
@@ -78,6 +79,8 @@ class Domain:
         Global id of each node, rising.
     cells : (n,) int
         Number of cells of the mesh in each node.
+    weights : (n, bounds) float
+        Weights of each node, a column for each constraint on the size of parts.
     barriers : (p, 2) int
         Pairs of nodes that no part may both hold, whatever lies between them.
     links : Links
@@ -87,6 +90,7 @@ class Domain:
     graph: Graph
     ids: Int
     cells: Int
+    weights: Float
     barriers: Int
     links: Links
 
@@ -94,6 +98,13 @@ class Domain:
     def n(self) -> int:
         """Number of nodes."""
         return self.graph.n
+
+    def counted(self, bounds: Sequence[Member]) -> list[Member]:
+        """Bounds on the size of parts, which are given the cells and weights of the nodes."""
+        return [
+            replace(each, tool=each.tool.counting(self.cells, frozen_float(self.weights[:, column])))
+            for column, each in enumerate(bounds)
+        ]
 
     def by_itself(self) -> Graph:
         """The graph as if nothing lay beyond: what leads to other domains is boundary."""
@@ -107,10 +118,13 @@ class Domain:
         """The domain of agglomerates ``labels (n,)``, ids from ``first`` on; ``to (e,)``: those of links."""
         parts = int(labels.max(initial=-1)) + 1
         pairs = np.unique(np.sort(labels[self.barriers], axis=1), axis=0).reshape(-1, 2)
+        weights = np.zeros((parts, self.weights.shape[1]))
+        np.add.at(weights, labels, self.weights)
         return Domain(
             self.graph.coarsen(labels) if self.n else self.graph,
             frozen_int(first + np.arange(parts)),
             frozen_int(np.bincount(labels, self.cells, parts)),
+            frozen_float(weights),
             frozen_int(pairs),
             self.links.renamed(labels[self.links.node], to, self.links.domain),
         )
@@ -158,6 +172,7 @@ def joined(
         _joined_graphs([piece.graph for piece in pieces], places, order, inside, ends),
         frozen_int(ids),
         frozen_int(np.concatenate([piece.cells for piece in pieces])[order]),
+        frozen_float(np.concatenate([piece.weights for piece in pieces])[order]),
         frozen_int(np.unique(np.concatenate(barriers), axis=0).reshape(-1, 2)),
         links.chosen(~inner),
     ), places

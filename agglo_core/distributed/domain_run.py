@@ -63,7 +63,7 @@ class DomainRun:
         return line_levels if self.pipeline.lines and (domain.cells == 1).all() else ordered_levels
 
     def _post(self, domain: Domain, bounds: Sequence[Member]) -> PostPass:
-        members = [replace(each, tool=each.tool.counting(domain.cells)) for each in bounds]
+        members = domain.counted(bounds)
         if len(domain.barriers):
             members.append(Member(Barriers(domain.barriers), "constraint 'barriers'"))
         nodes = frozen_int(np.arange(domain.n))

@@ -49,6 +49,7 @@ def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> 
             level[i],
             frozen_int(cells.ids[inside]),
             frozen_int(np.ones(len(inside))),
+            frozen_float(kept.weights[inside]),
             frozen_int(np.unique(barriers, axis=0).reshape(-1, 2)),
             links.chosen(of_block),
         )

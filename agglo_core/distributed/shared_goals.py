@@ -55,8 +55,8 @@ def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> l
     alone = (np.diff(graph.indptr) == 0) & ~leading_out
     components = graph.components()
     fewest = int(components.max()) + 1
-    for member in bounds:
-        fewest = max(fewest, member.tool.counting(domain.cells).fewest(graph, components))
+    for member in domain.counted(bounds):
+        fewest = max(fewest, member.tool.fewest(graph, components))
     sizes = [float(goal.estimate(graph)) if isinstance(goal, SizeGoal) else 0.0 for goal in goals]
     return [
         domain.n,

@@ -1,4 +1,4 @@
-"""Groups of cells or faces that a user selects: by tags, by tags with values, or by an array."""
+"""Groups and weights of cells or faces that a user gives: by tags, by tags with values, or by an array."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Mask
+from agglo_core.arrays import Float, Mask, frozen_float
 from agglo_core.errors import OptionError
 
-__all__ = ["in_group", "marked", "values_of"]
+__all__ = ["in_group", "marked", "values_of", "weights_of"]
 
 
 def in_group(values: NDArray[Any]) -> Mask:
@@ -76,6 +76,26 @@ def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, wh
     if values.shape != (n,):
         raise OptionError(f"{word}: {what} tag {name!r} has shape {values.shape}, expected ({n},)")
     return values
+
+
+def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
+    """Weights ``(n,)`` of cells, by the name of cell data or as numbers.
+
+    Raises
+    ------
+    OptionError
+        If there are no such data, or they are not a finite number of at least 0 for each cell.
+    """
+    weights = np.asarray(values_of("weights", given, data, n, "cell") if isinstance(given, str) else given)
+    if weights.shape != (n,) or weights.dtype.kind not in "iufb":
+        raise OptionError(
+            f"weights must be {n} numbers, one for each cell; given shape {weights.shape} of {weights.dtype}"
+        )
+    good = np.isfinite(weights) & (weights >= 0)
+    if not good.all():
+        cell = int(np.argmin(good))
+        raise OptionError(f"weights must be finite and not negative; cell {cell} has {weights[cell]}")
+    return frozen_float(weights)
 
 
 def _by_name(word: str, text: str, tags: Mapping[str, NDArray[Any]], n: int, what: str) -> Mask:

@@ -60,6 +60,8 @@ def test_rules_that_ask_nothing_change_nothing(drawn):
         "max_cells": mesh.n_cells,
         "min_cells": 1,
         "max_measure": 2 * mesh.cell_measures.sum(),
+        "max_weight": 2.0 * mesh.n_cells,
+        "weights": np.ones(mesh.n_cells),
     }
     plain, bound = made(mesh, options, {}), made(mesh, options, idle)
     assume(plain is not None)

@@ -129,6 +129,66 @@ def test_bounds_are_of_true_measures_whatever_the_metric():
         agglo.agglomerate(FINE, n_parts=15, **wide)
 
 
+def loaded(n=400):
+    """A mesh with up to 39 people in a cell, none in some."""
+    mesh = samples.voronoi(n, seed=5)
+    return mesh.with_tags(people=np.random.default_rng(0).integers(0, 40, mesh.n_cells))
+
+
+@pytest.mark.parametrize("method", ["recursive", "kway"])
+def test_bounds_on_weights(method):
+    mesh = loaded()
+    people = mesh.cell_tags["people"]
+    merged = agglo.agglomerate(mesh, cells_per_part=1, weights="people", min_weight=100, method=method)
+    assert np.bincount(merged.levels[0], people).min() >= 100
+    assert merged.statistics["small_parts"] == 0
+    assert merged.targets[0]["n_parts"] == merged.parts[0] <= people.sum() // 100
+    for target in ({"h_factor": (2, 6)}, {"cells_per_part": (4, 40)}, {"n_parts": 90}):
+        hierarchy = agglo.agglomerate(mesh, weights=people, max_weight=150.0, method=method, **target)
+        for labels in hierarchy.levels:
+            assert np.bincount(labels, people).max() <= 150
+    counted = {"n_parts": 30, "weights": "people", "balance": "cells", "min_weight": 50, "max_weight": 500}
+    labels = agglo.agglomerate(mesh, method=method, **counted).levels[0]
+    assert len(np.unique(labels)) == 30
+    assert 50 <= np.bincount(labels, people).min() <= np.bincount(labels, people).max() <= 500
+    fewest = -(-people.sum() // 500)
+    with pytest.raises(
+        OptionError, match=f"too few parts, 3: constraint 'max_weight' needs {fewest} at least"
+    ):
+        agglo.agglomerate(mesh, n_parts=3, weights="people", max_weight=500, method=method)
+
+
+def test_bounds_on_weights_as_a_component_from_a_file_and_of_a_graph(tmp_path):
+    mesh = loaded()
+    rules = {"weights": "people", "max_weight": 150}
+    wanted = agglo.agglomerate(mesh, h_factor=3, **rules).levels[0]
+    plain = agglo.agglomerate(mesh, h_factor=3).levels[0]
+    assert (
+        np.bincount(plain, mesh.cell_tags["people"]).max()
+        > 150
+        >= np.bincount(wanted, mesh.cell_tags["people"]).max()
+    )
+    component = ("bounds", {"max_weight": 150, "weights": "people"})
+    np.testing.assert_array_equal(
+        agglo.agglomerate(mesh, h_factor=3, constraints=[component]).levels[0], wanted
+    )
+    path = tmp_path / "run.toml"
+    path.write_text('n_parts = 9\nweights = "people"\nmax_weight = 150\n')
+    from_file = agglo.agglomerate(mesh, config=path, h_factor=3)  # weights stay beside the size
+    np.testing.assert_array_equal(from_file.levels[0], wanted)
+    weights = mesh.cell_tags["people"].astype(float)
+    of_graph = agglo.agglomerate(mesh.graph, h_factor=3, weights=weights, max_weight=150)
+    np.testing.assert_array_equal(of_graph.levels[0], wanted)
+
+
+def test_single_cells_may_be_heavier_than_the_bound():
+    weights = np.where(np.arange(64) == 27, 50.0, 1.0)
+    labels = agglo.agglomerate(FINE, cells_per_part=16, weights=weights, max_weight=12).levels[0]
+    assert np.flatnonzero(labels == labels[27]).tolist() == [27]
+    of_parts = np.bincount(labels, weights)
+    assert sorted(of_parts)[-2] <= 12 < sorted(of_parts)[-1] == 50
+
+
 def test_small_parts_join_or_are_counted():
     mesh = samples.voronoi(400, seed=5)
     least = agglo.agglomerate(mesh, h_factor=1.5, min_cells=4)
@@ -148,6 +208,12 @@ def test_small_parts_join_or_are_counted():
         ({"min_cells": 5, "max_cells": 4}, "min_cells, 5, is more than max_cells, 4"),
         ({"max_cells": True}, "max_cells must be positive and finite, given True"),
         ({"max_cells": "many"}, "max_cells must be positive and finite, given 'many'"),
+        ({"min_weight": 3}, "min_weight needs weights: the name of cell data, or a number for each cell"),
+        ({"max_weight": -1, "weights": "x"}, "max_weight must be positive and finite, given -1"),
+        ({"max_weight": 1, "min_weight": 2, "weights": "x"}, "min_weight, 2, is more than max_weight, 1"),
+        ({"max_weight": 1, "weights": "x"}, "weights: no cell tag is named 'x'; the mesh has none"),
+        ({"max_weight": 1, "weights": np.full(64, np.nan)}, "weights must be finite and not negative"),
+        ({"max_weight": 1, "weights": np.ones(3)}, "weights must be 64 numbers, one for each cell"),
     ],
 )
 def test_bounds_that_mean_nothing(bounds, message):
@@ -376,6 +442,7 @@ def test_metrics_that_are_none(metric, message):
         ({"balance": "area"}, "balance is one of cells, measure, weights; given 'area'"),
         ({"boundary_rules": "corners"}, "boundary_rules must be 'ridges'"),
         ({"lines": "yes"}, "lines must be true or false"),
+        ({"lines": True, "max_weight": 4, "weights": np.ones(64)}, "lines and a largest part cannot"),
         ({"lines": True, "max_cells": 4}, "lines and a largest part cannot be had together"),
     ],
 )

@@ -28,10 +28,27 @@ def test_rules_on_the_command_line(agglo: Agglo, tmp_path):
     assert "no cell tag is named 'ore'; there are rock" in refused.err
 
 
+def test_bounds_on_weights(agglo: Agglo, tmp_path):
+    path = tmp_path / "mesh.npz"
+    write(path, replace(FINE, cell_tags={"people": np.where(LEFT, 5, 1)}))
+    words = ("run", str(path), "--cells-per-part", "1", "--weights", "people", "--min-weight", "20", "--json")
+    done = agglo(*words)
+    assert done.code == 0
+    assert done.data["runs"][0]["statistics"]["small_parts"] == 0
+    assert 1 < done.data["runs"][0]["levels"][0]["parts"] <= 9
+    bounded = agglo("run", str(path), "--parts", "40", "--weights", "people", "--max-weight", "6", "--json")
+    assert bounded.code == 0
+    assert bounded.data["runs"][0]["levels"][0]["parts"] == 40
+    refused = agglo("run", str(path), "--parts", "8", "--min-weight", "20")
+    assert refused.code == 2
+    assert "min_weight needs weights" in refused.err
+
+
 def test_what_cannot_be_read_as_a_rule(agglo: Agglo):
     for words, message in (
         (("--metric-tensor", "1,2,3"), "is not a comma list of 4 or 9 numbers"),
         (("--regions", "a,,b"), "is not a comma list of tags"),
+        (("--min-weight", "0"), "--min-weight"),
         (("--max-cells", "0"), "expected a whole number of at least 1"),
         (("--balance", "area"), "'cells', 'measure', 'weights'"),
         (("--boundary-rules", "corners"), "'ridges'"),

@@ -32,6 +32,8 @@ CASES: dict[str, dict[str, Any]] = {
     "bounds of agglomerates": {"max_cells": 700, "n_parts": 3},
     "mean sizes": {"regions": "mat", "cells_per_part": (10, 100, 2000)},
     "mean sizes and bounds": {"max_cells": 60, "cells_per_part": (12, 500)},
+    "weights bounded": {"weights": "load", "max_weight": 90, "min_weight": 20, "n_parts": 120},
+    "weights joined": {"weights": "load", "min_weight": 60, "cells_per_part": 2},
     "stretched": {"metric": np.diag([1.0, 9.0]), "n_parts": (120, 12)},
     "k-way": {"method": "kway", "bisector": "metis", "n_parts": (120, 24)},
     "each level for itself": {"nested": False, "n_parts": (120, 24)},
@@ -46,6 +48,7 @@ CASES: dict[str, dict[str, Any]] = {
 def cracked() -> Mesh:
     """Voronoi cells of four materials, with a crack that ends inside."""
     mesh = samples.voronoi(1200, seed=5).with_tags(mat=lambda x: (x[:, 0] > 0.37) + 2 * (x[:, 1] > 0.61))
+    mesh = mesh.with_tags(load=np.random.default_rng(2).integers(0, 10, mesh.n_cells))
     left = mesh.cell_centroids[:, 0] < 0.5
     sides = left[mesh.face_cells[:, 0]] != left[mesh.face_cells[:, 1]]
     middle = np.abs(mesh.face_centroids[:, 1] - 0.5) < 0.3
@@ -80,7 +83,7 @@ def check_levels(mesh: Mesh, name: str, levels: Labels) -> None:
         parts = int(labels.max()) + 1
         assert len(np.unique(labels)) == parts, name
         assert mesh.graph.components(labels).max() == parts - 1, name
-        if name == "mean sizes and bounds":
+        if name in ("mean sizes and bounds", "weights joined"):
             assert 20 <= parts < 120, name
         elif "n_parts" in target:
             assert parts == target["n_parts"], name
@@ -106,6 +109,10 @@ def check_rules(mesh: Mesh, found: Mapping[str, Labels]) -> None:
     assert np.bincount(found["bounds"][0]).max() <= 14
     assert np.bincount(found["bounds"][0]).min() >= 5
     assert np.bincount(found["bounds of agglomerates"][0]).max() <= 700
+    load = mesh.cell_tags["load"]
+    assert np.bincount(found["weights bounded"][0], load).min() >= 20
+    assert np.bincount(found["weights bounded"][0], load).max() <= 90
+    assert np.bincount(found["weights joined"][0], load).min() >= 60
     assert [labels.max() + 1 for labels in found["mean sizes"]] == [120, 12, 4]
     for labels in found["mean sizes and bounds"]:
         assert np.bincount(labels).max() <= 60
@@ -222,10 +229,12 @@ class Moody:
 
 
 def test_what_cannot_be_had_is_refused_on_all_ranks() -> None:
-    for rank, (unknown, few) in enumerate(
-        on_ranks(2, refused, {"regions": "rock"}, {"regions": "mat", "n_parts": 3})
+    weightless = {"max_weight": 3.0, "weights": "crowd"}
+    for rank, (unknown, few, crowd) in enumerate(
+        on_ranks(2, refused, {"regions": "rock"}, {"regions": "mat", "n_parts": 3}, weightless)
     ):
-        assert unknown == "constraint 'regions': no cell tag is named 'rock'; there are mat"
+        assert unknown == "constraint 'regions': no cell tag is named 'rock'; there are mat, load"
+        assert crowd == "weights: no cell tag is named 'crowd'; there are mat, load"
         assert few.startswith("rank 0: OptionError: too few parts, 3" if rank else "too few parts, 3")
         assert "with the constraints (constraint 'regions')" in few
     assert "only bounds and barriers" in refused({"constraints": [Moody()]})[0]
