@@ -57,6 +57,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
             import meshlane
 
             _limit(seconds, memory)
+            _refuse_links(source)
             with _only_regular_files(source):
                 found = meshlane.read(source)
             sets = sorted({*found.cell_sets, *_families(found), *_groups(found)})
@@ -104,6 +105,31 @@ def _check_hdf5_files(check: Callable[[object], None]) -> None:
             super().__init__(name, *rest, **options)
 
     h5py.File = CheckedFile
+
+
+def _refuse_links(source: str) -> None:
+    """Raise FileError for an HDF5 file (MED, CGNS, H5M) with parts that lie in other files."""
+    with open(source, "rb") as file:
+        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+            return
+    try:
+        import h5py
+    except ImportError:  # then meshlane cannot read it either, and says so
+        return
+
+    with h5py.File(source, "r") as file:
+
+        def elsewhere(name: str, link: Any) -> str | None:
+            if isinstance(link, h5py.ExternalLink):
+                return name
+            stored = file[name] if isinstance(link, h5py.HardLink) else None
+            return (
+                name if isinstance(stored, h5py.Dataset) and (stored.is_virtual or stored.external) else None
+            )
+
+        name = file.visititems_links(elsewhere)
+    if name is not None:
+        raise FileError(f"{name!r} lies in another file, which is not read")
 
 
 def _limit(seconds: int, memory: int) -> None:

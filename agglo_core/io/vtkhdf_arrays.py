@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["COUNTS", "DERIVED", "GROUP", "NAMES", "Partition", "hdf5", "member"]
+__all__ = ["COUNTS", "DERIVED", "GROUP", "NAMES", "Partition", "datasets", "hdf5", "member", "subgroup"]
 
 GROUP = "VTKHDF"
 DERIVED = "agglo"
@@ -48,22 +48,45 @@ def hdf5() -> Any:
 
 
 def member(group: Any, name: str) -> Any:
-    """A dataset in the file itself, or None.
+    """Dataset of numbers stored in the file itself, or None if the group has no such member.
 
     Raises
     ------
     FileError
-        For one that lies in another file, or is no array of numbers.
+        For a link into another place or file, a dataset stored elsewhere, or one without numbers.
     """
-    h5py = hdf5()
-    if name not in group:
+    found = _stored_here(group, name, "dataset")
+    if found is None:
         return None
-    found = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) else None
-    if not isinstance(found, h5py.Dataset) or found.is_virtual or found.external:
+    if not isinstance(found, hdf5().Dataset) or found.is_virtual or found.external:
         raise FileError(f"{name!r} is not a dataset of the file itself")
     if found.dtype.kind not in "iuf" or found.shape is None:
         raise FileError(f"dataset {name!r} holds no numbers")
     return found
+
+
+def subgroup(group: Any, name: str) -> Any:
+    """Group stored in the file itself, or None if there is no such member; raises FileError."""
+    found = _stored_here(group, name, "group")
+    if found is not None and not isinstance(found, hdf5().Group):
+        raise FileError(f"{name!r} is not a group")
+    return found
+
+
+def datasets(group: Any) -> dict[str, Any]:
+    """Datasets of any type that a group holds, by name; none for None. Links raise FileError."""
+    members = {} if group is None else {name: _stored_here(group, name, "dataset") for name in group}
+    return {name: found for name, found in members.items() if isinstance(found, hdf5().Dataset)}
+
+
+def _stored_here(group: Any, name: str, kind: str) -> Any:
+    """Member reached by a hard link: soft and external links may lead into other files."""
+    link = group.get(name, getlink=True)
+    if link is None:
+        return None
+    if not isinstance(link, hdf5().HardLink):
+        raise FileError(f"{name!r} is not a {kind} of the file itself: it is a link")
+    return group[name]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from agglo_core.io.listed_faces import listed_faces
 from agglo_core.io.soup import Soup
 from agglo_core.io.tags import tag_values
 from agglo_core.io.vtk_pieces import Stored, check_counts, mesh_from_pieces, soup_of_piece
-from agglo_core.io.vtkhdf_arrays import COUNTS, DERIVED, GROUP, Partition, hdf5, member
+from agglo_core.io.vtkhdf_arrays import COUNTS, DERIVED, GROUP, Partition, datasets, hdf5, member, subgroup
 from agglo_core.mesh import Mesh
 
 __all__ = ["read_vtkhdf"]
@@ -44,8 +44,8 @@ def read_vtkhdf(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
 
 
 def _stored(file: Any, room: int) -> Stored:
-    group = file.get(GROUP)
-    if not isinstance(group, hdf5().Group):
+    group = subgroup(file, GROUP)
+    if group is None:
         raise FileError(f"is an HDF5 file without the group {GROUP!r}")
     kind = group.attrs.get("Type", b"")
     kind = kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)
@@ -65,25 +65,21 @@ def _stored(file: Any, room: int) -> Stored:
 def _check_sizes(group: Any, room: int) -> None:
     """Refuse arrays that take far more memory than the file does, which compressed or missing blocks may."""
     total = 0
-    for section in (group, group.get("CellData"), group.get("FieldData")):
-        for name in section if section is not None else ():
-            size = int(section[name].nbytes) if _is_array(section, name) else 0
+    for section in (group, subgroup(group, "CellData"), subgroup(group, "FieldData")):
+        for name, dataset in datasets(section).items():
+            size = int(dataset.nbytes)
             total += size
             if total > room:
                 raise FileError(f"dataset {name!r} declares {size} bytes, far more than there can be")
 
 
-def _is_array(section: Any, name: str) -> bool:
-    return section.get(name, getclass=True) is hdf5().Dataset
-
-
 def _tags(group: Any) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Integer cell data of one component, and the names of others that are not derived."""
-    section, tags, left = group.get("CellData", {}), {}, []
-    for name in section:
-        if not _is_array(section, name) or DERIVED in section[name].attrs:
+    section = subgroup(group, "CellData")
+    tags, left = {}, []
+    for name, dataset in datasets(section).items():
+        if DERIVED in dataset.attrs:
             continue
-        dataset = section[name]
         if dataset.dtype.kind in "iu" and (dataset.ndim == 1 or dataset.shape[1:] == (1,)):
             tags[name] = np.asarray(member(section, name)[()]).ravel()
         else:
@@ -92,9 +88,9 @@ def _tags(group: Any) -> tuple[dict[str, NDArray[Any]], list[str]]:
 
 
 def _fields(group: Any) -> dict[str, NDArray[Any]]:
-    section = group.get("FieldData", {})
-    arrays = {name: member(section, name) for name in section if _is_array(section, name)}
-    return {name: np.asarray(each[()]).ravel() for name, each in arrays.items() if each.dtype.kind in "iu"}
+    section = subgroup(group, "FieldData")
+    numbers = [name for name, each in datasets(section).items() if each.dtype.kind in "iu"]
+    return {name: np.asarray(member(section, name)[()]).ravel() for name in numbers}
 
 
 def _pieces(group: Any, tags: dict[str, NDArray[Any]]) -> Iterator[Soup]:

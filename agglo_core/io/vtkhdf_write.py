@@ -51,7 +51,8 @@ def write_vtkhdf(
 
 def _ours(file: Path) -> bool:
     with hdf5().File(file) as found:
-        return GROUP in found and "agglo" in found[GROUP].attrs
+        stored = isinstance(found.get(GROUP, getlink=True), hdf5().HardLink)
+        return stored and "agglo" in found[GROUP].attrs
 
 
 def _faces(cells: Cells, number: Int | None) -> dict[str, NDArray[Any]]:

@@ -137,6 +137,56 @@ def test_arrays_of_other_files_are_refused(h5py: Any, tmp_path: Path) -> None:
         read(file)
 
 
+@pytest.mark.parametrize("kind", ["external", "soft"])
+@pytest.mark.parametrize("group", ["VTKHDF", "VTKHDF/CellData", "VTKHDF/FieldData", "VTKHDF/CellData/rock"])
+def test_links_are_refused(group: str, kind: str, h5py: Any, tmp_path: Path) -> None:
+    """Groups and cell data of another file, reached directly or by a soft link through an external one."""
+    other = tmp_path / "other.vtkhdf"
+    write(other, samples.squares(2).with_tags(rock=[1, 2, 3, 4]).with_face_tags(inlet=[1] * 12))
+    file = tmp_path / "m.vtkhdf"
+    write(file, samples.squares(2).with_tags(rock=[5, 6, 7, 8]))
+    with h5py.File(file, "a") as found:
+        found["elsewhere"] = h5py.ExternalLink(other, "/")
+        if group in found:
+            del found[group]
+        found[group] = (
+            h5py.ExternalLink(other, group) if kind == "external" else h5py.SoftLink(f"/elsewhere/{group}")
+        )
+    name = group.split("/")[-1]
+    with pytest.raises(
+        FileError, match=f"{name!r} is not a (group|dataset) of the file itself: it is a link"
+    ):
+        read(file)
+
+
+@pytest.mark.parametrize("kind", ["group", "dataset", "virtual", "raw"])
+def test_parts_of_other_hdf5_files_are_refused(kind: str, h5py: Any, tmp_path: Path) -> None:
+    """MED files, which the package meshlane reads."""
+    import meshlane
+
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    for name in ("m.med", "other.med"):
+        meshlane.Mesh(points[:, :2], [("triangle", np.array([[0, 1, 2]]))]).write(tmp_path / name)
+    assert read(tmp_path / "m.med").cell_measures.tolist() == [0.5]
+    with h5py.File(tmp_path / "m.med", "a") as found:
+        names: list[str] = []
+        found.visit(names.append)
+        path = next(each for each in names if each.endswith("MAI/TR3/NOD"))
+        path = path.removesuffix("/TR3/NOD") if kind == "group" else path
+        values = None if kind == "group" else found[path][()]
+        del found[path]
+        if kind in ("group", "dataset"):
+            found[path] = h5py.ExternalLink("other.med", path)
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout(values.shape, values.dtype)
+            layout[:] = h5py.VirtualSource("other.med", path, values.shape)
+            found.create_virtual_dataset(path, layout)
+        else:
+            found.create_dataset(path, values.shape, values.dtype, external=[("other.med", 0, 64)])
+    with pytest.raises(FileError, match=r"MAI.* lies in another file, which is not read"):
+        read(tmp_path / "m.med")
+
+
 def test_what_is_not_there_takes_no_memory(h5py: Any, tmp_path: Path) -> None:
     """A terabyte that nobody wrote, and gigabytes of zeros in a few bytes."""
     file = two_partitions(h5py, tmp_path / "m.vtkhdf", Points=None)
