@@ -40,7 +40,7 @@ class _Notices(logging.Handler):
         text = printable(self.format(record))
         if text not in self._shown:
             self._shown.add(text)
-            say(f"note: {text}")
+            say(f"{'warning' if record.levelno >= logging.WARNING else 'note'}: {text}")
 
 
 @contextmanager

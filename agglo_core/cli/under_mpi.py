@@ -132,7 +132,7 @@ def _codes_of_all(comm: Any, code: int) -> list[int] | None:
 
 def _say(held: io.StringIO, rank: str) -> None:
     """Print what a rank has to say of its failure; rank 0 has held nothing back."""
-    lines = [line for line in held.getvalue().splitlines() if not line.startswith("note: ")]
+    lines = [line for line in held.getvalue().splitlines() if not line.startswith(("note: ", "warning: "))]
     for line in lines:
         message = line.removeprefix("error: ")
         click.echo(f"error: {rank}{message}" if message != line else line, file=sys.stderr)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_extent, compact_points, name_cells, note_repairs
+from agglo_core.mesh.checks import check_extent, compact_points, name_cells, note_repairs, warn_of_overlaps
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -227,6 +227,7 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
     equal = np.flatnonzero(shapely.equals(items[pairs[:, 0]], items[pairs[:, 1]]))
     if len(equal):
         raise MeshError(f"{name_cells(pairs[equal[0]])} are the same polygon")
+    warn_of_overlaps(pairs)
     face_cells = np.append(rings.cells, -1)[face_rings]
     kept = face_cells[:, 0] != face_cells[:, 1]  # rings of one cell closer than the tolerance
     return frozen_int(face_vertices[kept]), frozen_int(face_cells[kept]), len(double)

@@ -26,6 +26,7 @@ __all__ = [
     "last_place",
     "name_cells",
     "note_repairs",
+    "warn_of_overlaps",
     "whole_numbers",
 ]
 
@@ -174,6 +175,17 @@ def note_repairs(repairs: Mapping[str, int]) -> dict[str, int]:
     for text, count in found.items():
         _log.info("%s: %d", text, count)
     return found
+
+
+def warn_of_overlaps(pairs: Int) -> None:
+    """Warn of pairs of plane cells ``(k, 2)`` on the same side of an edge; none for no pairs."""
+    if len(pairs):
+        _log.warning(
+            "%d pairs of cells overlap at an edge, such as cells %d and %d: their common area is counted "
+            "twice. In a periodic mesh, cells that wrap around need points of their own on the far side",
+            len(pairs),
+            *sorted(pairs[0].tolist()),
+        )
 
 
 def whole_numbers(values: Any, what: str) -> Int:

@@ -21,6 +21,7 @@ from agglo_core.mesh.checks import (
     compact_points,
     name_cells,
     note_repairs,
+    warn_of_overlaps,
     whole_numbers,
 )
 from agglo_core.mesh.elements import gather
@@ -207,6 +208,7 @@ def _faces(
             raise MeshError(
                 f"cells {own[first]} and {own[second]} overlap: both lie on the same side of an edge"
             )
+    warn_of_overlaps(frozen_int(own[double]))
     return frozen_int(face_vertices), frozen_int(face_cells), len(double)
 
 

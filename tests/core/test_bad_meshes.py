@@ -171,12 +171,32 @@ def test_the_strict_check_gives_user_coordinates() -> None:
         Mesh.from_polygons(np.add(points, 1000), loops, strict=True)
 
 
+@pytest.mark.parametrize(("periodic", "area", "pairs"), [((1, 0), 24, 8), ((0, 1), 24, 8), ((1, 1), 36, 16)])
+@pytest.mark.parametrize("cut", [False, True])
+def test_cells_that_wrap_around_are_warned_about(
+    periodic: tuple[int, int], area: float, pairs: int, cut: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A periodic grid of 4 × 4 squares, or of their halves, whose last cells use the points of the first."""
+    nx, ny = (5 - each for each in periodic)
+    points = [[x, y] for y in range(ny) for x in range(nx)]
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    squares = [[(y + dy) % ny * nx + (x + dx) % nx for dx, dy in corners] for y in range(4) for x in range(4)]
+    halves = [half for a, b, c, d in squares for half in ([a, b, c], [a, c, d])]
+    mesh = Mesh.from_polygons(points, halves if cut else squares)
+    assert mesh.cell_measures.sum() == pytest.approx(area)
+    (warning,) = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
+    assert warning.startswith(f"{pairs} pairs of cells overlap at an edge, such as cells ")
+    assert "In a periodic mesh, cells that wrap around need points of their own" in warning
+
+
 def test_two_cells_on_one_side_of_an_edge(caplog: pytest.LogCaptureFixture) -> None:
     points, cells = [*GRID, [3, 0.5]], [[1, 9, 4], [1, 2, 4]]
     with caplog.at_level(logging.INFO, logger="agglo"):
         mesh = Mesh.from_polygons(points, cells)
     assert dict(mesh.repairs) == {"orphan points dropped": 6, "overlapping edges left apart": 1}
     assert "overlapping edges left apart: 1" in caplog.text
+    (warning,) = [each.getMessage() for each in caplog.records if each.levelno == logging.WARNING]
+    assert warning.startswith("1 pairs of cells overlap at an edge, such as cells 0 and 1: ")
     with pytest.raises(MeshError, match="cells 0 and 1 overlap"):
         Mesh.from_polygons(points, cells, strict=True)
 

@@ -204,11 +204,19 @@ def test_levels_that_are_none_are_noted(agglo: Agglo) -> None:
     write("in.vtu", replace(mesh, cell_tags={"level_1": np.zeros(4, int)}))
     code, out, err = agglo("quality", "in.vtu", "--json")
     assert (code, json.loads(out)["levels"][0]["level"]) == (0, "cells")
-    assert "note: level_1 not taken for levels: there is no level_0" in err
+    assert "warning: level_1 not taken for levels: there is no level_0" in err
     content = Path("in.vtu").read_bytes()
     real = b'<CellData><DataArray type="Float64" Name="level_0" format="ascii">0 0 1 1</DataArray>'
     Path("in.vtu").write_bytes(content.replace(b"<CellData>", real))
     assert "note: cell data that are not integers left out: level_0" in agglo("quality", "in.vtu").err
+
+
+def test_warnings_are_called_so(agglo: Agglo) -> None:
+    """Two cells on one side of an edge; the repair itself is a note."""
+    Path("in.off").write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2\n3 0 1 3\n")
+    err = " ".join(agglo("quality", "in.off").err.split())
+    assert "note: overlapping edges left apart: 1" in err
+    assert "warning: 1 pairs of cells overlap at an edge, such as cells 0 and 1: their common area" in err
 
 
 def test_runs_are_warmed_up_before_the_clock(agglo: Agglo, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -295,7 +303,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
         arguments = [*arguments, "-o", "left.vtu"]
     code, out, err = agglo(*arguments)
     assert (code, out) == (2, "")
-    errors = [line for line in err.splitlines() if not line.startswith("note: ")]
+    errors = [line for line in err.splitlines() if not line.startswith(("note: ", "warning: "))]
     assert len(errors) == 1
     assert errors[0].startswith("error: ")
     assert message in errors[0]

@@ -217,9 +217,10 @@ def test_points_that_are_not_finite_are_refused() -> None:
         mesh_from_shapely([shapely.Polygon([(0, 0), (1, 0), (np.nan, 1)])])
 
 
-def test_overlaps_are_refused_if_strict() -> None:
+def test_overlaps_are_refused_if_strict(caplog: pytest.LogCaptureFixture) -> None:
     polygons = boxes((0, 0, 2, 1), (1, 0, 3, 1))
     assert mesh_from_shapely(polygons).repairs["overlapping edges left apart"] == 2
+    assert "2 pairs of cells overlap at an edge, such as cells 0 and 1" in caplog.text
     with pytest.raises(MeshError, match="cells 0, 1: an overlap or a narrow gap"):
         mesh_from_shapely(polygons, strict=True)
 

@@ -135,7 +135,7 @@ def test_a_result_that_fails_costs_neither_table_nor_picture(
 def test_a_metric_that_fails_costs_no_hierarchy(agglo: Agglo, breakable: None) -> None:
     code, out, err = agglo("run", "squares:n=8", "--metrics", "moody", "-o", "a.npz", "--parts", "4")
     assert (code, out, levels("a.npz")) == (2, "", 1)
-    assert "note: a.npz is written, but could not be measured" in err
+    assert "warning: a.npz is written, but could not be measured" in err
     assert "after an hour" in err.splitlines()[-1]
 
 
@@ -211,7 +211,7 @@ def test_without_matplotlib_a_run_goes_on(agglo: Agglo, monkeypatch: pytest.Monk
     assert "4 parts" in out
     first, *_, last = err.splitlines()
     assert first.startswith(
-        "note: --plot needs matplotlib, which is not installed: pip install 'agglo[plot]'"
+        "warning: --plot needs matplotlib, which is not installed: pip install 'agglo[plot]'"
     )
     assert last.startswith('error: a.png: drawing needs matplotlib: pip install "agglo[plot]"')
 

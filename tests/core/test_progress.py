@@ -357,7 +357,7 @@ terminals = pytest.mark.skipif(
 @terminals
 def test_a_note_stands_on_a_line_of_its_own_above_the_bar(tmp_path: Path) -> None:
     text = on_terminal(tmp_path, code=NOTE_BESIDE_A_BAR)
-    assert re.search(r"[\r\n]note: equal points merged: 3\r?\n", text)
+    assert re.search(r"[\r\n]warning: equal points merged: 3\r?\n", text)
 
 
 @terminals

@@ -65,7 +65,7 @@ def test_use_fails_naming_the_culprit(answers: Mapping[str, Answer], fake: Fake,
     answer = answers[use.arguments]
     assert answer.code == 2
     assert answer.out == ""
-    (line,) = [line for line in answer.err.splitlines() if not line.startswith("note: ")]
+    (line,) = [line for line in answer.err.splitlines() if not line.startswith(("note: ", "warning: "))]
     assert line.startswith("error: ")
     assert use.complaint in line
     assert f"plugin '{fake.name}'" in line
