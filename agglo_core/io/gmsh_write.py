@@ -21,8 +21,10 @@ from agglo_core.mesh.elements import gather
 
 __all__ = ["RESERVED", "write_gmsh"]
 
-RESERVED = "gmsh:"
-"""How tags begin that say the number of the group or entity of a file that was read; they are made anew."""
+RESERVED = ("gmsh:physical", "gmsh:geometrical")
+"""Tags with the numbers of groups and entities of the file that was read, which are numbered anew."""
+
+_NO_GROUPS = (*RESERVED, "gmsh:partition")  # tags of faces
 
 _LARGEST = 1 << 53  # beyond it doubles are not whole
 _WEDGE = (0, 2, 1, 3, 5, 4)  # Gmsh's first triangle looks inward
@@ -49,7 +51,7 @@ def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
         For cells that Gmsh has no element for, a name with quotes, or numbers that a double cannot hold.
     """
     points, number = used_points(mesh)
-    own = {name: values for name, values in tags.items() if not name.startswith(RESERVED)}
+    own = {name: values for name, values in tags.items() if name not in RESERVED}
     _check(own, mesh.face_tags)
     cells = _cells(mesh, number, {name: each for name, each in own.items() if _is_group(name, each)})
     faces = _faces(mesh, number)
@@ -102,7 +104,7 @@ def _faces(mesh: Mesh, number: Int | None) -> _Elements:
     """Faces with a value above zero in some tag; of tags with several such values each is a group."""
     groups: dict[str, Int] = {}
     for name, values in mesh.face_tags.items():
-        found = [] if name.startswith(RESERVED) else np.unique(values[values > 0]).tolist()
+        found = [] if name in _NO_GROUPS else np.unique(values[values > 0]).tolist()
         for value in found:
             groups[name if found == [1] else f"{name}_{value}"] = frozen_int(values == value)
     sizes = np.diff(mesh.face_offsets)

@@ -18,6 +18,7 @@ from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import AggloError, FileError
 from agglo_core.files import text_bytes, without_mark
 from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.gmsh_read import soup_of_gmsh
 from agglo_core.io.soup import Soup, mesh_from_soup
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.unread import why_unread
@@ -49,23 +50,16 @@ def read_foreign(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
 
 
 def _read(path: Path, options: ReadOptions) -> Mesh:
-    _check_end(path)
-    soup, sets, left = _soup(path)
+    soup, sets, left = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
     mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
     mesh = _without_empty_sets(mesh, sets)
     _note_sets(mesh, sets)
     return note_left_out(mesh, left)
 
 
-def _check_end(path: Path) -> None:
-    """Refuse a Gmsh file without its end: cut inside the last number it would still be read."""
+def _is_gmsh(path: Path) -> bool:
     with open(path, "rb") as file:
-        if not without_mark(file.read(14)).startswith(b"$MeshFormat"):
-            return
-        file.seek(max(0, path.stat().st_size - 200))
-        last = file.read().rstrip().rpartition(b"\n")[2]
-    if not last.startswith(b"$End"):
-        raise FileError("truncated: the last line of a Gmsh file begins with $End")
+        return without_mark(file.read(64)).lstrip().startswith((b"$MeshFormat", b"$Comments"))
 
 
 def _soup(path: Path) -> tuple[Soup, set[str], list[str]]:
@@ -139,13 +133,16 @@ def _note_sets(mesh: Mesh, sets: set[str]) -> None:
 
 
 def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
-    """Without the tags of sets that hold no cell, or no face: a set lives in one dimension.
+    """Mesh without tags of sets that hold no cell or no face, and without face tags of −1 alone.
 
-    Nor tags of faces that are −1 everywhere: they are those of cells.
+    A set lives in one dimension, so that most are empty in the other. Those empty in both are warned about.
     """
     cell_tags, face_tags = (
         {name: values for name, values in tags.items() if name not in names or (values == 1).any()}
         for tags in (mesh.cell_tags, mesh.face_tags)
     )
     face_tags = {name: values for name, values in face_tags.items() if (values != -1).any()}
+    lost = sorted(names - cell_tags.keys() - face_tags.keys())
+    if lost:
+        _log.warning("groups without a cell or face of the mesh left out: %s", ", ".join(lost))
     return replace(mesh, cell_tags=cell_tags, face_tags=face_tags)

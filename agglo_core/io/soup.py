@@ -209,6 +209,10 @@ def _face_tags(mesh: Mesh, soup: Soup, loops: tuple[Int, Int], facets: Int) -> t
         return {}, 0
     tags = {}
     for name, values in soup.tags.items():
+        order = kept[np.argsort(values[facets[kept]], kind="stable")]  # of several values the largest stays
         tags[name] = np.full(mesh.n_faces, -1)
-        tags[name][face[kept]] = values[facets[kept]]
+        tags[name][face[order]] = values[facets[order]]
+        lost = int((tags[name][face[kept]] != values[facets[kept]]).sum())
+        if lost and not np.isin(values[facets[kept]], (0, 1)).all():
+            _log.warning("tag %r: %d cells on faces have another value than kept, the largest", name, lost)
     return tags, len(kept)

@@ -1,0 +1,183 @@
+"""Sections of Gmsh's .msh files and the numbers in them, as text or binary."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.text_numbers import line_of, reals
+
+__all__ = ["Header", "Numbers", "decoded", "gmsh_header", "sections"]
+
+_TITLE = re.compile(rb"\s*\$(\w+)[ \t\r]*(?:\n|\Z)")
+_LARGEST = 1 << 53  # beyond it doubles, as which text is read, are not whole
+
+
+class Header(NamedTuple):
+    """What ``$MeshFormat`` declares.
+
+    Attributes
+    ----------
+    version : str
+        "2", "4.0" or "4.1".
+    order : str
+        "<" or ">" for binary files, "" for text.
+    size : int
+        Bytes of a ``size_t`` in binary files.
+    """
+
+    version: str
+    order: str
+    size: int
+
+
+def sections(content: bytes) -> Iterator[tuple[str, int, int]]:
+    """Name, start and end of the body of each section, in the order of the file.
+
+    Raises
+    ------
+    FileError
+        For a section without its end, or anything but sections.
+    """
+    place = 0
+    while content[place:].strip() if len(content) - place < 64 else True:
+        title = _TITLE.match(content, place)
+        if title is None:
+            raise FileError(f"line {line_of(content, place)}: expected a section such as $Nodes")
+        end = b"$End" + title[1]
+        stop = content.find(b"\n" + end, title.end() - 1)
+        if stop < 0:
+            raise FileError(f"truncated: ${title[1].decode()} without {end.decode()}")
+        yield title[1].decode(), title.end(), stop + 1
+        place = stop + 1 + len(end)
+
+
+def gmsh_header(body: bytes, nodes: bytes) -> Header:
+    """Version and encoding of a file, from the bodies of ``$MeshFormat`` and ``$Nodes``.
+
+    Gmsh declares version 4.0 as 4, other programs also 4.1: they differ in the length of the first line
+    of ``$Nodes``.
+
+    Raises
+    ------
+    FileError
+        For versions other than 2.x, 4.0 and 4.1.
+    """
+    line, _, rest = body.partition(b"\n")
+    words = line.decode("ascii", "replace").split()
+    if len(words) < 3 or words[1] not in ("0", "1") or words[2] not in ("4", "8"):
+        raise FileError(f"$MeshFormat is {' '.join(words)[:40]!r}, expected such as '4.1 0 8'")
+    version = words[0] if words[0] in ("4.0", "4.1") else words[0].split(".")[0]
+    if words[0] == "4":
+        version = "4.0" if words[1] == "0" and len(nodes.partition(b"\n")[0].split()) == 2 else "4.1"
+    if version not in ("2", "4.0", "4.1"):
+        raise FileError(f"version {words[0][:10]} of Gmsh's format is not read, expected 2.2, 4.0 or 4.1")
+    orders = {b"\1\0\0\0": "<", b"\0\0\0\1": ">"}
+    if words[1] == "1" and rest[:4] not in orders:
+        raise FileError("$MeshFormat of a binary file lacks the number 1, which gives the byte order")
+    return Header(version, orders[rest[:4]] if words[1] == "1" else "", int(words[2]))
+
+
+def decoded(name: bytes) -> str:
+    """Name in UTF-8, or in Latin-1 as older programs write it."""
+    try:
+        return name.decode("utf-8")
+    except UnicodeDecodeError:
+        return name.decode("latin-1")
+
+
+@dataclass
+class Numbers:
+    """Cursor over the numbers of one section.
+
+    Every method raises FileError where the section ends before the last of the numbers, or one is no
+    whole number where it must be.
+    """
+
+    name: str
+    content: bytes
+    place: int
+    stop: int
+    header: Header
+    _text: Float | None = field(default=None, init=False)
+
+    def line(self) -> bytes:
+        """Next line of text: titles and counts are text in binary files, too."""
+        end = self.content.find(b"\n", self.place, self.stop)
+        if end < 0:
+            raise self._short()
+        line = self.content[self.place : end].strip()
+        self.place = end + 1
+        return line
+
+    def line_count(self) -> int:
+        """Whole number on a line of its own."""
+        line = self.line()
+        if not re.fullmatch(rb"\d{1,18}", line):
+            raise FileError(f"${self.name}: expected a count, found {line[:20]!r}")
+        return int(line)
+
+    def ints(self, n: int) -> Int:
+        """Next n numbers of 4 bytes ``(n,)``."""
+        return self._whole(self._take("i4", n))
+
+    def sizes(self, n: int) -> Int:
+        """Next n numbers of the size of a ``size_t`` ``(n,)``."""
+        return self._whole(self._take(f"u{self.header.size}", n))
+
+    def reals(self, n: int) -> Float:
+        """Next n doubles ``(n,)``."""
+        return frozen_float(self._take("f8", n))
+
+    def rows(self, n: int, width: int) -> tuple[Int, Float]:
+        """Next n rows of a number of 4 bytes ``(n,)`` and doubles ``(n, width)``."""
+        if not self.header.order:
+            table = self._take("f8", n * (1 + width)).reshape(n, 1 + width)
+            return self._whole(table[:, 0]), frozen_float(table[:, 1:])
+        table = self._take([("number", "i4"), ("values", "f8", (width,))], n)
+        return frozen_int(table["number"]), frozen_float(table["values"])
+
+    def rest(self) -> Int:
+        """All numbers left, of 4 bytes each in binary files."""
+        if self.header.order:
+            return self.ints((self.stop - self.place) // 4)
+        return self.ints(len(self._values()))
+
+    def _take(self, dtype: Any, n: int) -> NDArray[Any]:
+        if n < 0:
+            raise FileError(f"${self.name}: a count is {n}")
+        if not self.header.order:
+            values = self._values()
+            if n > len(values):
+                raise self._short()
+            self._text = values[n:]
+            return values[:n]
+        kind = np.dtype(dtype).newbyteorder(self.header.order)  # type: ignore[arg-type]
+        start, self.place = self.place, self.place + n * kind.itemsize
+        if self.place > self.stop:
+            raise self._short()
+        return np.frombuffer(self.content, kind, n, start)
+
+    def _values(self) -> Float:
+        if self._text is None:
+            self._text = reals(self.content, self.place, self.stop)
+        return self._text
+
+    def _whole(self, values: NDArray[Any]) -> Int:
+        if values.dtype.kind == "u" and values.size and values.max() > _LARGEST:
+            raise FileError(f"${self.name} holds the number {values.max()}, which cannot be")
+        if values.dtype.kind == "f":
+            wrong = values[~(np.abs(values) < _LARGEST) | (values != np.floor(values))]
+            if len(wrong):
+                raise FileError(f"${self.name}: expected a whole number, found {wrong[0]:g}")
+        return frozen_int(values.astype(np.int64))
+
+    def _short(self) -> FileError:
+        return FileError(f"truncated: ${self.name} ends before the last of its numbers")
