@@ -20,8 +20,9 @@ _SUFFIXES = """
 
 
 class Meshlane(Reading):
-    """The files that the package meshlane reads and writes: Gmsh, legacy VTK, Abaqus, STL, MED and more.
+    """The files that the package meshlane reads and writes: Abaqus, STL, MED and more.
 
+    Gmsh's files, and unstructured grids and PolyData of legacy VTK, are read by agglo itself.
     What is written is read back and compared; what the file would lose is refused.
 
     Parameters

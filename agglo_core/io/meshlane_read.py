@@ -22,6 +22,8 @@ from agglo_core.io.gmsh_read import soup_of_gmsh
 from agglo_core.io.soup import Soup, mesh_from_soup
 from agglo_core.io.tags import note_left_out
 from agglo_core.io.unread import why_unread
+from agglo_core.io.vtk_legacy import legacy_kind, stored_legacy
+from agglo_core.io.vtk_pieces import mesh_from_pieces
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra
 
@@ -50,6 +52,8 @@ def read_foreign(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
 
 
 def _read(path: Path, options: ReadOptions) -> Mesh:
+    if legacy_kind(path):
+        return mesh_from_pieces(stored_legacy(path), **options, name=path.stem)
     soup, sets, left = soup_of_gmsh(text_bytes(path)) if _is_gmsh(path) else _soup(path)
     mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
     mesh = _without_empty_sets(mesh, sets)

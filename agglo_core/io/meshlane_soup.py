@@ -60,7 +60,7 @@ def main(source: str, target: str, seconds: int, memory: int) -> int:
             _refuse_links(source)
             with _only_regular_files(source):
                 found = meshlane.read(source)
-            sets = sorted({*found.cell_sets, *_families(found), *_groups(found)})
+            sets = sorted({*found.cell_sets, *_families(found)})
             _save(soup_from_meshlane(found), sets, list(found.cell_data), target)
     except FileError as error:
         print(error, file=result)
@@ -193,7 +193,6 @@ def soup_from_meshlane(found: Any) -> Soup:
         {
             **_family_tags(found, counts),
             **_data_tags(found, counts),
-            **_group_tags(found, counts),
             **_set_tags(found, counts),
         },
     )
@@ -234,7 +233,7 @@ def _polyhedra(cells: Any) -> Polyhedra:
 def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
     """Integer cell data of one component, given for every block.
 
-    Gmsh's data are all real: what is whole there are integers.
+    The data of MDPA files are all real: those that are whole are integers.
     """
     tags = {}
     real = any(name.startswith("gmsh:") for name in found.cell_data)
@@ -268,28 +267,6 @@ def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
                 inside[start + np.asarray(block, dtype=np.int64)] = 1
         tags[name] = frozen_int(inside)
     return tags
-
-
-def _groups(found: Any) -> dict[str, tuple[int, int]]:
-    """Number and dimension of the physical groups of Gmsh that are known by their names alone."""
-    groups = {}
-    for name, values in (found.field_data or {}).items() if "gmsh:physical" in found.cell_data else ():
-        if name not in found.cell_sets and np.shape(values) == (2,):
-            groups[str(name)] = int(values[0]), int(values[1])
-    return groups
-
-
-def _group_tags(found: Any, counts: list[int]) -> dict[str, Int]:
-    """Named physical groups of Gmsh's older versions: 1 inside, 0 outside."""
-    blocks = found.cell_data.get("gmsh:physical", [])
-    if [len(block) for block in blocks] != counts:
-        return {}
-    number = np.concatenate([np.empty(0, np.int64), *(np.asarray(block) for block in blocks)])
-    dim = np.repeat([block.dim for block in found.cells], counts)
-    return {
-        name: frozen_int(((number == own) & (dim == its)).astype(np.int64))
-        for name, (own, its) in _groups(found).items()
-    }
 
 
 def _families(found: Any) -> dict[str, list[int]]:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from agglo_core.hierarchy import Hierarchy
     from agglo_core.mesh import Mesh
 
-__all__ = ["Fvca", "Hedra", "Obj", "Off", "Ovm", "Ply", "Pvtu", "RegnFace"]
+__all__ = ["Fvca", "Hedra", "Obj", "Off", "Ovm", "Ply", "Pvtu", "RegnFace", "Vtp"]
 
 
 class Fvca(Reading):
@@ -182,3 +182,20 @@ class Pvtu(Reading):
         from agglo_core.io.pvtu_read import read_pvtu
 
         return read_pvtu(path, **self.reading)
+
+
+class Vtp(Reading):
+    """Polygons and strips of VTK XML PolyData; a constant z makes a plane mesh, surfaces are refused."""
+
+    suffixes: tuple[str, ...] = (".vtp",)
+    lossless: bool = False
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file begins as these do."""
+        return b"<VTKFile" in head and b'"PolyData"' in head
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a file; raises FileError or MeshError."""
+        from agglo_core.io.vtu_read import read_vtp
+
+        return read_vtp(path, **self.reading)

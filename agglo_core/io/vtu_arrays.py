@@ -175,16 +175,16 @@ def _take(data: bytes | memoryview, start: int, size: int, raw: bool) -> tuple[b
     return content[:size], stop
 
 
-def parse(content: bytes) -> Document:
+def parse(content: bytes, kind: str = "UnstructuredGrid") -> Document:
     """Read the XML of a VTK file, its appended data apart.
 
     Raises
     ------
     FileError
-        For anything but a whole VTKFile of type UnstructuredGrid.
+        For anything but a whole VTKFile of that type.
     """
     text, appended, raw = _split_appended(content)
-    root = vtk_root(text, "UnstructuredGrid")
+    root = vtk_root(text, kind)
     orders: dict[str, Literal["<", ">"]] = {"LittleEndian": "<", "BigEndian": ">"}
     order = orders.get(root.get("byte_order", "LittleEndian"))
     header = {"UInt32": "u4", "UInt64": "u8"}.get(root.get("header_type", "UInt32"))

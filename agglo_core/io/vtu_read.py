@@ -1,9 +1,10 @@
-"""Reading VTU (VTK XML unstructured grids): every encoding, several pieces, polyhedra in both layouts."""
+"""Reading VTU and VTP (VTK XML): every encoding, several pieces, polyhedra in both layouts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Unpack
 from xml.etree import ElementTree
@@ -15,13 +16,14 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.listed_faces import ListedFaces, listed_faces
+from agglo_core.io.polydata import KINDS, polydata_cells
 from agglo_core.io.soup import Soup
 from agglo_core.io.tags import tag_values
-from agglo_core.io.vtk_pieces import Stored, check_counts, mesh_from_pieces, soup_of_piece
+from agglo_core.io.vtk_pieces import CellArrays, Stored, check_counts, mesh_from_pieces, soup_of_piece
 from agglo_core.io.vtu_arrays import TYPES, Document, is_derived, parse
 from agglo_core.mesh import Mesh
 
-__all__ = ["read_vtu", "stored_pieces"]
+__all__ = ["read_vtp", "read_vtu", "stored_pieces"]
 
 _FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
 
@@ -37,10 +39,16 @@ def read_vtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     return mesh_from_pieces(stored_pieces(path.read_bytes()), **options, name=path.stem)
 
 
-def stored_pieces(content: bytes) -> Stored:
-    """The pieces of a VTU file; raises FileError."""
-    document = parse(content)
-    grid = document.root.find("UnstructuredGrid")
+def read_vtp(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+    """Mesh of the polygons and strips of a VTP file; raises as :func:`read_vtu`."""
+    stored = stored_pieces(path.read_bytes(), "PolyData")
+    return mesh_from_pieces(stored, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
+
+
+def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
+    """Pieces of a file of that kind; raises FileError."""
+    document = parse(content, kind)
+    grid = document.root.find(kind)
     if grid is None:
         return Stored([], [])
     _check_places(grid.iterfind(".//DataArray"))
@@ -77,17 +85,37 @@ def _check_places(elements: Iterable[ElementTree.Element]) -> None:
 
 
 def _piece(document: Document, piece: ElementTree.Element) -> Soup:
+    kinds = [kind for kind in KINDS if piece.find(kind) is not None]
+    counted = ["Points", *(kinds or ["Cells"])]
     try:
-        n_points, n = (int(piece.get(key, "")) for key in ("NumberOfPoints", "NumberOfCells"))
+        n_points, *counts = (int(piece.get(f"NumberOf{each}", "")) for each in counted)
     except ValueError:
-        raise FileError("a Piece does not say its NumberOfPoints and NumberOfCells") from None
+        raise FileError(
+            f"a Piece does not say its {' and '.join(f'NumberOf{each}' for each in counted)}"
+        ) from None
+    n = sum(counts)
     check_counts(n_points, n)
     points = _points(document, piece, n_points)
-    cells = {element.get("Name", ""): element for element in piece.iterfind("Cells/DataArray")}
-    soup = soup_of_piece(_Arrays(document, cells), points, n)
+    arrays: CellArrays = _Arrays(document, piece, "Cells")
+    if kinds:
+        lists = {kind: _list(document, piece, kind, k) for kind, k in zip(kinds, counts, strict=True) if k}
+        arrays = polydata_cells(lists)
+    soup = soup_of_piece(arrays, points, n)
     point_ids = _ids(document, piece.find("PointData"), n_points)
     cell_ids = _ids(document, piece.find("CellData"), n)
     return soup._replace(tags=_tags(document, piece, n) if n else {}, point_ids=point_ids, cell_ids=cell_ids)
+
+
+def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> tuple[Int, Int]:
+    """Ends and points of n cells of a PolyData."""
+    arrays = _Arrays(document, piece, kind)
+    ends = arrays.take("offsets", n)
+    if len(ends) != n or (np.diff(ends, prepend=0) < 0).any():
+        raise FileError(f"array 'offsets' of {kind} must rise and have {n} values")
+    vertices = arrays.take("connectivity", int(ends[-1]))
+    if len(vertices) != ends[-1]:
+        raise FileError(f"array 'connectivity' of {kind} has {len(vertices)} values, expected {ends[-1]}")
+    return ends, vertices
 
 
 def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int | None:
@@ -135,17 +163,25 @@ def _is_tag(element: ElementTree.Element) -> bool:
 
 @dataclass(frozen=True)
 class _Arrays:
+    """Arrays of whole numbers of a section of a piece."""
+
     document: Document
-    cells: dict[str, ElementTree.Element]
+    piece: ElementTree.Element
+    section: str
+
+    @cached_property
+    def _elements(self) -> dict[str, ElementTree.Element]:
+        return {each.get("Name", ""): each for each in self.piece.iterfind(f"{self.section}/DataArray")}
 
     def __contains__(self, name: str) -> bool:
-        return name in self.cells
+        return name in self._elements
 
     def take(self, name: str, declared: int) -> Int:
         """Integers of an array that should have ``declared`` values."""
-        if name not in self.cells:
-            raise FileError(f"array {name!r} is missing from Cells; found {', '.join(self.cells) or 'none'}")
-        values: NDArray[Any] = self.document.array(self.cells[name], declared)
+        if name not in self._elements:
+            known = ", ".join(self._elements) or "none"
+            raise FileError(f"array {name!r} is missing from {self.section}; found {known}")
+        values: NDArray[Any] = self.document.array(self._elements[name], declared)
         if values.dtype.kind not in "iu":
             raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
         return frozen_int(values)

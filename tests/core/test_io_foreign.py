@@ -67,7 +67,7 @@ def test_gmsh_tags(tmp_path: Path) -> None:
 
 def test_mesh_says_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "bad.vtk"
-    file.write_text("# vtk DataFile Version 3.0\nno\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS x float\n")
+    file.write_text("# vtk DataFile Version 3.0\nno\nASCII\nDATASET STRUCTURED_GRID\nPOINTS x float\n")
     with pytest.raises(FileError, match=r"bad.vtk: meshlane cannot read it"):
         read(file)
     assert capfd.readouterr() == ("", "")

@@ -308,7 +308,7 @@ def test_formats_that_cannot_be_built_are_in_nobodys_way(tmp_path: Path) -> None
     with pytest.raises(FileError) as caught:
         read(tmp_path / "a.lymph", registry=registry)
     said = str(caught.value)
-    assert said.count(" .pvtu .toy; formats that cannot be used: ") == 1
+    assert said.count(" .vtp .toy; formats that cannot be used: ") == 1
     assert said.count("format 'absent' (") == 1
     for reason in (
         "unknown suffix '.lymph'; expected one of .vtu .npz .typ2",

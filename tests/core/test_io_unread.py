@@ -67,7 +67,7 @@ def test_what_is_only_broken_is_not_explained_away(tmp_path: Path) -> None:
     (tmp_path / "m.msh").write_text(MSH2.replace(" 34 ", " 2 "))
     assert [why_unread(tmp_path / name) for name in ("m.msh", "none.inp")] == [None] * 2
     (tmp_path / "m.vtk").write_text("# vtk DataFile Version 3.0\nno\nASCII\nDATASET UNSTRUCTURED_GRID\n")
-    with pytest.raises(FileError, match="meshlane cannot read it"):
+    with pytest.raises(FileError, match="there are no POINTS in it"):
         read(tmp_path / "m.vtk")
 
 
