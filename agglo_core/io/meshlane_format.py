@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 __all__ = ["Meshlane"]
 
 _SUFFIXES = """
-    .avs .bdf .cdb .cgns .dat .dato .e .ele .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
-    .msh .nas .node .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml
+    .avs .bdf .cdb .cgns .dat .dato .e .ex2 .exo .f3grid .fem .h5m .hmf .inp .mdpa .med .mesh .meshb
+    .msh .nas .post .stl .su2 .tec .ugrid .vol .vtk .wkt .xdmf .xmf .xml
 """
 
 

@@ -239,6 +239,7 @@ def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
     real = any(name.startswith("gmsh:") for name in found.cell_data)
     for name, blocks in found.cell_data.items():
         arrays = [np.asarray(block) for block in blocks]
+        arrays = [each.ravel() if each.shape[1:] == (1,) else each for each in arrays]
         if real:
             arrays = _as_whole(arrays)
         whole = all(a.shape == (n,) and a.dtype.kind in "iu" for a, n in zip(arrays, counts, strict=True))

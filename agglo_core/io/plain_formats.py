@@ -39,7 +39,10 @@ class Fvca(Reading):
 
 
 class RegnFace(Reading):
-    """Polyhedra as lists of faces in ``NAME.ele``, points in ``NAME.node``: either name stands for both."""
+    """Polyhedra as lists of faces in ``NAME.ele``, points in ``NAME.node``: either name stands for both.
+
+    Triangle's triangles and TetGen's tetrahedra in files of these suffixes are read, too.
+    """
 
     suffixes: tuple[str, ...] = (".ele", ".node")
     lossless: bool = False

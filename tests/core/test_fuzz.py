@@ -21,8 +21,8 @@ from agglo_core import FileError, Mesh, PluginError, read, samples, write
 SHARE = {
     ".vtu": 80,
     ".npz": 60,
-    ".msh": 2,
-    **{suffix: 3 if suffix == ".ele" else 20 for suffix in FIELD},  # meshlane is asked, too
+    ".msh": 40,
+    **dict.fromkeys(FIELD, 20),
     ".graph": 1400,
     ".xyz": 300,
     ".part.4": 300,

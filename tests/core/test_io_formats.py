@@ -486,6 +486,8 @@ def test_the_suffixes_are_those_that_meshlane_reads() -> None:
     known = {suffix for suffix in meshlane.extension_to_filetypes if suffix.count(".") == 1}
     ours = {
         ".svg",
+        ".ele",
+        ".node",
         ".ply",
         ".off",
         ".obj",

@@ -77,7 +77,8 @@ def test_faults_of_cells_are_named(tmp_path: Path, old: str, new: str, says: str
     ("old", "new", "says"),
     [
         ("4 3 0 0", "5 3 0 0", "m.node: 5 points of 4 numbers are declared, 16 follow"),
-        ("4 3 0 0", "4 2 0 0", r"m.node begins with \[4, 2, 0, 0\]"),
+        ("4 3 0 0", "4 1 0 0", r"m.node begins with \[4, 1, 0, 0\]"),
+        ("4 3 0 0", "4 2 0 1", r"m.node has points in the plane, m.ele polyhedra"),
         ("\n3 0 0 1", "\n4 0 0 1", "not numbered from 0 or 1 on"),
         ("\n3 0 0 1", "\n3 0 0 one", "m.node: line .*: expected a number, found 'one'"),
     ],

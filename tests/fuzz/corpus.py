@@ -14,6 +14,7 @@ from pathlib import Path
 
 import meshlane
 import numpy as np
+from core.test_gmsh_read import data, partitioned, version_2
 from core.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
 from fuzz.field_corpus import field_files
 from fuzz.graph_corpus import graph_files
@@ -162,7 +163,7 @@ def _undated(content: bytes) -> bytes:
 
 
 def _msh() -> list[bytes]:
-    """Gmsh 2.2 and 4.1, text and binary, plane and solid."""
+    """Gmsh 2.2, 4.0 and 4.1, text and binary, plane and solid, with partitions and element data."""
     plane = samples.triangles(4)
     loops = plane.boundary_loops.vertices.reshape(-1, 3)
     flat = np.c_[plane.points, np.zeros(plane.n_points)]
@@ -173,7 +174,8 @@ def _msh() -> list[bytes]:
         meshlane.Mesh(cube, [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))]),
         meshlane.Mesh(cube, [("tetra", np.array([[0, 1, 2, 3], [1, 2, 3, 4]]))]),
     ]
-    found = []
+    found = [partitioned(version, order) for version in ("4.0", "4.1") for order in ("", "<")]
+    found += [version_2("") + data("part", [(6, 3)]), version_2("<")]
     with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
         for mesh, form in zip(meshes, ("gmsh22", "gmsh", "gmsh22", "gmsh"), strict=True):
             mesh.cell_data = {

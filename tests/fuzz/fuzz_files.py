@@ -54,7 +54,21 @@ from agglo_gnn.fast import FastGNN
 
 SECONDS = 10  # of processor time
 _WAIT = 12
-FIELD = (".typ1", ".typ2", ".mat", ".foam", ".hedra", ".ele", ".off", ".obj", ".pvtu", ".ovm", ".ply")
+FIELD = (
+    ".typ1",
+    ".typ2",
+    ".mat",
+    ".foam",
+    ".hedra",
+    ".ele",
+    ".off",
+    ".obj",
+    ".pvtu",
+    ".ovm",
+    ".ply",
+    ".vtk",
+    ".vtp",
+)
 FIELD = (*FIELD, ".vtkhdf") if importlib.util.find_spec("h5py") else FIELD
 MESHES = (".vtu", ".npz", ".msh", *FIELD)
 GRAPHS = (".graph", ".xyz", ".part.4", ".grf", ".map")
@@ -240,7 +254,7 @@ def _warm_up(suffix: str) -> None:
     bombs(suffix)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"m{suffix}"
-        for content in valid_files()[suffix][: 2 if suffix == ".msh" else 12]:  # .msh: a process for each
+        for content in valid_files()[suffix][:12]:
             lay_out(file, content)
             judge(file, command=False)
     _largest_child()
