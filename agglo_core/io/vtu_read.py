@@ -39,10 +39,9 @@ def read_vtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     return mesh_from_pieces(stored_pieces(path.read_bytes()), **options, name=path.stem)
 
 
-def read_vtp(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+def read_vtp(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     """Mesh of the polygons and strips of a VTP file; raises as :func:`read_vtu`."""
-    stored = stored_pieces(path.read_bytes(), "PolyData")
-    return mesh_from_pieces(stored, merge_points=merge_points, allow_gaps=allow_gaps, name=path.stem)
+    return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **options, name=path.stem)
 
 
 def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
