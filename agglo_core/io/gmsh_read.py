@@ -90,16 +90,13 @@ def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
     steps = {each.name: each.step for each in data}
     if (4 + len(names) + len(steps)) * 8 * len(kept) > _SPARE + _EXPANSION * len(content):
         raise FileError(f"{len(names)} groups of {len(kept)} elements take more memory than there can be")
-    tags, groups = _group_tags(DIMS[elements.types[kept]], frozen_int(members), names)
-    tags = {
-        "gmsh:physical": tags.pop("gmsh:physical", None),
-        "gmsh:geometrical": frozen_int(elements.geometrical[kept]),
-        "gmsh:partition": frozen_int(elements.partition[kept]) if elements.partition.any() else None,
-        **_data_tags(data, steps, elements, cell, len(kept)),
-        **tags,
-    }
-    left = [name for name in steps if name not in tags]
-    return _cells(elements, kept, nodes, {k: v for k, v in tags.items() if v is not None}), groups, left
+    tags = {"gmsh:geometrical": frozen_int(elements.geometrical[kept])}
+    if elements.partition.any():
+        tags["gmsh:partition"] = frozen_int(elements.partition[kept])
+    tags |= _data_tags(data, steps, elements, cell, len(kept))
+    of_groups, groups = _group_tags(DIMS[elements.types[kept]], frozen_int(members), names)
+    tags |= of_groups
+    return _cells(elements, kept, nodes, tags), groups, [name for name in steps if name not in tags]
 
 
 def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:

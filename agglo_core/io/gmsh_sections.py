@@ -159,7 +159,7 @@ class Numbers:
                 raise self._short()
             self._text = values[n:]
             return values[:n]
-        kind = np.dtype(dtype).newbyteorder(self.header.order)  # type: ignore[arg-type]
+        kind = np.dtype(dtype).newbyteorder(self.header.order)
         start, self.place = self.place, self.place + n * kind.itemsize
         if self.place > self.stop:
             raise self._short()
