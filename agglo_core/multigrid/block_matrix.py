@@ -20,6 +20,7 @@ from agglo_core.kernels.block_sweeps import (
     sweep_parts,
 )
 from agglo_core.multigrid.stack import Real
+from agglo_core.problems.real_arrays import real_matrix
 
 __all__ = ["BlockMatrix", "block_inverses", "block_matrix", "in_blocks", "in_precision"]
 
@@ -144,7 +145,7 @@ def block_matrix(
     Raises
     ------
     OptionError
-        If A is not symmetric, offsets do not fit it, or for another dtype.
+        If A is not symmetric or its indices are out of range, offsets do not fit it, or for another dtype.
     LinAlgError
         If a diagonal block is not positive definite; the message names its part.
 
@@ -158,7 +159,7 @@ def block_matrix(
     """
     if np.dtype(dtype) not in (np.float32, np.float64):
         raise OptionError(f"dtype must be float32 or float64; given {np.dtype(dtype)}")
-    A = in_blocks(A, block_offsets)
+    A = in_blocks(A if symmetric else real_matrix(A), block_offsets)
     if not symmetric:
         _require_symmetric(A)
     offsets = frozen_int(block_offsets)

@@ -10,6 +10,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
+from agglo_core.problems.real_arrays import real_matrix
 
 __all__ = ["canonical", "checked_system"]
 
@@ -36,7 +37,7 @@ def checked_system(
             f"expected a real square sparse matrix; given {type(A).__name__} {getattr(A, 'shape', '')} "
             f"of {getattr(A, 'dtype', 'unknown type')}"
         )
-    matrix, n = canonical(A), A.shape[0]
+    matrix, n = canonical(real_matrix(A)), A.shape[0]
     if not np.isfinite(matrix.data).all():
         raise OptionError("the matrix has entries that are not finite")
     diagonal = matrix.diagonal()

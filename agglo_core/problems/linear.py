@@ -29,6 +29,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError, OptionError
 from agglo_core.mesh import Mesh
+from agglo_core.problems.real_arrays import kept, kept_matrix
 from agglo_core.problems.table import require_keys
 
 __all__ = ["Linear"]
@@ -43,6 +44,7 @@ class Linear:
     Attributes
     ----------
     A : (n, n) sparse
+        In CSR or, if it is given so, in BSR: columns in order, no entry stored twice, arrays read-only.
     b : (n,) or (n, k) float
         One right-hand side; or several, if the solver takes them.
     block_offsets : (n_cells + 1,) int
@@ -50,10 +52,13 @@ class Linear:
     near_null : (n, m) float, optional
         Vectors that A takes to nearly nothing, such as constants and rigid motions.
 
+    Arrays that are given are copied, unless they are read-only already: neither side can change what the
+    other has.
+
     Raises
     ------
     OptionError
-        If ``block_offsets`` is not an array ``(n_cells + 1,)``.
+        If ``block_offsets`` is not an array ``(n_cells + 1,)``, or indices of A are out of range.
 
     Examples
     --------
@@ -76,6 +81,12 @@ class Linear:
                 f"block_offsets must be an array (n_cells + 1,), given {self.block_offsets!r:.60}; "
                 "a file names the matrix of a linear problem"
             )
+        for name in ("A", "b", "block_offsets", "near_null"):
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, name, kept(value))
+        if sparse.issparse(self.A):
+            object.__setattr__(self, "A", kept_matrix(self.A))
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], mesh: Mesh, folder: Path) -> Self:

@@ -2,38 +2,164 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core.arrays import Float
 from agglo_core.errors import OptionError
 
-__all__ = ["real_array", "real_matrix", "require_finite", "require_symmetric"]
+__all__ = ["kept", "kept_matrix", "real_array", "real_matrix", "require_finite", "require_symmetric"]
 
 _ASYMMETRY = 1e-10
+_COMPRESSED = {"csr": sparse.csr_array, "csc": sparse.csc_array, "bsr": sparse.bsr_array}
+_PARTS = ("data", "indices", "indptr")
 
 
 def real_matrix(given: Any) -> Any:
-    """A matrix as float64, in CSR or, if it is given so, in BSR.
+    """Return a matrix as :func:`kept_matrix` does, in float64.
 
     Raises
     ------
     OptionError
-        For a matrix without entries (a LinearOperator), and one that does not hold real numbers.
+        For a matrix without entries (a LinearOperator), one that does not hold real numbers, and indices that
+        are no sparse matrix.
     """
-    if not sparse.issparse(given) and (hasattr(given, "matvec") or np.ndim(given) != 2):
+    if sparse.issparse(given):
+        if given.dtype.kind not in "biuf":
+            raise OptionError(f"A holds {given.dtype}; expected real numbers")
+        return kept_matrix(given)
+    values = None if hasattr(given, "matvec") else real_array("A", given)
+    if values is None or values.ndim != 2:
         raise OptionError(
             f"A must be a sparse or dense matrix with entries, given {type(given).__name__}: multigrid "
             "makes coarse matrices of them"
         )
-    if not sparse.issparse(given):
-        given = real_array("A", given)
-    elif given.dtype.kind not in "biuf":
-        raise OptionError(f"A holds {given.dtype}; expected real numbers")
-    kept = given if sparse.issparse(given) and given.format in ("csr", "bsr") else sparse.csr_array(given)
-    return kept.astype(np.float64, copy=False)
+    return kept_matrix(sparse.csr_array(values))
+
+
+def kept_matrix(A: Any) -> Any:
+    """Return a sparse matrix in canonical form, in read-only arrays that nothing else can write to.
+
+    It is in CSR or, if it is given so, in BSR: rows and columns in order, no entry stored twice, in float64
+    or complex128. Arrays that are read-only already are shared, not copied.
+
+    Raises
+    ------
+    OptionError
+        Unless all indices are within the shape: scipy does not check them, and reads and writes elsewhere.
+    """
+    if A.ndim != 2 or A.dtype.kind not in "biufc":
+        raise OptionError(f"A must be a matrix of numbers, given the shape {A.shape} of {A.dtype}")
+    if A.format not in _COMPRESSED:
+        A = _coordinates(A).tocsr()
+    given = [getattr(A, name) for name in _PARTS]
+    rows = _COMPRESSED[A.format](_sound_parts(A), shape=A.shape)
+    if A.format == "csc":
+        rows = rows.tocsr()
+    if not rows.has_canonical_format:
+        rows = _canonical(rows)
+    for name, old in zip(_PARTS, given, strict=True):
+        values = getattr(rows, name)
+        setattr(rows, name, kept(values) if np.may_share_memory(values, old) else _read_only(values))
+    return rows
+
+
+def kept(values: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only array that nothing else can write to: a copy, unless it is one already."""
+    base: Any = values
+    while isinstance(base, np.ndarray) and not base.flags.writeable and base.base is not None:
+        base = base.base
+    owned = isinstance(base, np.ndarray) and not base.flags.writeable
+    return values if owned else _read_only(values.copy())
+
+
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """Protect an array of ours, and what it is a view of."""
+    base: Any = values
+    while isinstance(base, np.ndarray):
+        base.flags.writeable = False
+        base = base.base
+    return values
+
+
+def _sound_parts(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return data, indices and indptr of a compressed matrix, checked and without unused entries."""
+    data, indices, indptr = (np.asarray(getattr(A, name)) for name in _PARTS)
+    blocks = A.format == "bsr"
+    size = data.shape[1:] if blocks else (1, 1)
+    ok = data.ndim == (3 if blocks else 1) and 0 not in size
+    ok = ok and indices.ndim == indptr.ndim == 1 and {indices.dtype.kind, indptr.dtype.kind} <= {*"iu"}
+    ok = ok and A.shape[0] % size[0] == A.shape[1] % size[1] == 0
+    major, minor = (A.shape[0] // size[0], A.shape[1] // size[1]) if ok else A.shape
+    major, minor = (minor, major) if A.format == "csc" else (major, minor)
+    if not ok or len(indptr) != major + 1:
+        shapes = ", ".join(
+            f"{name} {v.shape} of {v.dtype}" for name, v in zip(_PARTS, (data, indices, indptr), strict=True)
+        )
+        raise OptionError(f"A is no {A.format} matrix of shape {A.shape}: it has {shapes}")
+    stored = min(len(indices), len(data))
+    if indptr[0] != 0 or not (indptr[1:] >= indptr[:-1]).all() or indptr[-1] > stored:
+        raise OptionError(
+            f"A is no {A.format} matrix: indptr must increase from 0 to at most its {stored} entries"
+        )
+    n = int(indptr[-1])
+    indices = indices[:n]
+    if n and not (indices.min() >= 0 and indices.max() < minor):
+        wrong = indices.min() if indices.min() < 0 else indices.max()
+        raise OptionError(f"A is no {A.format} matrix: it has the index {wrong}, expected 0..{minor - 1}")
+    return data[:n].astype(_precision(data.dtype), copy=False), indices, indptr
+
+
+def _coordinates(A: Any) -> Any:
+    """Return a matrix in another format as a ``coo_array`` whose indices are within the shape."""
+    try:
+        data, i, j = _triples(A)
+        if not {i.dtype.kind, j.dtype.kind} <= {*"iu"}:
+            raise TypeError(f"indices of {i.dtype} and {j.dtype}")
+        return sparse.coo_array((data.astype(_precision(A.dtype), copy=False), (i, j)), shape=A.shape)
+    except (ValueError, TypeError, IndexError, OverflowError) as error:
+        raise OptionError(f"A is no {A.format} matrix of shape {A.shape}: {error}") from error
+
+
+def _triples(A: Any) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return values, rows and columns of the entries; scipy's conversions trust offsets and lists."""
+    if A.format == "dia":
+        offsets, data = np.asarray(A.offsets), np.asarray(A.data)
+        inside = (offsets > -A.shape[0]) & (offsets < A.shape[1])
+        offsets, data = offsets[inside].astype(np.int64), data[inside]
+        column = np.broadcast_to(np.arange(data.shape[1]), data.shape)
+        row = column - offsets[:, None]
+        stored = (row >= 0) & (row < A.shape[0]) & (column < A.shape[1]) & (data != 0)
+        return data[stored], row[stored], column[stored]
+    if A.format == "lil":
+        row = np.repeat(np.arange(len(A.rows)), [len(each) for each in A.rows])
+        data, column = (np.array([*chain.from_iterable(lists)]) for lists in (A.data, A.rows))
+        return data, row, column.astype(np.int64, casting="same_kind") if len(column) else row
+    A = A.tocoo()
+    return np.asarray(A.data), A.row, A.col
+
+
+def _canonical(A: Any) -> Any:
+    """Return a copy in CSR or BSR with indices in order and no entry stored twice."""
+    A = A.copy()
+    if A.format == "csr":
+        A.sum_duplicates()
+        return A
+    A.sort_indices()
+    A = sparse.bsr_array((A.data, A.indices, A.indptr), shape=A.shape)
+    if A.has_canonical_format:
+        return A
+    rows = A.tocsr()  # a sum of blocks is a loop of Python over block rows in scipy
+    rows.sum_duplicates()
+    return rows.tobsr(A.blocksize)
+
+
+def _precision(dtype: Any) -> Any:
+    return np.complex128 if dtype.kind == "c" else np.float64
 
 
 def real_array(name: str, given: Any) -> Float:
@@ -42,8 +168,10 @@ def real_array(name: str, given: Any) -> Float:
     Raises
     ------
     OptionError
-        For complex numbers, text, and what is no array.
+        For complex numbers, text, masked values, and what is no array.
     """
+    if np.ma.is_masked(given):
+        raise OptionError(f"{name} has masked values; expected numbers in all places")
     try:
         values = np.asarray(given)
         if values.dtype.kind == "O" and not np.iscomplexobj(np.array(values.tolist())):

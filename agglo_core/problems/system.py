@@ -26,7 +26,8 @@ class System:
     Attributes
     ----------
     A : (n, n) sparse, float64
-        Any sparse or dense matrix is taken; it is kept in CSR or, if it is given so, in BSR.
+        Any sparse or dense matrix is taken; it is kept in CSR or, if it is given so, in BSR: columns in
+        order, no entry stored twice, arrays read-only.
     b : (n,) or (n, k) float
         One right-hand side or several.
     block_offsets : (blocks + 1,) int
@@ -40,7 +41,8 @@ class System:
     ------
     OptionError
         For a matrix without entries (a LinearOperator), one that is not square or not symmetric but for
-        rounding; complex numbers, values that are not numbers or not finite; shapes that do not fit.
+        rounding, indices out of range; complex numbers, values that are not numbers or not finite; shapes
+        that do not fit.
 
     Examples
     --------
@@ -97,8 +99,8 @@ class System:
         return int(sizes[0]) if (sizes == sizes[0]).all() else None
 
     def to_scipy(self) -> tuple[sparse.csr_array, Float]:
-        """Matrix and right-hand side, as scipy, PyAMG and others take them; b is a copy."""
-        return sparse.csr_array(self.A), np.array(self.b)
+        """Return copies of matrix and right-hand side, as scipy, PyAMG and others take them."""
+        return sparse.csr_array(self.A, copy=True), np.array(self.b)
 
 
 def _columns(name: str, given: Any, n: int, dimensions: tuple[int, ...]) -> Float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from scipy.sparse.linalg import LinearOperator
 from agglo_core import samples
 from agglo_core.errors import FileError, OptionError
 from agglo_core.io.system_files import read_system, write_system
-from agglo_core.problems import System
+from agglo_core.multigrid import aggregation_stack, block_matrix, classical_stack
+from agglo_core.problems import Linear, System
 
 
 def laplacian(n: int) -> sparse.csr_array:
@@ -85,6 +87,128 @@ def test_what_is_no_system_is_refused(name: str) -> None:
     make, message = REFUSED[name]
     with pytest.raises(OptionError, match=message):
         make()
+
+
+def damaged(kind: str, **parts: object) -> object:
+    """A matrix whose arrays were changed after scipy checked them."""
+    matrix = A.tobsr((2, 2)) if kind == "bsr" else A.copy().asformat(kind)
+    for name, values in parts.items():
+        setattr(matrix, name, values)
+    return matrix
+
+
+FAR = 2**30
+UNSOUND = {
+    "index beyond": ("csr", {"indices": np.array([0, 1, 0, 1, 2, 1, 2, 3, 2, 3, 4, 3, 4, 5, 4, 6])}),
+    "wild indices": ("csr", {"indices": np.full(16, FAR)}),
+    "negative index": ("csr", {"indices": np.arange(16) % 6 - 1}),
+    "unsigned index": ("csr", {"indices": np.full(16, 2**64 - 1, np.uint64)}),
+    "falling indptr": ("csr", {"indptr": np.array([0, FAR, 3, 5, 7, 9, 16])}),
+    "falling unsigned indptr": ("csr", {"indptr": np.array([0, 9, 3, 5, 7, 9, 16], np.uint64)}),
+    "indptr that ends at 0": ("csr", {"indptr": np.array([0, FAR, FAR, FAR, FAR, FAR, 0])}),
+    "indptr beyond the entries": ("csr", {"indptr": np.arange(7) * 3}),
+    "indptr from 1 on": ("csr", {"indptr": np.array([1, 2, 3, 4, 5, 6, 7])}),
+    "short indptr": ("csr", {"indptr": np.arange(6)}),
+    "short data": ("csr", {"data": np.ones(3)}),
+    "fractions": ("csr", {"indices": np.full(16, 0.5)}),
+    "column": ("csc", {"indices": np.full(16, FAR)}),
+    "columns": ("csc", {"indptr": np.array([0, FAR, FAR, FAR, FAR, FAR, 16])}),
+    "block": ("bsr", {"indices": np.array([0, 1, 0, 1, 2, 1, 3])}),
+    "block size": ("bsr", {"data": np.ones((7, 4, 4))}),
+    "coordinates": ("coo", {"row": np.full(16, FAR)}),
+    "offsets": ("dia", {"offsets": np.array([-1, 0])}),
+    "lists": ("lil", {"rows": np.array([[0], [1], [2], [3], [4], [FAR]], dtype=object)}),
+}
+
+
+@pytest.mark.parametrize("name", UNSOUND)
+@pytest.mark.filterwarnings("ignore:ind:UserWarning")
+def test_matrices_with_indices_out_of_range_are_refused(name: str) -> None:
+    """Each would make scipy read or write outside its arrays."""
+    matrix = damaged(UNSOUND[name][0], **UNSOUND[name][1])
+    message = f"A is no {UNSOUND[name][0]} matrix"
+    with pytest.raises(OptionError, match=message):
+        System(matrix, b)
+    with pytest.raises(OptionError, match=message):
+        Linear(matrix, b, np.arange(7))
+    for stack in (aggregation_stack, classical_stack):
+        with pytest.raises(OptionError, match=message):
+            stack(matrix)
+    with pytest.raises(OptionError, match=message):
+        block_matrix(matrix, np.arange(7))
+
+
+def test_the_message_names_the_index() -> None:
+    with pytest.raises(OptionError, match=r"it has the index 6, expected 0\.\.5"):
+        System(damaged("csr", indices=np.array([0, 1, 0, 1, 2, 1, 2, 3, 2, 3, 4, 3, 4, 5, 4, 6])), b)
+    with pytest.raises(OptionError, match="indptr must increase from 0 to at most its 16 entries"):
+        System(damaged("csr", indptr=np.array([0, 2, 1, 8, 11, 14, 16])), b)
+
+
+@pytest.mark.parametrize("kind", ["csr", "csc", "bsr", "coo", "dia", "lil", "dok"])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int8])
+def test_matrices_of_every_format_keep_their_entries(kind: str, dtype: type) -> None:
+    dense = np.diag(np.arange(2, 8)) + np.diag(np.ones(4), 2) + np.diag(np.ones(4), -2)
+    given = sparse.csr_array(dense.astype(dtype))
+    given = given.tobsr((2, 2)) if kind == "bsr" else given.asformat(kind)
+    for matrix in (System(given, b).A, Linear(given, b, np.arange(7)).A):
+        assert matrix.format == ("bsr" if kind == "bsr" else "csr")
+        assert matrix.has_canonical_format
+        assert matrix.dtype == np.float64
+        assert np.array_equal(matrix.toarray(), dense)
+
+
+def repeated_entries(kind: str) -> sparse.csr_array | sparse.bsr_array:
+    """The matrix [[5, 1], [1, 3]], or one of blocks, out of order and with entries in pieces."""
+    data, indices, indptr = [1.0, 2.0, 3.0, 1.0, 3.0], [1, 0, 0, 0, 1], [0, 3, 5]
+    if kind == "csr":
+        return sparse.csr_array((np.array(data), np.array(indices), np.array(indptr)), shape=(2, 2))
+    blocks = np.multiply.outer(data, np.eye(2))
+    return sparse.bsr_array((blocks, np.array(indices), np.array(indptr)), shape=(4, 4))
+
+
+@pytest.mark.parametrize("kind", ["csr", "bsr"])
+@pytest.mark.parametrize("make", [System, lambda A, b: Linear(A, b, np.arange(len(b) + 1))])
+def test_neither_side_changes_the_arrays_of_the_other(
+    kind: str, make: Callable[..., System | Linear]
+) -> None:
+    """scipy sums entries in place, also of a matrix that shares the arrays of another."""
+    given = repeated_entries(kind)
+    parts = {name: getattr(given, name).copy() for name in ("data", "indices", "indptr")}
+    rhs = np.ones(given.shape[0])
+    made = make(given, rhs)
+    dense = np.kron([[5.0, 1.0], [1.0, 3.0]], np.eye(given.shape[0] // 2))
+    for name, before in parts.items():
+        assert np.array_equal(getattr(given, name), before)
+    shared = type(made.A)(made.A)
+    shared.sum_duplicates()
+    for values in (given.data, given.indices, rhs):
+        values[...] = 0
+    assert np.array_equal(made.A.toarray(), dense)
+    assert np.array_equal(made.b, np.ones(len(dense)))
+    for values in (made.A.data, made.A.indices, made.A.indptr, made.b):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0] = 7
+    again = make(made.A, made.b)
+    assert np.shares_memory(again.A.data, made.A.data)  # protected arrays need no copy
+
+
+def test_a_matrix_of_integers_is_not_reordered_in_place() -> None:
+    """The copy in float64 once shared the indices, which scipy sorted for both."""
+    given = sparse.csr_array(
+        (np.array([1, 5, 3, 1]), np.array([1, 0, 1, 0]), np.array([0, 2, 4])), shape=(2, 2)
+    )
+    system = System(given, np.ones(2))
+    sparse.csr_array(system.A).sort_indices()
+    for matrix in (given, system.A):
+        assert matrix.toarray().tolist() == [[5, 1], [1, 3]]
+
+
+def test_masked_values_and_ragged_rows_are_refused() -> None:
+    with pytest.raises(OptionError, match="b has masked values"):
+        System(A, np.ma.masked_equal(np.arange(6), 2))
+    with pytest.raises(OptionError, match="A must hold real numbers"):
+        System([[1.0, 2.0], [3.0]], [1.0, 2.0])
 
 
 def test_rounding_does_not_make_a_matrix_asymmetric() -> None:
