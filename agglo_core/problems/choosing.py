@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -96,18 +97,18 @@ def read_problem(
     'diffusion'
     """
     registry = default() if registry is None else registry
-    if not path.exists() or path.is_dir():
+    if not os.path.exists(path) or path.is_dir():  # False for a name that no file can have
         raise FileError(f"{path}: {_no_file(path, registry)}")
     table = read_toml(path)
     kind = table.pop("kind", "diffusion")
     table = table if allow_code else written(table)
     try:
         from_table, title = _reader_of(kind, registry)
-        with attributed(title, spare=(AggloError,)):
+        with attributed(title, spare=(AggloError, OSError, MemoryError)):
             problem = from_table(table, mesh, path.parent)
         return _checked(problem, f"{title}: from_table")
-    except AggloError as error:
-        raise FileError(f"{path}: {error}") from error
+    except (AggloError, OSError, MemoryError) as error:
+        raise FileError(f"{path}: {str(error) or repr(error)}") from error
 
 
 def require_accepted(solver: object, problem: Problem, name: str = "") -> None:
@@ -190,7 +191,7 @@ def _reader_of(kind: Any, registry: Registry) -> tuple[Any, str]:
 
 
 def _no_file(path: Path, registry: Registry) -> str:
-    if path.is_dir():
+    if os.path.isdir(path):
         return f"a folder; a problem is a .toml file or a name ({_known(registry)})"
     return f"no such file, and no problem of that name ({_known(registry)})"
 

@@ -1,4 +1,4 @@
-"""Reading TOML files: of a run, of a problem. Every way in which that fails is an error in words."""
+"""TOML files of runs and problems, read in bounded memory; every failure is a FileError."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from agglo_core.files import check_regular
 
 __all__ = ["read_toml"]
 
+_SIZE = 1 << 21
+"""Bytes of a file: tomllib takes up to a hundred times as much memory."""
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The table in a TOML file; a byte order mark is passed over.
@@ -18,11 +21,28 @@ def read_toml(path: Path) -> dict[str, Any]:
     Raises
     ------
     FileError
-        If there is no such file, it cannot be read, or it is not TOML; names the file.
+        If there is no such file, it cannot be read, it is too large, or it is not TOML; names the file.
     """
+    text = _text(path)
+    try:
+        table = tomllib.loads(text)
+        _show_integers(table)
+        return table
+    except RecursionError:
+        raise FileError(f"{path}: its lists or tables are nested too deeply") from None
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(f"{path}: is not valid TOML: {error}") from None
+    except ValueError:  # tomllib has no error of its own for this one
+        raise FileError(f"{path}: a number in it has too many digits") from None
+
+
+def _text(path: Path) -> str:
     try:
         check_regular(path)
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        size = path.stat().st_size
+        if size > _SIZE:
+            raise FileError(f"has {size} bytes, more than {_SIZE}")
+        return path.read_text(encoding="utf-8-sig")
     except FileError as error:
         raise FileError(f"{path}: {error}; expected a TOML file") from None
     except OSError as error:
@@ -31,9 +51,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         byte = error.object[error.start]
         line = error.object.count(b"\n", 0, error.start) + 1
         raise FileError(f"{path}: byte 0x{byte:02x} in line {line} is not UTF-8, as TOML must be") from None
-    except RecursionError:
-        raise FileError(f"{path}: its lists or tables are nested too deeply") from None
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(f"{path}: is not valid TOML: {error}") from None
-    except ValueError:  # tomllib has no error of its own for this one
-        raise FileError(f"{path}: a number in it has too many digits") from None
+
+
+def _show_integers(value: Any) -> None:
+    """Raise ValueError for an integer that messages could not show: hexadecimal ones are not limited."""
+    if isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            _show_integers(each)
+    elif isinstance(value, int):
+        str(value)
