@@ -13,7 +13,7 @@ from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.pieces_read import mesh_of_pieces
 from agglo_core.errors import FileError
-from agglo_core.files import file_bytes
+from agglo_core.files.regular import file_bytes
 from agglo_core.io import read as read_whole
 from agglo_core.io.file_checks import naming
 from agglo_core.io.pvtu_read import sources_of, stored_piece, stored_together

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.files.text_numbers import integer_lines
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io.atomic import staging
-from agglo_core.io.text_numbers import integer_lines
 
 __all__ = ["graph_to_metis", "parts_to_metis"]
 

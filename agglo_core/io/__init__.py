@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from agglo_core.errors import FileError, OptionError
-from agglo_core.files import check_regular
+from agglo_core.files.regular import check_regular
 from agglo_core.io.file_checks import naming, read_by, read_hierarchy_by, write_by
 from agglo_core.io.foam_format import OpenFoam
 from agglo_core.io.formats import Formats, KnownFormat

@@ -10,7 +10,7 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.text_numbers import integer_lines, integers, line_of
+from agglo_core.files.text_numbers import integer_lines, integers, line_of
 
 __all__ = ["find_tags", "tag_lines", "tags_begin"]
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files import without_mark
+from agglo_core.files.regular import without_mark
+from agglo_core.files.text_numbers import integers, reals
 from agglo_core.io.counted_lists import counted_lists
 from agglo_core.io.foam_dictionaries import COMMENT, SPACE, FoamParser, word_in
-from agglo_core.io.text_numbers import integers, reals
 
 __all__ = ["FoamFile", "faces_of", "has_foam", "labels_of", "open_foam", "parser_of", "points_of"]
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files.text_numbers import integer_lines, real_lines
 from agglo_core.io.atomic import staging
 from agglo_core.io.foam_read import OWN
 from agglo_core.io.plain_cells import used_points
 from agglo_core.io.tags import cell_data, check_names, is_level
-from agglo_core.io.text_numbers import integer_lines, real_lines
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather
 

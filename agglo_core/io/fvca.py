@@ -14,12 +14,12 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files import text_bytes
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
 from agglo_core.io.cell_lines import find_tags, tag_lines, tags_begin
 from agglo_core.io.counted_lists import counted_lists
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import loops_of, write_levels
-from agglo_core.io.text_numbers import integer_lines, integers, line_of, real_lines, reals
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:

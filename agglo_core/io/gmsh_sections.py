@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.text_numbers import line_of, reals
+from agglo_core.files.text_numbers import line_of, reals
 
 __all__ = ["Header", "Numbers", "decoded", "gmsh_header", "sections"]
 

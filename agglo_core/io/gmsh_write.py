@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files.text_numbers import integer_lines, real_lines
 from agglo_core.io.plain_cells import used_points
 from agglo_core.io.tags import is_level
-from agglo_core.io.text_numbers import integer_lines, real_lines
 from agglo_core.io.vtu_cells import POLYHEDRON, cells_of
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import gather

@@ -16,7 +16,7 @@ import numpy as np
 
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.errors import AggloError, FileError
-from agglo_core.files import text_bytes, without_mark
+from agglo_core.files.regular import text_bytes, without_mark
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.gmsh_read import soup_of_gmsh
 from agglo_core.io.soup import Soup, mesh_from_soup

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from agglo_core.arrays import frozen_float, frozen_int, narrow
+from agglo_core.arrays import frozen_float, narrow
 from agglo_core.errors import FileError
-from agglo_core.io.archive import Archive
+from agglo_core.files.archive import Archive
 from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
 from agglo_core.io.format_options import ReadOptions
@@ -111,8 +111,8 @@ def read_npz(path: Path, **options: Unpack[ReadOptions]) -> tuple[Mesh, Hierarch
             f"found {', '.join(list(arrays.members)[:20]) or 'no arrays'}. Polygon c has the points "
             "cell_vertices[cell_offsets[c]:cell_offsets[c + 1]]; Mesh.from_polygons takes lists of points"
         )
-    offsets = arrays.take("cell_offsets", "iu", (None,))
-    vertices = arrays.take("cell_vertices", "iu", (int(offsets[-1]) if offsets.size else None,))
+    offsets = arrays.integers("cell_offsets", (None,))
+    vertices = arrays.integers("cell_vertices", (int(offsets[-1]) if offsets.size else None,))
     points = arrays.take("points", "fiu", (None, None))
     cells = (offsets, vertices)
     mesh = Mesh.from_polygons(points, cells, **options, name=path.stem)
@@ -121,15 +121,15 @@ def read_npz(path: Path, **options: Unpack[ReadOptions]) -> tuple[Mesh, Hierarch
 
 def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
     meta = _meta(arrays)
-    cells = arrays.take("face_cells", "iu", (None, 2))
-    offsets = arrays.take("face_offsets", "iu", (len(cells) + 1,))
-    vertices = arrays.take("face_vertices", "iu", (int(offsets[-1]),))
+    cells = arrays.integers("face_cells", (None, 2))
+    offsets = arrays.integers("face_offsets", (len(cells) + 1,))
+    vertices = arrays.integers("face_vertices", (int(offsets[-1]),))
     try:
         mesh = Mesh(
             points=frozen_float(arrays.take("points", "f", (None, None))),
-            face_offsets=frozen_int(offsets),
-            face_vertices=frozen_int(vertices),
-            face_cells=frozen_int(cells),
+            face_offsets=offsets,
+            face_vertices=vertices,
+            face_cells=cells,
             cell_tags=_tags(arrays, meta, "cell", int(cells.max(initial=-1)) + 1),
             face_tags=_tags(arrays, meta, "face", len(cells)),
             repairs={str(text): int(count) for text, count in meta["repairs"].items()},
@@ -144,7 +144,7 @@ def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
         return mesh, _hierarchy(arrays, meta, mesh)
     except FileError:
         raise
-    except (KeyError, TypeError, AttributeError, IndexError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         raise FileError(f"is corrupt: {type(error).__name__} {error}") from None
 
 
@@ -174,7 +174,7 @@ def _first_fingerprint(mesh: Mesh) -> str:
 
 def _tags(arrays: Archive, meta: dict[str, Any], kind: str, count: int) -> dict[str, NDArray[Any]]:
     names = enumerate(meta[f"{kind}_tags"])
-    return {str(name): frozen_int(arrays.take(f"{kind}_tag_{i}", "iu", (count,))) for i, name in names}
+    return {str(name): arrays.integers(f"{kind}_tag_{i}", (count,)) for i, name in names}
 
 
 def _hierarchy(arrays: Archive, meta: dict[str, Any], mesh: Mesh) -> Hierarchy | None:
@@ -184,7 +184,5 @@ def _hierarchy(arrays: Archive, meta: dict[str, Any], mesh: Mesh) -> Hierarchy |
     if stored is None:
         return None
     targets = stored["targets"]
-    levels = [
-        mesh.check_labels(arrays.take(f"level_{i}", "iu", (mesh.n_cells,))) for i in range(len(targets))
-    ]
+    levels = [mesh.check_labels(arrays.integers(f"level_{i}", (mesh.n_cells,))) for i in range(len(targets))]
     return Hierarchy(mesh, mesh.graph, levels, targets, bool(stored["nested"]), stored["statistics"])

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.files import text_bytes
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, real_lines
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import loops_of, write_levels
 from agglo_core.io.ply_elements import Element, Property, Rows, read_elements
 from agglo_core.io.tags import note_left_out
-from agglo_core.io.text_numbers import integer_lines, real_lines
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
+from agglo_core.files.text_numbers import reals
 from agglo_core.io.counted_lists import counted_lists, record_starts
-from agglo_core.io.text_numbers import reals
 
 __all__ = ["Element", "Property", "Rows", "read_elements"]
 

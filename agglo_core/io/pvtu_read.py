@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Unpack
 
 from agglo_core.errors import FileError
-from agglo_core.files import file_bytes
+from agglo_core.files.regular import file_bytes
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.vtk_pieces import Stored, mesh_from_pieces
 from agglo_core.io.vtu_arrays import vtk_root

@@ -16,14 +16,14 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int, label_order
 from agglo_core.errors import FileError
-from agglo_core.files import text_bytes
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, integers, real_lines, reals
 from agglo_core.io.cell_lines import find_tags, tag_lines
 from agglo_core.io.counted_lists import counted_solids
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.io.plain_cells import solids_of, write_levels
 from agglo_core.io.soup import Soup, mesh_from_soup
 from agglo_core.io.tags import note_left_out
-from agglo_core.io.text_numbers import integer_lines, integers, real_lines, reals
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elements import Polyhedra, concatenate
 
@@ -59,9 +59,7 @@ def read_rf(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
     number, points = _points(_content(path, ".node"), path.with_suffix(".node"))
     if len(first) == 3:
         soup, left = _simplices(body, first, number, points, f"{path.stem}.ele")
-        mesh = mesh_from_soup(
-            soup, merge_points=merge_points, allow_gaps=allow_gaps, weak=False, name=path.stem
-        )
+        mesh = mesh_from_soup(soup, weak=False, name=path.stem, **options)
         return note_left_out(mesh, left)
     if points.shape[1] != 3:
         raise FileError(f"{path.stem}.node has points in the plane, {path.stem}.ele polyhedra")

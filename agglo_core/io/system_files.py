@@ -8,7 +8,8 @@ appear whole or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.errors import FileError
-from agglo_core.io.archive import Archive
+from agglo_core.errors import FileError, OptionError
+from agglo_core.files.archive import REAL
+from agglo_core.files.matrix_market import read_matrix_market
+from agglo_core.files.stored_matrices import matrix_archive, read_matrix, read_vectors, stored_matrix
 from agglo_core.io.atomic import staging
 from agglo_core.mesh import Mesh
 from agglo_core.problems import System
+from agglo_core.problems.real_arrays import real_matrix
 
 __all__ = ["read_system", "write_system"]
 
@@ -64,7 +68,7 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
     FileError
         For another suffix; if a file is missing or corrupt.
     OptionError
-        If the arrays make no system, see :class:`~agglo_core.problems.System`.
+        If the arrays make no system, see :class:`~agglo_core.problems.System`; names the file.
 
     Examples
     --------
@@ -77,13 +81,14 @@ def read_system(path: str | PathLike[str], mesh: Mesh | None = None) -> System:
     """
     source = Path(path)
     read = _chosen(source, {".npz": _read_npz, ".mtx": _read_market})
-    try:
+    with _naming(source):
+        _require_file(source)
         found = read(source)
-    except OSError as error:
-        raise FileError(f"{source}: {error.strerror or error}") from error
-    except FileError as error:
-        raise FileError(f"{source}: {error}") from error
-    return System(found["A"], found["b"], found.get("block_offsets"), mesh, found.get("near_null"))
+        A = real_matrix(found["A"])
+    try:
+        return System(A, found["b"], found.get("block_offsets"), mesh, found.get("near_null"))
+    except OptionError as error:
+        raise OptionError(f"{source}: {error}") from error
 
 
 def _chosen(path: Path, by_suffix: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]:
@@ -105,31 +110,14 @@ def _write_npz(path: Path, system: System) -> None:
 
 
 def _read_npz(path: Path) -> dict[str, Any]:
-    arrays = Archive(path)
-    indptr = arrays.take("indptr", "iu", (None,))
-    indices, data = (arrays.take(name, kind, (None,)) for name, kind in (("indices", "iu"), ("data", "f")))
-    n = len(indptr) - 1
-    try:
-        A = sparse.csr_array((data, indices, indptr), shape=(n, n))
-        A.check_format(full_check=True)
-    except ValueError as error:
-        raise FileError(f"arrays of A are corrupt: {error}") from None
-    shape = (n, None) if "b" in arrays.members and _is_table(arrays) else (n,)
-    found = {"A": A, "b": arrays.take("b", "f", shape)}
+    A = stored_matrix(matrix_archive(path))
+    arrays = matrix_archive(path, A.shape[0])
+    found = {"A": A, "b": arrays.take("b", REAL, None)}
     if "block_offsets" in arrays.members:
-        found["block_offsets"] = arrays.take("block_offsets", "iu", (None,))
+        found["block_offsets"] = arrays.integers("block_offsets", (None,))
     if "near_null" in arrays.members:
-        found["near_null"] = arrays.take("near_null", "f", (n, None))
+        found["near_null"] = arrays.take("near_null", REAL, (A.shape[0], None))
     return found
-
-
-def _is_table(arrays: Archive) -> bool:
-    """Whether b has two dimensions."""
-    try:
-        arrays.take("b", "f", (None,))
-    except FileError:
-        return True
-    return False
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -148,23 +136,41 @@ def _write_market(path: Path, system: System) -> None:
 
 
 def _read_market(path: Path) -> dict[str, Any]:
-    found = {"A": sparse.csr_array(_market(path))}
+    A = read_matrix(path)
+    found = {"A": A}
     for name in _BESIDE:
         file = _beside(path, name)
         if name == "b" or file.exists():
-            values = _market(file)
-            values = values.toarray() if sparse.issparse(values) else np.asarray(values)
-            single = name == "block_offsets" or (name == "b" and values.shape[1] == 1)
-            found[name] = values[:, 0] if single else values
+            with _naming(file.name):
+                _require_file(file)
+                found[name] = (
+                    _offsets(file) if name == "block_offsets" else read_vectors(file, name, A.shape[0])
+                )
+    if found["b"].shape[1] == 1:
+        found["b"] = found["b"][:, 0]
     return found
 
 
-def _market(path: Path) -> Any:
-    from scipy.io import mmread
+def _offsets(path: Path) -> NDArray[Any]:
+    values = read_matrix_market(path)
+    if isinstance(values, np.ndarray) and values.shape[1] == 1:
+        return values[:, 0]
+    raise FileError("expected an array of one column")
 
+
+def _require_file(path: Path) -> None:
     if not path.is_file():
-        raise FileError(f"{path.name}: no such file")
+        raise FileError("is not a regular file" if path.exists() else "no such file")
+
+
+@contextmanager
+def _naming(name: object) -> Iterator[None]:
+    """Put the name of a file before what is wrong with it."""
     try:
-        return mmread(path)
-    except (ValueError, TypeError, OverflowError, EOFError) as error:
-        raise FileError(f"{path.name} cannot be read: {error}") from error
+        yield
+    except (FileError, OptionError) as error:
+        raise FileError(f"{name}: {error}") from error.__cause__
+    except OSError as error:
+        raise FileError(f"{name}: {error.strerror or error}") from error
+    except MemoryError as error:
+        raise FileError(f"{name}: not enough memory to read it") from error

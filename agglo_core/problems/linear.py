@@ -17,19 +17,26 @@ near-null vectors unless those are given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.errors import FileError, OptionError
+from agglo_core.errors import AggloError, FileError, OptionError
+from agglo_core.files.stored_matrices import (
+    MATRIX_SUFFIXES,
+    VECTOR_SUFFIXES,
+    matrix_archive,
+    read_matrix,
+    read_vectors,
+)
 from agglo_core.mesh import Mesh
-from agglo_core.problems.real_arrays import kept, kept_matrix
+from agglo_core.problems.real_arrays import kept, kept_matrix, real_matrix
 from agglo_core.problems.table import require_keys
 
 __all__ = ["Linear"]
@@ -41,6 +48,9 @@ _KEYS = ("matrix", "rhs", "unknowns", "near_null")
 class Linear:
     """Solve A x = b, the unknowns of cell c being ``block_offsets[c]:block_offsets[c + 1]``.
 
+    Arrays that are given are copied, unless they are read-only already: neither side can change what the
+    other has.
+
     Attributes
     ----------
     A : (n, n) sparse
@@ -51,9 +61,6 @@ class Linear:
         Cells may have different numbers of unknowns, and none, if the solver takes them.
     near_null : (n, m) float, optional
         Vectors that A takes to nearly nothing, such as constants and rigid motions.
-
-    Arrays that are given are copied, unless they are read-only already: neither side can change what the
-    other has.
 
     Raises
     ------
@@ -101,21 +108,23 @@ class Linear:
             If a file cannot be read, or holds values that are not finite real numbers.
         """
         require_keys(table, _KEYS)
-        matrix, rhs = (_file(key, table, folder) for key in ("matrix", "rhs"))
-        A = sparse.csr_array(_read("matrix", matrix, _MATRICES))
-        b = np.asarray(_read("rhs", rhs, _VECTORS))
-        _require_real(matrix, A.data)
-        _require_real(rhs, b)
+        matrix, rhs = _file("matrix", table, folder), _file("rhs", table, folder)
+        with _reading("matrix", matrix, MATRIX_SUFFIXES):
+            A = real_matrix(read_matrix(matrix))
+            _require_finite(A.data)
         n = A.shape[0]
         if A.shape != (n, n):
             raise OptionError(f"matrix: {matrix} must be square, given {A.shape[0]} x {A.shape[1]}")
+        with _reading("rhs", rhs, VECTOR_SUFFIXES):
+            b = read_vectors(rhs, "b", n)
+            _require_finite(b)
         if b.size != n:
             raise OptionError(f"rhs: {rhs} has {b.size} numbers; the matrix has {n} rows")
         offsets = None if "unknowns" in table else _stored_offsets(matrix, n, mesh)
         if offsets is None:
             width = _width(table.get("unknowns"), n, mesh)
             offsets = frozen_int(np.arange(mesh.n_cells + 1) * width)
-        return cls(A.astype(float), frozen_float(b.ravel()), offsets, _near_null(table, matrix, n, folder))
+        return cls(A, frozen_float(b.ravel()), offsets, _near_null(table, matrix, n, folder))
 
     @classmethod
     def example(cls, mesh: Mesh) -> Self:
@@ -135,58 +144,26 @@ def _file(key: str, table: Mapping[str, Any], folder: Path) -> Path:
     return folder / name
 
 
-def _read(key: str, path: Path, readers: Mapping[str, Callable[[Path], Any]]) -> Any:
-    reader = readers.get(path.suffix.lower())
-    if reader is None:
-        raise OptionError(f"{key} must end in {', '.join(readers)}, given {path.name!r}")
-    if not path.is_file():
-        raise FileError(f"{key}: {path}: no such file")
+@contextmanager
+def _reading(key: str, path: Path, suffixes: Sequence[str]) -> Iterator[None]:
+    """Check that a file can be read by its suffix; errors of its reader become FileErrors that name it."""
+    if path.suffix.lower() not in suffixes:
+        raise OptionError(f"{key} must end in {', '.join(suffixes)}, given {path.name!r}")
     try:
-        return reader(path)
+        if not path.is_file():
+            raise FileError("no such file" if not path.exists() else "is not a regular file")
+        yield
+    except AggloError as error:
+        raise FileError(f"{key}: {path}: {error}") from error.__cause__
     except OSError as error:
         raise FileError(f"{key}: {path}: {error.strerror or error}") from error
-    except (ValueError, TypeError, KeyError, EOFError, BadZipFile, MemoryError) as error:
-        raise FileError(f"{key}: {path} cannot be read: {error}") from error
+    except MemoryError as error:
+        raise FileError(f"{key}: {path}: not enough memory to read it") from error
 
 
-def _matrix_market(path: Path) -> Any:
-    from scipy.io import mmread
-
-    return mmread(path)
-
-
-def _numbers(path: Path) -> Any:
-    return np.load(path, allow_pickle=False)
-
-
-def _dense(path: Path) -> Any:
-    found = _matrix_market(path)
-    return found.toarray() if sparse.issparse(found) else found
-
-
-def _member(name: str) -> Callable[[Path], Any]:
-    def read(path: Path) -> Any:
-        with np.load(path, allow_pickle=False) as arrays:
-            return arrays[name]
-
-    return read
-
-
-_MATRICES: Mapping[str, Callable[[Path], Any]] = {".mtx": _matrix_market, ".npz": sparse.load_npz}
-_VECTORS: Mapping[str, Callable[[Path], Any]] = {
-    ".npy": _numbers,
-    ".mtx": _dense,
-    ".txt": np.loadtxt,
-    ".npz": _member("b"),
-}
-_NEAR_NULL: Mapping[str, Callable[[Path], Any]] = {**_VECTORS, ".npz": _member("near_null")}
-
-
-def _require_real(path: Path, values: Any) -> None:
-    if np.iscomplexobj(values) or not np.issubdtype(values.dtype, np.number):
-        raise FileError(f"{path} holds {values.dtype}; expected real numbers")
+def _require_finite(values: Any) -> None:
     if not np.isfinite(values).all():
-        raise FileError(f"{path} holds values that are not finite")
+        raise FileError("holds values that are not finite")
 
 
 def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> Float | None:
@@ -194,31 +171,38 @@ def _near_null(table: Mapping[str, Any], matrix: Path, n: int, folder: Path) -> 
     path = matrix
     if "near_null" in table:
         path = _file("near_null", table, folder)
-    elif matrix.suffix.lower() != ".npz" or not _has(matrix, "near_null"):
+    elif not _has(matrix, "near_null"):
         return None
-    found = np.asarray(_read("near_null", path, _NEAR_NULL))
-    _require_real(path, found)
+    with _reading("near_null", path, VECTOR_SUFFIXES):
+        found = read_vectors(path, "near_null", n)
+        _require_finite(found)
     if found.ndim not in (1, 2) or len(found) != n or not found.size:
         raise OptionError(f"near_null: {path} has the shape {found.shape}; the matrix has {n} rows")
     return frozen_float(found.reshape(n, -1))
 
 
 def _has(path: Path, name: str) -> bool:
-    with np.load(path, allow_pickle=False) as arrays:
-        return name in arrays
+    """Return whether the file of a matrix holds another array as well."""
+    with _reading("matrix", path, MATRIX_SUFFIXES):
+        return path.suffix.lower() == ".npz" and name in matrix_archive(path).members
 
 
 def _stored_offsets(matrix: Path, n: int, mesh: Mesh) -> Int | None:
     """``block_offsets`` of the file of a matrix, None if it has none."""
-    if matrix.suffix.lower() != ".npz" or not _has(matrix, "block_offsets"):
+    if not _has(matrix, "block_offsets"):
         return None
-    offsets = np.asarray(_member("block_offsets")(matrix))
-    whole = offsets.ndim == 1 and offsets.dtype.kind in "iu" and len(offsets) == mesh.n_cells + 1
-    if not whole or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets.astype(np.int64)) < 0).any():
+    with _reading("matrix", matrix, MATRIX_SUFFIXES):
+        offsets = matrix_archive(matrix).integers("block_offsets", (None,))
+    if (
+        len(offsets) != mesh.n_cells + 1
+        or offsets[0] != 0
+        or offsets[-1] != n
+        or (np.diff(offsets) < 0).any()
+    ):
         raise OptionError(
             f"matrix: block_offsets of {matrix} do not divide its {n} rows among {mesh.n_cells} cells"
         )
-    return frozen_int(offsets)
+    return offsets
 
 
 def _width(unknowns: Any, n: int, mesh: Mesh) -> int:

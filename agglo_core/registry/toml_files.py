@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from agglo_core.errors import FileError
-from agglo_core.files import check_regular
+from agglo_core.files.regular import check_regular
 
 __all__ = ["read_toml"]
 

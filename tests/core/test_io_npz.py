@@ -153,10 +153,49 @@ def meta(**changes: Any) -> bytes:
         ("meta", meta(), "corrupt"),
         ("meta", meta(fingerprint="0"), "fingerprint"),
         ("meta", meta(repairs=3), "corrupt"),
+        ("meta", meta(repairs={"merged": float("inf")}), "corrupt"),
+        ("face_cells", npy(np.full((7, 2), 255, np.uint8)), "fingerprint|corrupt|shape"),
+        (
+            "face_cells",
+            npy(np.full((7, 2), 2**64 - 1, np.uint64)),
+            "18446744073709551615, which an int64",
+        ),
+        ("face_offsets", npy(np.full(8, 2**63, np.uint64)), "holds 9223372036854775808, which an int64"),
     ],
 )
 def test_native_wrong(tmp_path: Path, name: str, content: bytes | None, match: str) -> None:
     refused(altered(tmp_path, name, content), match)
+
+
+@pytest.mark.parametrize("dtype", ["u1", ">u2", "u4", "<u8", "i1", ">i8"])
+def test_integers_of_every_width_are_read(tmp_path: Path, dtype: str) -> None:
+    mesh = tagged()
+    write(tmp_path / "m.npz", mesh)
+    stored = dict(np.load(tmp_path / "m.npz"))
+    for name in ("face_offsets", "face_vertices", "cell_tag_0", *(["face_cells"] if "i" in dtype else [])):
+        assert stored[name].max() < 127
+        if stored[name].min() >= 0 or "i" in dtype:
+            stored[name] = stored[name].astype(dtype)
+    np.savez(tmp_path / "m.npz", **stored)
+    found = read(tmp_path / "m.npz")
+    assert found.fingerprint == mesh.fingerprint
+    assert np.array_equal(found.face_cells, mesh.face_cells)
+    for name, values in mesh.cell_tags.items():
+        assert np.array_equal(found.cell_tags[name], values)
+
+
+@pytest.mark.parametrize("name", ["face_cells", "face_offsets", "face_vertices"])
+def test_wrapped_negatives_are_refused(tmp_path: Path, name: str) -> None:
+    """−1 stored as 255 or more is another number; arrays without −1 stay what they are."""
+    mesh = tagged()
+    write(tmp_path / "m.npz", mesh)
+    stored = dict(np.load(tmp_path / "m.npz"))
+    for dtype in ("u1", "u4", "u8"):
+        np.savez(tmp_path / "u.npz", **{**stored, name: stored[name].astype(dtype)})
+        if name == "face_cells":
+            refused(tmp_path / "u.npz", "fingerprint|shape|int64")
+        else:
+            assert read(tmp_path / "u.npz").fingerprint == mesh.fingerprint
 
 
 def test_indices_are_checked_behind_a_true_fingerprint(tmp_path: Path) -> None:

@@ -263,10 +263,10 @@ def test_files_that_are_no_system_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileError, match=r"a_b\.mtx: no such file"):
         read_system(tmp_path / "a.mtx")
     (tmp_path / "a.mtx").write_text("not a matrix")
-    with pytest.raises(FileError, match=r"a\.mtx cannot be read"):
+    with pytest.raises(FileError, match=r"a\.mtx: line 1: expected %%MatrixMarket .*found 'not a matrix'"):
         read_system(tmp_path / "a.mtx")
     np.savez(tmp_path / "b.npz", data=np.ones(2), indices=[0, 9], indptr=[0, 1, 2], b=np.ones(2))
-    with pytest.raises(FileError, match="arrays of A are corrupt"):
+    with pytest.raises(FileError, match=r"b\.npz: A is no csr matrix: it has the index 9, expected 0\.\.1"):
         read_system(tmp_path / "b.npz")
     write_system(tmp_path / "c.npz", System(A, b))
     whole = (tmp_path / "c.npz").read_bytes()

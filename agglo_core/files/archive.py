@@ -1,13 +1,19 @@
-"""Arrays of a zip archive in numpy's layout, read step by step: never more than the file declares."""
+"""Arrays of ``.npz`` archives and ``.npy`` files, read in bounded memory.
+
+Headers are checked against the file and against what is expected before memory is taken, and members of
+archives are inflated step by step, never beyond the declared size.
+"""
 
 from __future__ import annotations
 
+import io
 import lzma
 import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -15,14 +21,20 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["Archive"]
+__all__ = ["REAL", "WHOLE", "Archive", "read_npy"]
+
+WHOLE, REAL = "iu", "biuf"
+"""Kinds of dtype that hold integers, and real numbers."""
 
 Shape = Sequence[int | None]
 """Lengths of an array; None where any will do."""
 
+_WORDS = {WHOLE: "integers", REAL: "real numbers", "f": "floating-point numbers", "fiu": "real numbers"}
 _STEP = 1 << 20  # bytes inflated at once
+_HEADER = 10_000  # bytes of the header of an array; numpy evaluates no longer ones
 _EXPANSION = 1100  # deflate cannot exceed 1032
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of others Python inflates all at once
 _CORRUPT = (
@@ -46,6 +58,12 @@ _CORRUPT = (
 class Archive:
     """A zip archive of arrays.
 
+    Parameters
+    ----------
+    path : Path
+    most : int, optional
+        Bytes that all arrays taken from it may have together; by default deflate's limit alone holds.
+
     Attributes
     ----------
     members : dict of str to ZipInfo
@@ -57,8 +75,8 @@ class Archive:
         If it is no archive.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, most: int | None = None) -> None:
+        self._path, self._left = path, most
         try:
             with zipfile.ZipFile(path) as archive:
                 infos = archive.infolist()
@@ -68,16 +86,16 @@ class Archive:
             raise FileError("not an npz archive: its members overlap, or claim more bytes than there are")
         self.members = {info.filename.removesuffix(".npy"): info for info in infos}
 
-    def take(self, name: str, kinds: str, shape: Shape, most: int | None = None) -> NDArray[Any]:
-        """The array, once its header agrees with the archive and with what is expected.
+    def take(self, name: str, kinds: str, shape: Shape | None, most: int | None = None) -> NDArray[Any]:
+        """Return an array whose header agrees with the archive and with what is expected.
 
         Parameters
         ----------
         name : str
         kinds : str
             Kinds of dtype that are accepted, such as ``"iu"``.
-        shape : sequence of int or None
-            Its lengths, None where any will do.
+        shape : sequence of int or None, optional
+            Its lengths, None where any will do; None for any shape.
         most : int, optional
             Bytes it may have.
 
@@ -88,17 +106,31 @@ class Archive:
         """
         if name not in self.members:
             raise FileError(f"array {name!r} is missing; found {', '.join(list(self.members)[:20])}")
-        try:
-            with zipfile.ZipFile(self._path) as archive:
-                info = self._checked(name)
-                with archive.open(info) as stream:
-                    header = _header(stream, info.file_size)
-                    _check(name, header, kinds, shape, most)
-                    return _values(stream, header)
-        except FileError:
-            raise
-        except _CORRUPT as error:
-            raise FileError(f"array {name!r} is corrupt: {error}") from None
+        with _naming(name), zipfile.ZipFile(self._path) as archive:
+            info = self._checked(name)
+            with archive.open(info) as stream:
+                header = _header(stream, info.file_size)
+                _check(name, header, kinds, shape, most)
+                self._spend(name, header.size * header.dtype.itemsize)
+                return _values(stream, header)
+
+    def integers(self, name: str, shape: Shape) -> Int:
+        """Return an array of integers of any width as int64; raises FileError as :meth:`take` does."""
+        values = self.take(name, WHOLE, shape)
+        largest = int(values.max(initial=0))
+        if largest > np.iinfo(np.int64).max:
+            raise FileError(f"array {name!r} holds {largest}, which an int64 cannot")
+        return frozen_int(values.astype(np.int64, copy=False))
+
+    def _spend(self, name: str, size: int) -> None:
+        if self._left is None:
+            return
+        if size > self._left:
+            raise FileError(
+                f"array {name!r} has {size} bytes, far more than a file of {self._path.stat().st_size} bytes "
+                "is expected to hold; store it uncompressed"
+            )
+        self._left -= size
 
     def _checked(self, name: str) -> zipfile.ZipInfo:
         info, room = self.members[name], self._path.stat().st_size
@@ -107,6 +139,35 @@ class Archive:
         if info.compress_size > room or info.file_size > _EXPANSION * info.compress_size + 1024:
             raise ValueError(f"it claims {info.file_size} bytes in a file of {room}")
         return info
+
+
+def read_npy(path: Path, kinds: str) -> NDArray[Any]:
+    """Return the array of a ``.npy`` file.
+
+    Raises
+    ------
+    FileError
+        If it is corrupt, or of a dtype whose kind is not among ``kinds``.
+    """
+    with _naming(path.stem), path.open("rb") as stream:
+        header = _header(stream, path.stat().st_size)
+        _check(path.stem, header, kinds, None, None)
+        return _values(stream, header)
+
+
+@contextmanager
+def _naming(name: str) -> Iterator[None]:
+    """Turn the errors of zipfile and numpy into a FileError that names the array."""
+    try:
+        yield
+    except FileError:
+        raise
+    except _CORRUPT as error:
+        raise FileError(f"array {name!r} is corrupt: {error}") from None
+
+
+_LAYOUTS = {(1, 0): (npy.read_array_header_1_0, 2), (2, 0): (npy.read_array_header_2_0, 4)}
+"""Reader of a header by version, and the bytes that hold its length."""
 
 
 class _Header(NamedTuple):
@@ -119,13 +180,17 @@ class _Header(NamedTuple):
 def _header(stream: IO[bytes], size: int) -> _Header:
     """The header of an array, or ValueError unless it accounts for ``size`` bytes in all."""
     version = npy.read_magic(stream)
-    read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(version)
+    read, width = _LAYOUTS.get(version, (None, 0))
     if read is None:
         raise ValueError(f"npy version {version} is not supported")
-    shape, fortran, dtype = read(stream)
+    start = stream.read(width)
+    length = int.from_bytes(start, "little")
+    if length > _HEADER:
+        raise ValueError(f"its header has {length} bytes, expected at most {_HEADER}")
+    shape, fortran, dtype = read(io.BytesIO(start + stream.read(length)))
     if dtype.hasobject:
         raise ValueError("it holds Python objects")
-    count, rest = 1, size - stream.tell()
+    count, rest = 1, size - npy.MAGIC_LEN - width - length
     for length in shape:
         count *= length
     if count * dtype.itemsize != rest:
@@ -133,14 +198,17 @@ def _header(stream: IO[bytes], size: int) -> _Header:
     return _Header(shape, fortran, dtype, count)
 
 
-def _check(name: str, header: _Header, kinds: str, shape: Shape, most: int | None) -> None:
+def _check(name: str, header: _Header, kinds: str, shape: Shape | None, most: int | None) -> None:
     given = header.shape
-    if header.dtype.kind not in kinds or len(given) != len(shape):
+    if header.dtype.kind not in kinds or (shape is not None and len(given) != len(shape)):
+        dimensions = "" if shape is None else f", {len(shape)}-D"
         raise FileError(
             f"array {name!r} has dtype {header.dtype} and shape {given}, "
-            f"expected kind {' or '.join(kinds)} and {len(shape)} dimensions"
+            f"expected {_WORDS.get(kinds, f'kind {kinds}')}{dimensions}"
         )
-    if any(wanted not in (None, length) for wanted, length in zip(shape, given, strict=True)):
+    if shape is not None and any(
+        wanted not in (None, length) for wanted, length in zip(shape, given, strict=True)
+    ):
         declared = ", ".join("any" if wanted is None else str(wanted) for wanted in shape)
         raise FileError(
             f"array {name!r} has shape {given}; by the other arrays it is ({declared}): the file is corrupt"

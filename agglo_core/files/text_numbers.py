@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
 
-__all__ = ["integer_lines", "integers", "line_of", "real_lines", "reals", "words_per_line"]
+__all__ = ["integer_lines", "integers", "line_of", "number_rows", "real_lines", "reals", "words_per_line"]
 
 _FORTRAN = bytes.maketrans(b"Dd", b"Ee")  # 1.5D-3, as Fortran writes doubles
 _LINES = 1 << 16  # written at once
+_PIECE = 1 << 19  # bytes of text converted at once, so that what is needed besides the numbers is small
 _LARGEST = np.iinfo(np.int64).max
 
 
@@ -36,6 +37,56 @@ def integers(content: bytes, start: int = 0, stop: int | None = None) -> Int:
     if values.size and (values.max() == _LARGEST or values.min() == -_LARGEST - 1):  # it stops there
         raise FileError("it holds a number that an int64 cannot")
     return frozen_int(values)
+
+
+def number_rows(content: bytes, start: int, width: int, dtype: type = np.float64) -> NDArray[Any]:
+    """Read a table ``(rows, width)`` from a text: the lines from a place on, blank ones left out.
+
+    Parameters
+    ----------
+    content : bytes
+    start : int
+        Place of the first line.
+    width : int
+        Numbers of each line.
+    dtype : float64 or int64
+
+    Raises
+    ------
+    FileError
+        Naming the line of a word that is no number, or of another count of numbers.
+    """
+    parse = integers if dtype is np.int64 else reals
+    parts: list[NDArray[Any]] = [np.empty((0, width), dtype)]
+    while start < len(content):
+        stop = content.find(b"\n", start + _PIECE) + 1 or len(content)
+        values = parse(content, start, stop)
+        _check_widths(content, start, stop, width, len(values))
+        parts.append(values.reshape(-1, width))
+        start = stop
+    return np.concatenate(parts)
+
+
+def _check_widths(content: bytes, start: int, stop: int, width: int, count: int) -> None:
+    """Raise FileError unless each line has ``width`` words or none, ``count`` words in all."""
+    codes = np.frombuffer(content, np.uint8, stop - start, start)
+    word = codes > ord(" ")
+    word[1:] &= ~word[:-1]  # begins of words; the right side is a copy
+    begins, ends = np.flatnonzero(word), np.flatnonzero(codes == ord("\n"))
+    if (  # the usual case: no blank lines, and a line end after the last
+        len(begins) == count == len(ends) * width
+        and (begins[width - 1 :: width] < ends).all()
+        and (begins[width::width] > ends[:-1]).all()
+    ):
+        return
+    line = np.searchsorted(ends, begins)
+    counts = np.bincount(line, minlength=1)
+    wrong = np.flatnonzero((counts > 0) & (counts != width))
+    if len(wrong):
+        number = line_of(content, start) + int(wrong[0])
+        raise FileError(f"line {number}: expected {width} numbers, found {counts[wrong[0]]}")
+    if len(begins) != count:
+        raise FileError(f"the numbers from line {line_of(content, start)} on cannot be read")
 
 
 def words_per_line(text: bytes) -> Int:

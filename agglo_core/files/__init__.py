@@ -1,0 +1,1 @@
+"""Arrays and matrices in files: zip archives, MatrixMarket and text, read in bounded memory."""

@@ -1,0 +1,161 @@
+"""Sparse matrices and vectors in ``.npz``, ``.npy``, ``.mtx`` and text files.
+
+An ``.npz`` is that of ``scipy.sparse.save_npz``, or has at least ``data``, ``indices`` and ``indptr`` of a
+square matrix in CSR. scipy's own reader trusts its arrays and inflates them whole.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agglo_core.errors import FileError
+from agglo_core.files.archive import REAL, Archive, read_npy
+from agglo_core.files.matrix_market import EMPTY_ROWS, read_matrix_market
+from agglo_core.files.text_numbers import number_rows
+
+__all__ = [
+    "MATRIX_SUFFIXES",
+    "VECTOR_SUFFIXES",
+    "matrix_archive",
+    "read_matrix",
+    "read_vectors",
+    "stored_matrix",
+]
+
+_SPARE = 1 << 24
+"""Bytes that arrays of a small archive may have."""
+_RATIO = 64
+"""Bytes of arrays per byte of archive; 27 at most in matrices that we write, on uniform meshes."""
+_COMPRESSED: Mapping[str, Any] = {"csr": sparse.csr_array, "csc": sparse.csc_array, "bsr": sparse.bsr_array}
+_COMMENT = re.compile(rb"#[^\n]*")
+
+
+def matrix_archive(path: Path, rows: int = 0) -> Archive:
+    """Open an archive whose arrays may have a multiple of its size, and one vector of so many rows."""
+    return Archive(path, _SPARE + _RATIO * path.stat().st_size + 8 * rows)
+
+
+def read_matrix(path: Path) -> Any:
+    """Read a matrix, sparse or dense, whose indices may still be out of range.
+
+    Raises
+    ------
+    FileError
+        If arrays or entries are missing, corrupt, of the wrong type or larger than the file allows.
+    """
+    return _MATRICES[path.suffix.lower()](path)
+
+
+def read_vectors(path: Path, name: str, rows: int) -> NDArray[Any]:
+    """Read an array of real numbers, of an archive the one called ``name``, for so many rows of a matrix.
+
+    Its shape is that of the file, and only that of MatrixMarket is compared with ``rows``.
+
+    Raises
+    ------
+    FileError
+        As :func:`read_matrix`.
+    """
+    return _VECTORS[path.suffix.lower()](path, name, rows)
+
+
+def stored_matrix(arrays: Archive) -> Any:
+    """Return the sparse matrix of an archive, in the format that it is stored in.
+
+    Raises
+    ------
+    FileError
+        As :func:`read_matrix`.
+    """
+    form = _format(arrays)
+    try:
+        if form in _COMPRESSED:
+            return _compressed(arrays, form)
+        if form == "coo":
+            return _coordinates(arrays)
+        if form == "dia":
+            return _diagonals(arrays)
+    except FileError:
+        raise
+    except (ValueError, OverflowError) as error:  # scipy's, for lengths that do not go together
+        raise FileError(f"arrays of a {form} matrix do not go together: {error}") from None
+    raise FileError(f"array 'format' is {form!r}, expected csr, csc, bsr, coo or dia")
+
+
+def _format(arrays: Archive) -> str:
+    if "format" not in arrays.members:
+        return "csr"
+    text = arrays.take("format", "SU", (), 4096).item()
+    return text.decode("ascii", "backslashreplace") if isinstance(text, bytes) else str(text)
+
+
+def _shape(arrays: Archive, entries: int) -> tuple[int, int]:
+    """Shape of the matrix: with few entries it has few rows and columns."""
+    n, m = (int(each) for each in arrays.integers("shape", (2,)))
+    if not 0 <= min(n, m) <= max(n, m) <= entries + EMPTY_ROWS:
+        raise FileError(f"array 'shape' is ({n}, {m}), but there are {entries} entries")
+    return n, m
+
+
+def _compressed(arrays: Archive, form: str) -> Any:
+    indptr, indices = arrays.integers("indptr", (None,)), arrays.integers("indices", (None,))
+    data = arrays.take("data", REAL, (len(indices), *([None] * 2 if form == "bsr" else [])))
+    n = len(indptr) - 1
+    shape = _shape(arrays, data.size) if "shape" in arrays.members else (n, n)
+    if n > len(indices) + EMPTY_ROWS:
+        raise FileError(f"array 'indptr' is of {n} rows, but there are {len(indices)} entries")
+    return _COMPRESSED[form]((data, indices, indptr), shape=shape)
+
+
+def _coordinates(arrays: Archive) -> Any:
+    if "coords" in arrays.members:
+        i, j = arrays.integers("coords", (2, None))
+    else:
+        i, j = arrays.integers("row", (None,)), arrays.integers("col", (None,))
+    return sparse.coo_array((arrays.take("data", REAL, (len(i),)), (i, j)), shape=_shape(arrays, len(i)))
+
+
+def _diagonals(arrays: Archive) -> Any:
+    offsets = arrays.integers("offsets", (None,))
+    data = arrays.take("data", REAL, (len(offsets), None))
+    return sparse.dia_array((data, offsets), shape=_shape(arrays, data.size))
+
+
+def _market_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
+    found = read_matrix_market(path, rows)
+    if isinstance(found, np.ndarray):
+        return found
+    size = path.stat().st_size
+    if rows * found.shape[1] > rows + size + EMPTY_ROWS:
+        raise FileError(f"its header declares {rows} x {found.shape[1]} in a file of {size} bytes")
+    return np.asarray(found.toarray())
+
+
+def _text_vectors(path: Path, _: str, rows: int) -> NDArray[Any]:
+    """Read a table of numbers, with comments from # to the end of their lines."""
+    content = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    if b"#" in content:
+        content = _COMMENT.sub(b"", content)
+    start = len(content) - len(content.lstrip())
+    width = len(content[start : content.find(b"\n", start) + 1 or len(content)].split())
+    return number_rows(content, start, width) if width else np.empty((0, 1))
+
+
+_MATRICES: Mapping[str, Callable[[Path], Any]] = {
+    ".mtx": read_matrix_market,
+    ".npz": lambda path: stored_matrix(matrix_archive(path)),
+}
+_VECTORS: Mapping[str, Callable[[Path, str, int], NDArray[Any]]] = {
+    ".npy": lambda path, _, rows: read_npy(path, REAL),
+    ".mtx": _market_vectors,
+    ".txt": _text_vectors,
+    ".npz": lambda path, name, rows: matrix_archive(path, rows).take(name, REAL, None),
+}
+MATRIX_SUFFIXES, VECTOR_SUFFIXES = tuple(_MATRICES), tuple(_VECTORS)
