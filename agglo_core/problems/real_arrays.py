@@ -56,6 +56,8 @@ def kept_matrix(A: Any) -> Any:
         raise OptionError(f"A must be a matrix of numbers, given the shape {A.shape} of {A.dtype}")
     if A.format not in _COMPRESSED:
         A = _coordinates(A).tocsr()
+        for name in _PARTS:  # they are ours: no copy is needed
+            _read_only(getattr(A, name))
     given = [getattr(A, name) for name in _PARTS]
     rows = _COMPRESSED[A.format](_sound_parts(A), shape=A.shape)
     if A.format == "csc":

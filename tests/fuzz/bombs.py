@@ -13,6 +13,8 @@ from functools import cache
 
 import numpy as np
 from core.test_io_vtu import SQUARE, Writer
+from fuzz.matrix_corpus import matrix_files
+from fuzz.several import packed
 
 from agglo_core import samples, write
 
@@ -28,6 +30,8 @@ def bombs(suffix: str) -> list[bytes]:
     makers = {
         ".vtu": _vtu,
         ".npz": _npz,
+        ".system.npz": _system,
+        ".mtx": _market,
         ".toml": _toml,
         ".problem.toml": _toml,
         ".safetensors": _safetensors,
@@ -69,6 +73,32 @@ def _npz() -> Iterator[bytes]:
         for name in names:
             yield _swollen(content, f"{name}.npy", lie=False)
     yield _swollen(plain, "points.npy", lie=True)
+
+
+def _system() -> Iterator[bytes]:
+    """An array of a system as 400 MB of zeros."""
+    for content in matrix_files()[".system.npz"][:2]:
+        for name in ("data", "indices", "indptr", "b", "block_offsets"):
+            yield _swollen(content, f"{name}.npy", lie=False)
+    yield _swollen(content, "data.npy", lie=True)
+
+
+def _market() -> Iterator[bytes]:
+    """Headers that claim far more than the file holds."""
+    right = b"%%MatrixMarket matrix array real general\n1 1\n1.0\n"
+    for head in (
+        "coordinate real general\n900000000000 900000000000 0\n",
+        "coordinate real symmetric\n9 9 900000000000\n1 1 1\n",
+        "array real general\n3000000 3000000\n",
+        "array real symmetric\n999999999999999999 999999999999999999\n",
+        "array integer general\n0 900000000000\n",
+        "array real general\n0 1\n1.0\n",
+        "array real general\n1 1\n1 x",
+        "coordinate real general\n" + "%\n" * 1_000_000 + "1 1 1\n1 1 1\n",
+    ):
+        text = f"%%MatrixMarket matrix {head}".encode()
+        yield packed({"m.mtx": text, "m_b.mtx": right})
+        yield packed({"m.mtx": right, "m_b.mtx": text})
 
 
 def _native() -> bytes:
@@ -125,6 +155,8 @@ def _toml() -> Iterator[bytes]:
     yield b"h_factor = 1e-300"
     yield b'bisector = { name = "kmeans", iterations = 1000000000000 }'
     yield b"[a" + b".a" * 50_000 + b"]"
+    yield b"kappa = 0x" + b"f" * 10_000
+    yield b"#" * 3_000_000
     yield b'kind = "linear"\nmatrix = "/dev/zero"\nrhs = "/dev/zero"'
 
 

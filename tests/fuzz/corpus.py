@@ -18,6 +18,7 @@ from core.test_gmsh_read import data, partitioned, version_2
 from core.test_io_vtu import ELEMENTS, SQUARE, Writer, polyhedra
 from fuzz.field_corpus import field_files
 from fuzz.graph_corpus import graph_files
+from fuzz.matrix_corpus import matrix_files
 
 import agglo_gnn
 from agglo_core import Hierarchy, Mesh, agglomerate, samples, write
@@ -38,6 +39,7 @@ def valid_files() -> dict[str, list[bytes]]:
         ".safetensors": [_WEIGHTS.read_bytes()],
         **field_files(),
         **graph_files(),
+        **matrix_files(),
         ".geojson": [json.dumps(to_geojson(*each)).encode() for each in _hierarchies() if each[0].dim == 2],
     }
 

@@ -29,8 +29,9 @@ def damaged(rng: Rng, suffix: str, content: bytes) -> bytes:
     """
     if rng.random() < 1 / 30 and (found := bombs(suffix)):
         content = found[rng.integers(len(found))]
-        return content if rng.random() < 0.5 else _renumber(rng, content)
-    if suffix == ".npz" and rng.random() < 0.75:
+        change = _damaged_member if suffix in SEVERAL else _renumber
+        return content if rng.random() < 0.5 else change(rng, content)
+    if suffix.endswith(".npz") and rng.random() < 0.75:
         return (_damaged_member if rng.random() < 0.4 else _damaged_values)(rng, content)
     if suffix in SEVERAL:
         return _damaged_member(rng, content)
@@ -55,7 +56,8 @@ def _damaged_values(rng: Rng, content: bytes) -> bytes:
     """An archive with a few wrong numbers, and the fingerprint that would go with them."""
     with np.load(io.BytesIO(content)) as archive:
         arrays = {name: archive[name].copy() for name in archive}
-    values = arrays[rng.choice([name for name in arrays if name != "meta"])].reshape(-1)
+    numbers = [name for name, each in arrays.items() if each.dtype.kind in "iuf" and name != "meta"]
+    values = arrays[rng.choice(numbers)].reshape(-1)
     for place in rng.integers(0, len(values), rng.integers(1, 4)):
         near, other = values[place] + rng.integers(-1, 2), values[rng.integers(len(values))]
         values[place] = (near, other, other, -values[place])[rng.integers(4)]

@@ -2,11 +2,12 @@
 
 ``PYTHONPATH=tests python tests/fuzz/fuzz_files.py --vtu 1000 --npz 500 --msh 500 --seed 0``
 
-Mesh files, graphs, the TOML files of runs and problems, model files, GeoJSON. Each must be read, or
-refused by an AggloError that names it and is no PluginError, within 10 s and 200 MB beyond what valid files
-take. A mesh that is read goes through ``agglo run FILE -o out.vtu`` as well, and so does every 20th of the
-others (``--every``), in a process of its own: exit code 0 with the files, or 2 with none of them and no
-traceback. What fails is kept in the folder ``--keep``; ``--replay FILE`` judges one file again.
+Mesh files, graphs, linear systems, the TOML files of runs and problems, model files, GeoJSON. Each must
+be read, or refused by an AggloError that names it and is no PluginError, within 10 s and 200 MB beyond
+what valid files take. A mesh that is read goes through ``agglo run FILE -o out.vtu`` as well, and so
+does every 20th of the others (``--every``), in a process of its own: exit code 0 with the files, or 2
+with none of them and no traceback. What fails is kept in the folder ``--keep``; ``--replay FILE`` judges
+one file again.
 """
 
 # ruff: noqa: T201
@@ -49,7 +50,8 @@ from agglo_core.interchange import (
     parts_from_scotch,
 )
 from agglo_core.io import read_hierarchy
-from agglo_core.problems import read_problem
+from agglo_core.io.system_files import read_system
+from agglo_core.problems import Linear, System, read_problem
 from agglo_gnn.fast import FastGNN
 
 SECONDS = 10  # of processor time
@@ -72,7 +74,8 @@ FIELD = (
 FIELD = (*FIELD, ".vtkhdf") if importlib.util.find_spec("h5py") else FIELD
 MESHES = (".vtu", ".npz", ".msh", *FIELD)
 GRAPHS = (".graph", ".xyz", ".part.4", ".grf", ".map")
-SUFFIXES = (*MESHES, *GRAPHS, ".toml", ".problem.toml", ".safetensors", ".geojson")
+SYSTEMS = (".mtx", ".system.npz", ".linear.toml")
+SUFFIXES = (*MESHES, *GRAPHS, *SYSTEMS, ".toml", ".problem.toml", ".safetensors", ".geojson")
 
 
 class Verdict(NamedTuple):
@@ -139,6 +142,12 @@ def _read(file: Path, suffix: str) -> None:
         Pipeline.from_toml(file).run(_mesh())
     elif suffix == ".problem.toml":
         read_problem(file, _mesh())
+    elif suffix == ".linear.toml":
+        problem = read_problem(file, samples.squares(4))
+        if isinstance(problem, Linear):
+            System(problem.A, problem.b, near_null=problem.near_null)
+    elif suffix in SYSTEMS:
+        read_system(file)
     elif suffix == ".graph":
         graph_from_metis(file, PLACES)
     elif suffix == ".xyz":

@@ -1,4 +1,4 @@
-"""Formats of several files: in the corpus each mesh is an archive of them, which is laid out to be read."""
+"""Formats of several files: in the corpus each mesh or system is an archive of them, laid out to be read."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 __all__ = ["SEVERAL", "lay_out", "packed"]
 
-SEVERAL = (".foam", ".ele", ".pvtu")
+SEVERAL = (".foam", ".ele", ".pvtu", ".mtx", ".linear.toml")
 
 
 def packed(files: Mapping[str, bytes]) -> bytes:
@@ -24,9 +24,11 @@ def packed(files: Mapping[str, bytes]) -> bytes:
 
 def lay_out(file: Path, content: bytes) -> None:
     """Write a mesh of the corpus as ``file``, the files it consists of beside it."""
-    if file.suffix not in SEVERAL:
+    if file.name[file.name.index(".") :] not in SEVERAL:
         file.write_bytes(content)
         return
+    for left in file.parent.glob(f"{file.stem}_*.mtx"):  # of another system
+        left.unlink()
     shutil.rmtree(file.parent / "constant", ignore_errors=True)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         archive.extractall(file.parent)
