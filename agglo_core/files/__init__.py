@@ -1,1 +1,1 @@
-"""Arrays and matrices in files: zip archives, MatrixMarket and text, read in bounded memory."""
+"""Files in bounded memory: zip archives, MatrixMarket and text with arrays and matrices, regular files only."""

@@ -97,5 +97,5 @@ def test_faults_of_pairs_are_named(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="cells 0 and 1 are duplicates"):
         read(file)
     file.with_suffix(".node").unlink()
-    with pytest.raises(FileError, match=r"there is no m\.node beside it"):
+    with pytest.raises(FileError, match=r"m\.node beside it: no such file"):
         read(file)
