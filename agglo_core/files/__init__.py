@@ -1,1 +1,1 @@
-"""Files in bounded memory: zip archives, MatrixMarket and text with arrays and matrices, regular files only."""
+"""Files read in bounded memory: regular files, archives of arrays, MatrixMarket, numbers in text."""
