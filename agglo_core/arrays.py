@@ -6,28 +6,43 @@ an output always fresh.
 
 from __future__ import annotations
 
-from typing import Any
+import sys
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agglo_core.errors import AggloError, MeshError
+
 __all__ = [
     "Bytes",
+    "FieldState",
     "Float",
     "Index",
     "Int",
     "Mask",
     "UInt64",
+    "exact_cast",
     "first_of_each",
     "fits_in_index",
     "frozen",
     "frozen_float",
     "frozen_index",
     "frozen_int",
+    "index_cast",
+    "is_masked_array",
     "label_order",
     "narrow",
+    "owned",
+    "plain_array",
     "splitmix",
+    "trusted",
+    "trusted_copy",
 ]
+
+T = TypeVar("T")
 
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -39,8 +54,93 @@ Mask = NDArray[np.bool_]
 _MIX = tuple(np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 
 
+def is_masked_array(values: Any) -> bool:
+    """Whether ``values`` is an array of :mod:`numpy.ma`, which is not imported for this."""
+    return isinstance(values, _masked_type())
+
+
+def _masked_type() -> tuple[type, ...]:
+    masked = sys.modules.get("numpy.ma")  # loaded by whoever made such an array
+    return () if masked is None else (masked.MaskedArray,)
+
+
+def plain_array(values: Any, name: str = "array", error: type[AggloError] = MeshError) -> NDArray[Any]:
+    """Array of ``values`` in the dtype that they have; subclasses of arrays become plain arrays.
+
+    Raises
+    ------
+    AggloError
+        Of the class ``error``, with the ``name`` of the argument: for masked entries, which a plain array
+        would show with the values behind the mask, and for lists that form no array.
+    """
+    rows = values if isinstance(values, list | tuple) else (values,)
+    types = {each for each in set(map(type, rows)) if issubclass(each, _masked_type())}  # lists may be long
+    if types and any(isinstance(row, tuple(types)) and np.any(row.mask) for row in rows):
+        raise error(f"{name} has masked entries: fill them, or leave them out")
+    try:
+        return np.asarray(values)
+    except ValueError as reason:
+        raise error(f"{name} must be an array of numbers: {reason}") from None
+
+
+def exact_cast(
+    array: NDArray[Any], dtype: Any, name: str = "array", error: type[AggloError] = MeshError
+) -> NDArray[Any]:
+    """Array in ``dtype``; only floats may be rounded, every other value stays as it is.
+
+    Raises
+    ------
+    AggloError
+        Of the class ``error``, with the ``name`` of the argument: for numbers that ``dtype`` cannot hold,
+        and for text, dates and complex numbers in place of numbers.
+    """
+    dtype = np.dtype(dtype)
+    source, target = array.dtype.kind, dtype.kind
+    if array.dtype == dtype or not array.size:
+        return array.astype(dtype, copy=False)
+    if source in "biuf" and (target == "f" or np.can_cast(array.dtype, dtype)):
+        return array.astype(dtype)
+    what = "numbers" if target == "f" else f"whole numbers that fit in {dtype}"
+    other = [value for value in array.flat if isinstance(value, str | bytes | None)] if source == "O" else []
+    if source not in "biufO" or other:
+        raise error(f"{name} must be {what}, given {repr(other[0]) if other else array.dtype}")
+    if source in "iu" and target in "iu":
+        limits = np.iinfo(dtype)
+        if limits.min <= array.min() and array.max() <= limits.max:
+            return array.astype(dtype)
+        wrong = (array < limits.min) | (array > limits.max)
+    else:
+        try:
+            with np.errstate(invalid="ignore", over="ignore"):
+                cast = array.astype(dtype)
+        except (TypeError, ValueError, OverflowError) as reason:
+            raise error(f"{name} must be {what}: {reason}") from None
+        if target == "f":
+            return cast
+        wrong = cast != array
+        if source == "f":  # 2^63 may become the largest int64, which is compared as 2^63
+            wrong |= np.abs(array) > 2.0**62
+        if not wrong.any():
+            return cast
+    place = np.argwhere(wrong)[0].tolist()
+    raise error(f"{name} must be {what}, given {array[tuple(place)]} at {place}")
+
+
+def owned(array: NDArray[Any]) -> NDArray[Any]:
+    """Read-only array that no one else can write to: ``array`` itself, or a copy."""
+    base: Any = array
+    while isinstance(base, np.ndarray) and not base.flags.writeable:
+        base = base.base
+    return array if base is None or isinstance(base, bytes) else frozen(array.copy(), array.dtype)
+
+
 def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     """Read-only C-contiguous view of ``values`` in ``dtype`` (a copy only if one is needed).
+
+    Raises
+    ------
+    MeshError
+        For masked entries, and values that ``dtype`` cannot hold; floats may be rounded.
 
     Examples
     --------
@@ -52,9 +152,8 @@ def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     if type(values) is np.ndarray and values.dtype == dtype:  # most are, and frozen already
         array = values if values.flags.c_contiguous else np.ascontiguousarray(values)
     else:
-        array = np.ascontiguousarray(values, dtype=dtype)
-        if np.ndim(values) == 0:
-            array = array.reshape(())
+        array = exact_cast(plain_array(values), dtype)
+        array = array if array.flags.c_contiguous else np.ascontiguousarray(array)
     if array.flags.writeable:
         array = array.view()
         array.flags.writeable = False
@@ -74,7 +173,7 @@ def frozen_float(values: ArrayLike) -> Float:
 
 
 def frozen_int(values: ArrayLike) -> Int:
-    """Read-only int64 array (labels, offsets).
+    """Read-only int64 array (labels, offsets); errors as :func:`frozen`, so fractions are refused.
 
     Examples
     --------
@@ -87,7 +186,7 @@ def frozen_int(values: ArrayLike) -> Int:
 
 
 def frozen_index(values: ArrayLike) -> Index:
-    """Read-only int32 array (CSR indices).
+    """Read-only int32 array (CSR indices); errors as :func:`frozen`, so larger numbers are refused.
 
     Examples
     --------
@@ -98,6 +197,58 @@ def frozen_index(values: ArrayLike) -> Index:
     return frozen(values, np.int32)
 
 
+def trusted(kind: type[T], /, *values: Any, **named: Any) -> T:
+    """Object of a frozen dataclass from the arguments of its constructor, without the checks of that.
+
+    Arrays become read-only, and are neither copied nor cast: for arrays that fit together and that nobody
+    else writes to.
+    """
+    declared = fields(kind)  # type: ignore[arg-type]  # all of these classes are dataclasses
+    known = dict(zip((field.name for field in declared), values, strict=False), **named)
+    for field in declared:
+        if field.default_factory is not MISSING:
+            known.setdefault(field.name, field.default_factory())
+        elif field.default is not MISSING:
+            known.setdefault(field.name, field.default)
+    made = object.__new__(kind)
+    made.__dict__.update({field.name: _read_only(known.pop(field.name)) for field in declared})
+    if known:
+        raise TypeError(f"{kind.__name__} has no field {', '.join(known)}")
+    return made
+
+
+def trusted_copy(original: T, /, **changes: Any) -> T:
+    """Copy with some fields replaced, made as by :func:`trusted`."""
+    names = [field.name for field in fields(original)]  # type: ignore[arg-type]
+    return trusted(type(original), **({name: getattr(original, name) for name in names} | changes))
+
+
+def _read_only(value: Any) -> Any:
+    """An array, or the arrays of a mapping, as read-only views."""
+    if isinstance(value, np.ndarray):
+        return frozen(value, value.dtype)
+    if isinstance(value, Mapping):
+        return {key: _read_only(each) for key, each in value.items()}
+    return value
+
+
+class FieldState:
+    """Base of frozen dataclasses that are pickled as their fields alone.
+
+    Cached properties are left out, so that equal objects have equal pickles whatever was computed from them.
+    """
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        for value in state.values():  # unpickled arrays are writable, and must stay the same objects
+            for array in value.values() if isinstance(value, dict) else [value]:
+                if isinstance(array, np.ndarray):
+                    array.flags.writeable = False
+        self.__dict__.update(state)
+
+
 def label_order(labels: Int) -> Int:
     """Stable order ``(n,)`` of labels from 0 on, by 16 bits at a time: several times faster than argsort."""
     order = np.argsort((labels & 0xFFFF).astype(np.uint16), kind="stable")
@@ -105,6 +256,11 @@ def label_order(labels: Int) -> Int:
         digits = (labels >> shift & 0xFFFF).astype(np.uint16)
         order = order[np.argsort(digits[order], kind="stable")]
     return frozen_int(order)
+
+
+def index_cast(values: NDArray[Any], most: int) -> NDArray[Any]:
+    """Copy of indices of a sparse matrix, in int32 if ``most``, the largest of all, fits (scipy's rule)."""
+    return values.astype(np.int32 if most <= np.iinfo(np.int32).max else np.int64)
 
 
 def narrow(values: NDArray[Any]) -> NDArray[Any]:

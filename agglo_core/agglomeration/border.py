@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int, Mask, UInt64, frozen_int
+from agglo_core.arrays import Int, Mask, UInt64, frozen_int, plain_array
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.graph.connection import parts_connected
@@ -65,7 +65,7 @@ def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
             returned = member.tool.bisect_level(level, seeds)
-            given = np.asarray(returned)
+            given = plain_array(returned, f"{member.title}: bisect_level", PluginError)
         else:
             given = returned = bisect_by_block(member.tool, level, seeds)
     if given.shape != (level.n,):
@@ -87,7 +87,7 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
     for b in range(level.n_blocks):
         piece = level[b]
         returned = bisector.bisect(piece, np.random.default_rng(int(seeds[b])))
-        given = np.asarray(returned)
+        given = plain_array(returned, "bisect", PluginError)
         if given.shape != (piece.n,):
             what = _in_words(returned, given)
             raise PluginError(f"bisect returned {what}, expected ({piece.n},): a side for each cell")
@@ -209,7 +209,7 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
     with attributed(f"{member.title}: {method}"):
-        labels = np.asarray(given)
+        labels = plain_array(given, f"{member.title}: {method}", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
         raise PluginError(
             f"{member.title}: {method} returned {_in_words(given, labels)}, expected ({n},) integers"

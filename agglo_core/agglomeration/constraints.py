@@ -14,7 +14,7 @@ import numpy as np
 
 from agglo_core.agglomeration.goals import CountGoal, Goal
 from agglo_core.agglomeration.quotas import TooFewPartsError
-from agglo_core.arrays import Mask
+from agglo_core.arrays import Mask, plain_array
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.registry.attribution import Member, attributed
@@ -86,7 +86,7 @@ def naming(constraints: Sequence[Member]) -> Iterator[None]:
 def forbidden_by(member: Member, graph: Graph) -> Mask:
     """Forbidden CSR entries ``(m,)``, both directions of each edge."""
     with attributed(member.title):
-        given = np.asarray(member.tool.forbidden(graph))
+        given = plain_array(member.tool.forbidden(graph), f"{member.title}: forbidden", PluginError)
     shape = graph.indices.shape
     if given.shape != shape or given.dtype != bool:
         raise PluginError(

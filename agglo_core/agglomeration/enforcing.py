@@ -14,7 +14,7 @@ import numpy as np
 from agglo_core.agglomeration.goals import CountGoal, Goal
 from agglo_core.agglomeration.run import Run
 from agglo_core.agglomeration.unions import merged_pairs
-from agglo_core.arrays import Int, Mask, frozen_int, label_order
+from agglo_core.arrays import Int, Mask, frozen_int, label_order, plain_array
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.progress import phase
@@ -217,7 +217,9 @@ class _Level:
         for member in self.rules.members if by_rule else ():
             if callable(getattr(member.tool, "halves", None)):
                 with attributed(member.title):
-                    own = np.asarray(member.tool.halves(self.graph, labels, self.rules.through))
+                    own = plain_array(
+                        member.tool.halves(self.graph, labels, self.rules.through), "halves", PluginError
+                    )
                 sides = np.where(rest[labels], own, sides)
                 rest &= ~_in_two(labels, sides, len(chosen))
         sides = sides * chosen[labels]
@@ -240,7 +242,9 @@ def _in_two(labels: Int, sides: Int, k: int) -> Mask:
 
 def _answer(member: Member, method: str, graph: Graph, labels: Int, count: int) -> Mask:
     with attributed(member.title):
-        given = np.asarray(getattr(member.tool, method)(graph, labels))
+        given = plain_array(
+            getattr(member.tool, method)(graph, labels), f"{member.title}: {method}", PluginError
+        )
     if given.shape != (count,) or given.dtype != bool:
         raise PluginError(
             f"{member.title}: {method} returned shape {given.shape} of {given.dtype}, "

@@ -12,7 +12,7 @@ from agglo_core.agglomeration.kway import kway_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
 from agglo_core.agglomeration.run import Run
-from agglo_core.arrays import Int, frozen_index, frozen_int
+from agglo_core.arrays import Int, frozen_index, frozen_int, trusted_copy
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.progress import phase
@@ -51,7 +51,7 @@ def _with_points_as_met(graph: Graph) -> Graph:
     from agglo_core.kernels.graphs import numbered_as_met
 
     vertices, points = numbered_as_met(graph.vertices, len(graph.points))
-    made = replace(graph, vertices=vertices, points=graph.points.take(points, axis=0))
+    made = trusted_copy(graph, vertices=frozen_index(vertices), points=graph.points.take(points, axis=0))
     return made if graph.mass is graph.measures else made.with_mass(graph.mass)
 
 

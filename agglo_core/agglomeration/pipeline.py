@@ -23,7 +23,7 @@ from agglo_core.agglomeration.rules import Rules, imbalance
 from agglo_core.agglomeration.run import Run
 from agglo_core.agglomeration.run_file import RunFile
 from agglo_core.agglomeration.stretching import in_metric
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen_int, trusted
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy
@@ -142,7 +142,6 @@ class Pipeline(Rules):
     def _hierarchy(self, mesh: Mesh | Graph, registry: Registry, listen: Listener | None) -> Hierarchy:
         with phase(listen, "building the graph"):
             graph = mesh.graph if isinstance(mesh, Mesh) else mesh
-            graph.ensure_valid()
         members = self.members(mesh, graph, registry)
         there = graph if self.metric is None else in_metric(mesh, graph, self.metric)
         allowed = constrained(graph, members, there)
@@ -159,10 +158,11 @@ class Pipeline(Rules):
         if counts:
             mass = None if self.weights is None and self.balance in (None, "cells") else self.mass(graph)
             told["imbalance"] = [imbalance(mass, labels) for labels in levels]
-        return Hierarchy(
+        return trusted(
+            Hierarchy,
             mesh if isinstance(mesh, Mesh) else None,
             graph,
-            levels,
+            tuple(levels),
             [goal.record(int(labels.max()) + 1) for goal, labels in zip(goals, levels, strict=True)],
             self.nested or len(levels) == 1,
             run.statistics.told() | told,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.agglomeration.choices import Choice, chosen
-from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.arrays import Float, Int, frozen_float, plain_array
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
@@ -192,7 +192,7 @@ def _regions(given: Names | ArrayLike) -> Any:
     make = _component("regions:Regions")
     if isinstance(given, str) or (isinstance(given, Sequence) and all(isinstance(e, str) for e in given)):
         return make(given if isinstance(given, str) else tuple(given))
-    values = np.asarray(given)
+    values = plain_array(given, "regions", OptionError)
     if values.dtype.kind not in "iubU":
         raise OptionError(f"regions must be names of cell tags, integers or booleans, not {values.dtype}")
     return make(values=values)

@@ -6,14 +6,12 @@ long where the metric makes lengths short.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.arrays import Float, Int, frozen_float, plain_array, trusted_copy
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
@@ -45,7 +43,7 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
     size = np.broadcast_to(np.linalg.det(roots), graph.n)
     interface, boundary = _interfaces(mesh, graph, roots)
     measures = frozen_float(size * graph.measures)
-    return replace(
+    return trusted_copy(
         graph,
         centroids=centroids,
         points=points,
@@ -59,7 +57,7 @@ def in_metric(mesh: Mesh | Graph, graph: Graph, metric: ArrayLike) -> Graph:
 
 def _roots(metric: ArrayLike, graph: Graph) -> Float:
     """Symmetric square roots, ``(d, d)`` or ``(n, d, d)``."""
-    tensors = np.asarray(metric)
+    tensors = plain_array(metric, "metric", OptionError)
     d = graph.dim
     if tensors.shape not in ((d, d), (graph.n, d, d)) or tensors.dtype.kind not in "iuf":
         raise OptionError(

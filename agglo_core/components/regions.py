@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int, Mask
+from agglo_core.arrays import Int, Mask, owned, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.mesh.marks import in_group
@@ -37,7 +37,7 @@ class Regions:
 
     def __init__(self, tags: str | tuple[str, ...] = "region", values: Int | Mask | None = None) -> None:
         self.tags = (tags,) if isinstance(tags, str) else tuple(tags)
-        self.values = None if values is None else np.asarray(values)
+        self.values = None if values is None else owned(plain_array(values, "regions", OptionError))
 
     def forbidden(self, graph: Graph) -> Mask:
         """Entries of the graph ``(m,)`` that join cells of different regions."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.arrays import Float, Int, frozen_int, trusted_copy
 from agglo_core.mesh import Mesh
 
 __all__ = ["MOTIONS", "Change", "mirrored", "moved", "renumbered", "turned_over"]
@@ -62,7 +62,7 @@ MOTIONS: Mapping[str, Change] = {
 
 def moved(mesh: Mesh, change: Change) -> Mesh:
     """The mesh in another place, position or size; cells and points keep their numbers and tags."""
-    there = replace(mesh, points=change.points(mesh))
+    there = trusted_copy(mesh, points=change.points(mesh))  # inside out until it is mirrored
     return mirrored(there) if change.mirror else there
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.arrays import Int, frozen, frozen_int
+from agglo_core.arrays import Int, frozen, frozen_int, plain_array
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.whole_cells import distinct
 from agglo_core.errors import MeshError
@@ -113,7 +113,7 @@ class CellValues:
         """
         here, n = self.ranks.rank, len(self.own)
         with self.ranks.together():
-            array = np.asarray(values)
+            array = plain_array(values, f"rank {here}: values")
             if array.ndim == 0 or len(array) != n:
                 raise MeshError(f"rank {here} has {n} own cells, but the values have shape {array.shape}")
         kinds = self.ranks.gathered((array.shape[1:], array.dtype) if n else None)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_index, frozen_int, trusted, trusted_copy
 from agglo_core.graph import Graph
 from agglo_core.registry.attribution import Member
 
@@ -111,7 +111,7 @@ class Domain:
         if not len(self.links.node):
             return self.graph
         beyond = np.bincount(self.links.node, self.links.interface, self.n)
-        made = replace(self.graph, boundary=self.graph.boundary + beyond)
+        made = trusted_copy(self.graph, boundary=self.graph.boundary + beyond)
         return made if self.graph.mass is self.graph.measures else made.with_mass(self.graph.mass)
 
     def coarsened(self, labels: Int, first: int, to: Int) -> Domain:
@@ -134,7 +134,8 @@ class Domain:
         from agglo_core.kernels.graphs import numbered_as_met
 
         vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
-        own = replace(self.graph, vertices=vertices, points=self.graph.points.take(points, axis=0))
+        points = self.graph.points.take(points, axis=0)
+        own = trusted_copy(self.graph, vertices=frozen_index(vertices), points=points)
         if self.graph.mass is not self.graph.measures:
             own = own.with_mass(self.graph.mass)
         return replace(self, graph=own)
@@ -200,16 +201,17 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
 
     closed = np.bincount(ends[~open_, 0], inside.interface[~open_], n)
     names = set.intersection(*(set(g.data) for g in graphs))
-    made = Graph(
-        indptr=np.concatenate(([0], np.cumsum(np.bincount(row, minlength=n)))),
-        indices=column[by_row],
+    made = trusted(
+        Graph,
+        indptr=frozen_int(np.concatenate(([0], np.cumsum(np.bincount(row, minlength=n))))),
+        indices=frozen_index(column[by_row]),
         interface=interface[by_row],
         centroids=collected("centroids"),
         measures=collected("measures"),
         boundary=collected("boundary") + closed,
         weights=collected("weights"),
-        vertex_offsets=vertex_offsets,
-        vertices=vertices,
+        vertex_offsets=frozen_int(vertex_offsets),
+        vertices=frozen_index(vertices),
         points=np.concatenate([g.points for g in graphs]),
         offsets=frozen_int([0, n]),
         data={name: np.concatenate([g.data[name] for g in graphs])[order] for name in sorted(names)},

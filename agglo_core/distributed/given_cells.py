@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.shared_points import check_ids, numbered_by_place
 from agglo_core.errors import MeshError
@@ -67,7 +67,8 @@ class _Lists(NamedTuple):
     def mesh(self, tags: Mapping[str, Int], name: str, *, weak: bool) -> Mesh:
         """The cells as a mesh that knows nothing of other ranks."""
         if not self.n_cells:
-            return Mesh(self.points, frozen_int([0]), frozen_int([]), np.empty((0, 2), np.int64), tags)
+            nothing = frozen_int([0]), frozen_int([]), np.empty((0, 2), np.int64)
+            return trusted(Mesh, self.points, *nothing, tags)
         build: Callable[..., Mesh] = (
             Mesh.from_polyhedra if self.dim == 3 else partial(Mesh.from_polygons, weak=weak)
         )

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int, trusted
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.whole_cells import WholeCells, distinct, parcels, places, taken
 from agglo_core.mesh import Mesh
@@ -101,11 +101,12 @@ def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
     sides = places(whole.face_cells, whole.cells)
     hidden: Mask = np.asarray(((sides < 0) & (whole.face_cells >= 0)).any(axis=1))
     turned = sides[:, 0] < 0
-    mesh = Mesh(
+    mesh = trusted(
+        Mesh,
         whole.coordinates,
         whole.face_offsets,
         _turned(whole.face_offsets, whole.face_vertices, turned),
-        np.where(turned[:, None], sides[:, ::-1], sides),
+        frozen_int(np.where(turned[:, None], sides[:, ::-1], sides)),
         cell_tags=whole.cell_tags,
         face_tags={key: np.where(hidden, 0, values) for key, values in whole.face_tags.items()},
         name=name,

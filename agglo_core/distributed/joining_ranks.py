@@ -6,11 +6,9 @@ of a face come to the same: a vertex that hangs there is a point that one of the
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.arrays import Int, Mask, frozen_int, trusted_copy
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.halo import common_origin, local_mesh
 from agglo_core.distributed.touching_ranks import cells_near
@@ -53,7 +51,7 @@ def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
         is_own = whole.owners == ranks.rank
         shut = hidden | _not_ours(mesh, hidden, is_own)
         try:
-            together = _shut(replace(mesh, cell_tags={}), shut).conforming(merge_points=True)
+            together = _shut(trusted_copy(mesh, cell_tags={}), shut).conforming(merge_points=True)
         except MeshError as error:
             raise MeshError(
                 f"{error} (cells are counted on this rank, with those of others beside)"
@@ -65,7 +63,7 @@ def _shut(mesh: Mesh, faces: Mask) -> Mesh:
     """With one more cell behind these outer faces, so that they are outer no more."""
     sides = mesh.face_cells.copy()
     sides[faces, 1] = mesh.n_cells
-    return replace(mesh, face_cells=frozen_int(sides))
+    return trusted_copy(mesh, face_cells=frozen_int(sides))
 
 
 def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:

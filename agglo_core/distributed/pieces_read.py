@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen_int, trusted_copy
 from agglo_core.distributed.communication import Ranks
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.halo import own_cells, part_of_whole
@@ -179,5 +179,5 @@ def _with_usual(mesh: DistributedMesh, usual: Mapping[str, int]) -> DistributedM
         name: frozen_int(np.where(mesh.hidden, 0, values + usual[name]))
         for name, values in local.face_tags.items()
     }
-    changed = part_of_whole(replace(local, face_tags=tags), local.origin, mesh.hidden)
+    changed = part_of_whole(trusted_copy(local, face_tags=tags), local.origin, mesh.hidden)
     return replace(mesh, local=changed)

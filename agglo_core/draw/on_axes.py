@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from agglo_core.arrays import exact_cast, is_masked_array, plain_array
 from agglo_core.draw.convergence import Curves, frame_curves, one_curve
 from agglo_core.draw.painting import Paint, by_number, by_tag, explain
 from agglo_core.draw.plane_panels import fine_edges
@@ -141,11 +142,13 @@ def new_axes() -> Any:
 
 
 def _one_for_each(values: ArrayLike, count: int, what: str) -> Any:
-    """Values as numbers ``(count,)``; OptionError for any others."""
-    try:
-        found = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"values must be a name or numbers, one for each {what}: {error}") from error
+    """Values as numbers ``(count,)``, NaN where they are masked; OptionError for any others."""
+    if is_masked_array(values):
+        values = np.ma.filled(
+            np.ma.asarray(values, dtype=np.float64), np.nan
+        )  # grey, as all that is no number
+    name = f"values (a name or numbers, one for each {what})"
+    found = exact_cast(plain_array(values, name, OptionError), np.float64, name, OptionError)
     if found.shape != (count,):
         raise OptionError(f"values must have shape ({count},), one for each {what}, not {found.shape}")
     return found

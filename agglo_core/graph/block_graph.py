@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
@@ -11,15 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from agglo_core.arrays import (
+    FieldState,
     Float,
     Index,
     Int,
     Mask,
+    exact_cast,
     frozen,
     frozen_float,
     frozen_index,
     frozen_int,
     label_order,
+    owned,
+    plain_array,
+    trusted_copy,
 )
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import all_connected
@@ -31,11 +36,9 @@ __all__ = ["BlockGraph"]
 _LATER = ("boundary", "vertex_offsets", "vertices")
 """What a subgraph takes from the graph it is part of only when asked: few bisectors want it."""
 
-_FLOATS = ("interface", "centroids", "measures", "boundary", "weights", "points", "origin")
-
 
 @dataclass(frozen=True, eq=False)
-class BlockGraph:
+class BlockGraph(FieldState):
     """Arrays of a :class:`~agglo_core.graph.Graph`, which documents them, and operations on its blocks."""
 
     indptr: Int
@@ -52,16 +55,6 @@ class BlockGraph:
     data: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     origin: Float = field(default_factory=lambda: np.zeros(2))
 
-    def __post_init__(self) -> None:
-        for key in _FLOATS:
-            object.__setattr__(self, key, frozen_float(getattr(self, key)))
-        for key in ("indptr", "vertex_offsets", "offsets"):
-            object.__setattr__(self, key, frozen_int(getattr(self, key)))
-        for key in ("indices", "vertices"):
-            object.__setattr__(self, key, frozen_index(getattr(self, key)))
-        data = {key: frozen(values, np.asarray(values).dtype) for key, values in self.data.items()}
-        object.__setattr__(self, "data", data)
-
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
@@ -77,8 +70,8 @@ class BlockGraph:
 
     def __getstate__(self) -> dict[str, Any]:
         """All arrays, and nothing of the graph that this is a part of."""
-        arrays = {name: getattr(self, name) for name in _LATER}
-        return {key: value for key, value in self.__dict__.items() if key != "_whole"} | arrays
+        mass = {"_mass": self.__dict__["_mass"]} if "_mass" in self.__dict__ else {}
+        return super().__getstate__() | mass
 
     @property
     def n(self) -> int:
@@ -96,11 +89,10 @@ class BlockGraph:
 
     def with_mass(self, mass: ArrayLike) -> Self:
         """The graph with another :attr:`mass`; subgraphs and quotients have theirs of it."""
-        given = np.asarray(mass, dtype=np.float64)
-        given = given.copy() if given.flags.writeable else given
+        given = owned(exact_cast(plain_array(mass, "mass"), np.float64, "mass"))
         if given.shape != (self.n,) or not 0.0 <= given.min(initial=0.0) <= given.max(initial=0.0) < np.inf:
             raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
-        made = replace(self)
+        made = trusted_copy(self)
         made.__dict__["_mass"] = frozen_float(given)
         return made
 
@@ -139,7 +131,7 @@ class BlockGraph:
         nodes = slice(i, j)
         edges = slice(int(self.indptr[i]), int(self.indptr[j]))
         corners = slice(int(self.vertex_offsets[i]), int(self.vertex_offsets[j]))
-        made = replace(
+        made = trusted_copy(
             self,
             indptr=self.indptr[i : j + 1] - self.indptr[i],
             indices=self.indices[edges] - np.int32(i),
@@ -201,7 +193,7 @@ class BlockGraph:
 
     def take(self, blocks: ArrayLike) -> Self:
         """The chosen blocks, in that order."""
-        chosen = np.asarray(blocks, dtype=np.int64)
+        chosen = frozen_int(blocks)
         sizes = self.sizes[chosen]
         offsets = np.concatenate(([0], np.cumsum(sizes)))
         nodes = np.arange(offsets[-1]) + np.repeat(self.offsets[chosen] - offsets[:-1], sizes)
@@ -212,7 +204,7 @@ class BlockGraph:
 
         Their interfaces become boundary of the cells on both sides, so that perimeters do not change.
         """
-        gone = np.asarray(removed)
+        gone = plain_array(removed, "removed")
         if gone.shape != self.indices.shape or gone.dtype != bool:
             raise MeshError(
                 f"removed must be a mask of shape {self.indices.shape}, not {gone.shape} of {gone.dtype}"
@@ -222,7 +214,7 @@ class BlockGraph:
         out = np.flatnonzero(gone)
         rows = np.searchsorted(self.indptr, out, side="right") - 1
         kept, stay = self.indptr - np.searchsorted(out, self.indptr), ~gone
-        made = replace(
+        made = trusted_copy(
             self,
             indptr=kept,
             indices=self.indices[stay],

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from agglo_core.arrays import frozen_index, frozen_int
+from agglo_core.arrays import (
+    Float,
+    Index,
+    frozen,
+    frozen_index,
+    frozen_int,
+    index_cast,
+    owned,
+    plain_array,
+    trusted,
+    trusted_copy,
+)
 from agglo_core.errors import MeshError
 from agglo_core.graph.block_graph import BlockGraph
 from agglo_core.graph.quotient import quotient
@@ -19,6 +30,13 @@ from agglo_core.mesh import Mesh, check_labels
 from agglo_core.mesh.elsewhere import made_by
 
 __all__ = ["Graph", "dual_graph"]
+
+_DTYPES = {
+    **dict.fromkeys(("indptr", "vertex_offsets", "offsets"), np.int64),
+    **dict.fromkeys(("indices", "vertices"), np.int32),
+    **dict.fromkeys(("interface", "centroids", "measures", "boundary", "weights"), np.float64),
+    **dict.fromkeys(("points", "origin"), np.float64),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +65,12 @@ class Graph(BlockGraph):
     origin : (d,) float
         What was subtracted from user coordinates.
 
+    Raises
+    ------
+    MeshError
+        From the constructor, as :meth:`from_arrays`; also for an edge between blocks. Arrays are copied
+        unless nobody can write to them.
+
     Examples
     --------
     >>> graph = agglo.samples.squares(2).graph
@@ -60,23 +84,22 @@ class Graph(BlockGraph):
     def from_mesh(cls, mesh: Mesh) -> Graph:
         """Dual graph of ``mesh``; cell tags become ``data``."""
         beside, (vertex_offsets, vertices) = mesh.cell_neighbours, mesh.cell_vertices
-        graph = cls(
+        return trusted(
+            cls,
             indptr=beside.indptr,
-            indices=beside.indices,
+            indices=frozen_index(beside.indices),
             interface=beside.interface,
             centroids=mesh.local_centroids,
             measures=mesh.cell_measures,
             boundary=beside.boundary,
             weights=mesh.cell_measures,
             vertex_offsets=vertex_offsets,
-            vertices=vertices,
+            vertices=frozen_index(vertices),
             points=mesh.local_points,
             offsets=frozen_int([0, mesh.n_cells]),
             data=mesh.cell_tags,
             origin=mesh.origin,
         )
-        graph.__dict__["_valid"] = True
-        return graph
 
     @classmethod
     def from_arrays(
@@ -99,44 +122,48 @@ class Graph(BlockGraph):
         Raises
         ------
         MeshError
-            If shapes disagree, an index is out of range, a value is not finite or negative, or the
-            CSR is not symmetric or has a self-loop.
+            If shapes disagree, an index is out of range, a value is masked, not finite or negative, or
+            the CSR is not symmetric or has a self-loop.
         """
-        centre = copied("centroids", centroids, np.float64)
+        centre: Float = copied("centroids", centroids, np.float64)
         if centre.ndim != 2 or centre.shape[1] not in (2, 3):
             raise MeshError(f"centroids must have shape (n, 2) or (n, 3), not {centre.shape}")
         n = len(centre)
         origin = 0.5 * (centre.min(axis=0) + centre.max(axis=0)) if n else np.zeros(centre.shape[1])
-        columns = copied("indices", indices, np.int32)
-        size = np.ones(n) if measures is None else copied("measures", measures, np.float64)
-        given = {"interface": interface, "boundary": boundary, "weights": weights}
-        floats = {key: copied(key, each, np.float64) for key, each in given.items() if each is not None}
-        graph = cls(
-            indptr=copied("indptr", indptr, np.int64),
+        columns: Index = copied("indices", indices, np.int32)
+        size = np.ones(n) if measures is None else measures
+        return cls(
+            indptr=indptr,  # type: ignore[arg-type]  # the constructor takes and checks what is no array yet
             indices=columns,
-            interface=floats.get("interface", np.ones(columns.size)),
+            interface=np.ones(columns.size) if interface is None else interface,  # type: ignore[arg-type]
             centroids=centre - origin,
-            measures=size,
-            boundary=floats.get("boundary", np.zeros(n)),
-            weights=floats.get("weights", size),
-            vertex_offsets=frozen_int(np.arange(n + 1)),
+            measures=size,  # type: ignore[arg-type]
+            boundary=np.zeros(n) if boundary is None else boundary,  # type: ignore[arg-type]
+            weights=size if weights is None else weights,  # type: ignore[arg-type]
+            vertex_offsets=np.arange(n + 1),
             vertices=frozen_index(np.arange(n)),
             points=centre - origin,
             offsets=frozen_int([0, n]),
-            data={key: np.array(values) for key, values in (data or {}).items()},
+            data=data or {},
             origin=origin,
         )
-        graph.ensure_valid()
-        return graph
 
-    def ensure_valid(self) -> None:
-        """Run :meth:`check` once; the graph of a mesh is known to pass."""
-        if "_valid" not in self.__dict__:
-            self.check()
-            self.__dict__["_valid"] = True
+    def __post_init__(self) -> None:
+        known: dict[int, NDArray[Any]] = {}  # weights may be the measures, and stay so
+        for name, dtype in _DTYPES.items():
+            given = getattr(self, name)
+            if id(given) not in known:
+                known[id(given)] = copied(name, given, dtype)
+            self.__dict__[name] = known[id(given)]
+        data = {key: plain_array(values, f"data {key!r}") for key, values in self.data.items()}
+        self.__dict__["data"] = {key: owned(frozen(values, values.dtype)) for key, values in data.items()}
+        self.check()
 
     def check(self) -> None:
-        """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
+        """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric.
+
+        The constructor does this.
+        """
         check_graph(self)
 
     def __repr__(self) -> str:
@@ -144,8 +171,9 @@ class Graph(BlockGraph):
 
     def to_scipy(self) -> sparse.csr_array[Any, Any]:
         """Adjacency ``(n, n)`` weighted by interface measure, in arrays of its own: scipy sorts in place."""
-        arrays = (self.interface.copy(), self.indices.astype(np.int64), self.indptr.copy())
-        return sparse.csr_array(arrays, shape=(self.n, self.n))
+        most = max(self.n, len(self.indices))
+        indices, indptr = (index_cast(each, most) for each in (self.indices, self.indptr))
+        return sparse.csr_array((self.interface.copy(), indices, indptr), shape=(self.n, self.n))
 
     @classmethod
     def from_networkx(
@@ -188,7 +216,7 @@ class Graph(BlockGraph):
         """
         parts = check_labels(labels, self.n)
         coarse = quotient(parts, self)
-        made = replace(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
+        made = trusted_copy(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
         return made if self.mass is self.measures else made.with_mass(np.bincount(parts, self.mass))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, exact_cast, plain_array
 from agglo_core.errors import OptionError
 
 if TYPE_CHECKING:
@@ -195,7 +195,9 @@ def _edge_weights(graph: Graph, edge_weights: Float | None) -> Float:
         return np.ones(len(graph.indices))
     if np.shape(edge_weights) != graph.indices.shape:
         raise OptionError(f"edge_weights must be {graph.indices.shape}, not {np.shape(edge_weights)}")
-    return np.asarray(edge_weights, dtype=float)
+    return exact_cast(
+        plain_array(edge_weights, "edge_weights", OptionError), np.float64, "edge_weights", OptionError
+    )
 
 
 def _adjacency(graph: Graph, edge_weights: Float | None) -> sparse.csr_array[Any, Any]:
@@ -204,14 +206,14 @@ def _adjacency(graph: Graph, edge_weights: Float | None) -> sparse.csr_array[Any
 
 
 def _checked_labels(graph: Graph, labels: ArrayLike) -> Int:
-    array = np.asarray(labels)
+    array = plain_array(labels, "labels", OptionError)
     if array.shape != (graph.n,) or array.dtype.kind not in "iu" or array.min() < 0:
         raise OptionError(f"labels must be ({graph.n},) integers >= 0; given {array.shape}, {array.dtype}")
     return array
 
 
 def _checked_probabilities(graph: Graph, Y: ArrayLike) -> Float:
-    array = np.asarray(Y, dtype=float)
+    array = exact_cast(plain_array(Y, "Y", OptionError), np.float64, "Y", OptionError)
     if array.ndim != 2 or len(array) != graph.n:
         raise OptionError(f"Y must have shape ({graph.n}, M), one row per node; given {array.shape}")
     if not ((array >= 0) & (array <= 1)).all():

@@ -86,7 +86,7 @@ def numbered_parts(graph: Graph, labels: ArrayLike) -> Int:
     >>> numbered_parts(samples.squares(2).graph, [7, 7, 3, 3])
     array([1, 1, 0, 0])
     """
-    local = np.asarray(labels, dtype=np.int64)
+    local = frozen_int(labels)
     stride = int(local.max(initial=0)) + 1
     through = graph.block_ids * stride + local
     if graph.n_blocks * stride > 4 * graph.n:

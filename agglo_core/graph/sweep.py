@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Index, Int, frozen_float
+from agglo_core.arrays import Float, Index, Int, exact_cast, frozen_float, plain_array
 from agglo_core.errors import OptionError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
     """
     from agglo_core.kernels.thresholds import sweep_level
 
-    columns = np.asarray(scores, dtype=float)
+    columns = exact_cast(plain_array(scores, "scores", OptionError), np.float64, "scores", OptionError)
     columns = columns[:, None] if columns.ndim == 1 else columns
     if columns.ndim != 2 or len(columns) != level.n or columns.shape[1] == 0:
         raise OptionError(

@@ -9,10 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from agglo_core.arrays import Float, Index, Int, frozen
+from agglo_core.arrays import Float, Index, Int, exact_cast, frozen, owned, plain_array
 from agglo_core.errors import MeshError
 
 __all__ = ["GraphArrays", "check_graph", "copied"]
+
+
+_DIMENSIONS = {
+    **dict.fromkeys(("indptr", "indices", "measures", "vertex_offsets", "vertices", "offsets"), 1),
+    "points": 2,
+}
 
 
 class GraphArrays(Protocol):
@@ -27,6 +33,8 @@ class GraphArrays(Protocol):
     @property
     def indices(self) -> Index: ...
     @property
+    def offsets(self) -> Int: ...
+    @property
     def vertex_offsets(self) -> Int: ...
     @property
     def vertices(self) -> Index: ...
@@ -38,46 +46,50 @@ class GraphArrays(Protocol):
 
 
 def copied(name: str, values: ArrayLike, dtype: Any) -> NDArray[Any]:
-    """A read-only copy of ``values`` as numbers of ``dtype``; whole numbers must be given as integers.
+    """Numbers of ``dtype`` that the caller cannot change; whole numbers must be given as integers.
 
     Raises
     ------
     MeshError
-        If they are not numbers of that kind.
+        If they are not numbers of that kind, do not fit in ``dtype``, or are masked.
     """
-    try:
-        array = np.array(values)
-    except ValueError as error:
-        raise MeshError(f"{name} must be an array of numbers: {error}") from None
+    array = plain_array(values, name)
     kinds = "iu" if np.issubdtype(dtype, np.integer) else "iufb"
     if array.size and array.dtype.kind not in kinds:
         what = "integers" if kinds == "iu" else "numbers"
         raise MeshError(f"{name} must be an array of {what}, not of {array.dtype}")
-    return frozen(array, dtype)
+    return owned(frozen(exact_cast(array, dtype, name), dtype))
 
 
 def check_graph(graph: GraphArrays) -> None:
     """Raise MeshError unless shapes agree, values make sense and the CSR is symmetric."""
-    n, m, d = graph.n, len(graph.indices), graph.points.shape[-1]
+    for key, count in _DIMENSIONS.items():
+        if getattr(graph, key).ndim != count:
+            raise MeshError(f"{key} must have {count} dimensions, not the shape {getattr(graph, key).shape}")
+    n, m, d = graph.n, len(graph.indices), graph.points.shape[1]
     if n == 0:
         raise MeshError("the graph is empty: it has no nodes")
-    shapes = {"interface": (m,), "measures": (n,), "boundary": (n,), "weights": (n,), "centroids": (n, d)}
+    if d not in (2, 3):
+        raise MeshError(f"points must have shape (p, 2) or (p, 3), not {graph.points.shape}")
+    shapes: dict[str, tuple[int, ...]] = {"interface": (m,), "measures": (n,), "boundary": (n,)}
+    shapes |= {"weights": (n,), "centroids": (n, d), "origin": (d,)}
     for key, shape in shapes.items():
         values = getattr(graph, key)
         if values.shape != shape:
             raise MeshError(f"{key} must have shape {shape}, not {values.shape}")
-        good = np.isfinite(values) & ((values >= 0) | (key == "centroids"))
-        bad = np.argwhere(~good)
+        place = key in ("centroids", "origin")
+        bad = np.argwhere(~(np.isfinite(values) & ((values >= 0) | place)))
         if len(bad):
             where = tuple(bad[0].tolist())
-            raise MeshError(f"{key}{list(where)} is {values[where]}: it must be finite and not negative")
+            wanted = "finite" if place else "finite and not negative"
+            raise MeshError(f"{key}{list(where)} is {values[where]}: it must be {wanted}")
     for key, values in graph.data.items():
         if values.ndim == 0:
             raise MeshError(f"data {key!r} is a single value, expected {n} rows")
         if len(values) != n:
             raise MeshError(f"data {key!r} has {len(values)} rows, expected {n}")
-    _check_edges(graph)
     _check_vertices(graph)
+    _check_edges(graph)
 
 
 def _check_vertices(graph: GraphArrays) -> None:
@@ -102,9 +114,15 @@ def _check_edges(graph: GraphArrays) -> None:
         raise MeshError(f"indptr must have {n + 1} entries rising from 0 to {m}")
     if m and (graph.indices.min() < 0 or graph.indices.max() >= n):
         raise MeshError(f"indices must lie in 0..{n - 1}")
-    loops = np.flatnonzero(np.repeat(np.arange(n), np.diff(graph.indptr)) == graph.indices)
+    rows = np.repeat(np.arange(n), np.diff(graph.indptr))
+    loops = np.flatnonzero(rows == graph.indices)
     if len(loops):
         raise MeshError(f"node {graph.indices[loops[0]]} has an edge to itself")
+    block = np.repeat(np.arange(graph.n_blocks), np.diff(graph.offsets))
+    across = np.flatnonzero(block[rows] != block[graph.indices]) if graph.n_blocks > 1 else []
+    if len(across):
+        ends = rows[across[0]], graph.indices[across[0]]
+        raise MeshError(f"nodes {ends[0]} and {ends[1]} of different blocks have an edge")
     matrix = graph.to_scipy()
     pattern = sparse.csr_array((np.ones(m), matrix.indices, matrix.indptr), shape=matrix.shape)
     gap = abs(matrix - matrix.T)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, exact_cast, frozen_float, frozen_int, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy.forest import Forest
@@ -87,10 +87,8 @@ def _checked(indicator: ArrayLike | None, graph: Graph) -> Float:
     """The indicator ``(n,)``, by default the measures; finite and not negative."""
     if indicator is None:
         return graph.measures
-    try:
-        values = frozen_float(np.asarray(indicator, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise OptionError(f"an indicator holds a number for each cell: {error}") from None
+    given = plain_array(indicator, "the indicator", OptionError)
+    values = frozen_float(exact_cast(given, np.float64, "the indicator", OptionError))
     if values.shape != (graph.n,):
         raise OptionError(f"the indicator has shape {values.shape}, expected ({graph.n},), one for each cell")
     wrong = np.flatnonzero(~((values >= 0) & (values < np.inf)))

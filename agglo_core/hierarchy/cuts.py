@@ -10,14 +10,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, Mask, first_of_each, frozen_float, frozen_int
+from agglo_core.arrays import (
+    Float,
+    Int,
+    Mask,
+    first_of_each,
+    frozen_float,
+    frozen_int,
+    index_cast,
+    plain_array,
+)
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy.cut_search import graded
 from agglo_core.hierarchy.forest import Forest
 from agglo_core.mesh import Mesh
 
-__all__ = ["Change", "Cut"]
+__all__ = ["Change", "Cut", "ones_by_row"]
 
 
 class Change(NamedTuple):
@@ -155,7 +164,7 @@ class Cut:
         return self._changed(np.concatenate((self.nodes[~joined], np.flatnonzero(whole))))
 
     def _mask(self, parts: ArrayLike) -> Mask:
-        given = np.asarray(parts)
+        given = plain_array(parts, "parts", OptionError)
         if given.dtype == bool and given.shape == (self.n_parts,):
             return given
         if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
@@ -195,7 +204,7 @@ class Cut:
         columns = self.labels[first_of_each(finer.labels)]
         if (columns[finer.labels] != self.labels).any():
             raise OptionError(f"{finer!r} is no refinement of {self!r}; projection takes any two cuts")
-        return _csr(np.ones(len(columns)), np.arange(len(columns)), columns, (finer.n_parts, self.n_parts))
+        return ones_by_row(columns, self.n_parts)
 
     def restriction(self, coarser: Cut) -> sparse.csr_array[Any, Any]:
         """Mean by measure on the parts of a coarser cut, ``(coarser.n_parts, n_parts)``.
@@ -222,21 +231,23 @@ class Cut:
         """
         self._check_same_forest(other)
         shape = (other.n_parts, self.n_parts)
-        common = sparse.csr_array(
-            sparse.coo_array((self.graph.measures, (other.labels, self.labels)), shape=shape)
-        )
+        places = tuple(index_cast(labels, self.graph.n) for labels in (other.labels, self.labels))
+        common = sparse.csr_array(sparse.coo_array((self.graph.measures, places), shape=shape))
         rows = np.repeat(np.arange(other.n_parts), np.diff(common.indptr))
         total = np.bincount(rows, common.data, other.n_parts)
         common.data /= total[rows]
         return common
 
     def _check_same_forest(self, other: Cut) -> None:
-        if self.forest is not other.forest:
+        if not self.forest.matches(other.forest):
             raise OptionError("the cuts belong to different hierarchies: there is no transfer between them")
 
 
-def _csr(values: Float, rows: Int, columns: Int, shape: tuple[int, int]) -> sparse.csr_array[Any, Any]:
-    return sparse.csr_array((values, (rows, columns)), shape=shape)
+def ones_by_row(columns: Int, n_columns: int) -> sparse.csr_array[Any, Any]:
+    """Matrix ``(n, n_columns)`` with a one in ``columns[i]`` of each row i."""
+    n = len(columns)
+    indices, indptr = (index_cast(each, n) for each in (columns, np.arange(n + 1)))
+    return sparse.csr_array((np.ones(n), indices, indptr), shape=(n, n_columns))
 
 
 def _ranges(first: Int, count: Int) -> Int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +13,7 @@ from agglo_core.errors import OptionError
 from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh.checks import name_cells
 
-__all__ = ["Forest"]
+__all__ = ["Forest", "check_nested"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class Forest:
         OptionError
             If a part of a level lies in two parts of the next coarser one.
         """
-        _check_nested(levels)
+        check_nested(levels)
         order = np.arange(n)
         for labels in levels:
             order = order[label_order(labels[order])]
@@ -73,6 +73,13 @@ class Forest:
         first[parent[held[::-1]]] = held[::-1]
         arrays = order, start, stop, parent, first, count, finest, coarsest, rounds
         return cls(*map(frozen_int, arrays))
+
+    def matches(self, other: Forest) -> bool:
+        """Whether both are the trees of equal levels, as those of an unpickled hierarchy are."""
+        if self is other:
+            return True
+        names = [field.name for field in fields(self)]
+        return all(np.array_equal(getattr(self, name), getattr(other, name)) for name in names)
 
     @property
     def n_roots(self) -> int:
@@ -123,7 +130,8 @@ def _nodes(levels: Sequence[Int], order: Int) -> tuple[Int, ...]:
     return *nodes, np.array(rounds)
 
 
-def _check_nested(levels: Sequence[Int]) -> None:
+def check_nested(levels: Sequence[Int]) -> None:
+    """Raise OptionError if a part of a level ``(n,)`` lies in two parts of the next coarser one."""
     for level, (fine, coarse) in enumerate(pairwise(levels)):
         holder = np.empty(int(fine.max(initial=-1)) + 1, np.int64)
         holder[fine] = coarse
@@ -131,5 +139,5 @@ def _check_nested(levels: Sequence[Int]) -> None:
         if len(apart):
             raise OptionError(
                 f"the hierarchy is not nested: part {fine[apart[0]]} of level {level} lies in several parts "
-                f"of level {level + 1} ({name_cells(apart)}), so there are no cuts; nested=True makes such"
+                f"of level {level + 1} ({name_cells(apart)}); agglomerate(nested=True) makes nested levels"
             )

@@ -12,21 +12,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Int, first_of_each, frozen_int
+from agglo_core.arrays import FieldState, Int, first_of_each, frozen_int, index_cast, owned, trusted
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy.cut_search import best_nodes, check_grade
-from agglo_core.hierarchy.cuts import Cut
-from agglo_core.hierarchy.forest import Forest
+from agglo_core.hierarchy.cuts import Cut, ones_by_row
+from agglo_core.hierarchy.forest import Forest, check_nested
 from agglo_core.hierarchy.tree import by_first_cell
-from agglo_core.mesh import Mesh
+from agglo_core.mesh import Mesh, check_labels
 from agglo_core.mesh.elsewhere import made_by
 
 __all__ = ["Hierarchy"]
 
 
 @dataclass(frozen=True, eq=False)
-class Hierarchy:
+class Hierarchy(FieldState):
     """Coarse levels of a mesh or graph.
 
     Attributes
@@ -44,6 +44,13 @@ class Hierarchy:
         Whether each level is a coarsening of the one before.
     statistics : mapping
         How the run went: plain data.
+
+    Raises
+    ------
+    MeshError
+        For labels that are masked, no integers or of another shape, or that leave gaps.
+    OptionError
+        If there is not one target for each level, or levels that should be nested are not.
 
     Examples
     --------
@@ -64,12 +71,14 @@ class Hierarchy:
     statistics: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "levels", tuple(frozen_int(labels) for labels in self.levels))
         if len(self.levels) != len(self.targets):
             raise OptionError(f"{len(self.levels)} levels but {len(self.targets)} targets")
-        for labels in self.levels:
-            if labels.shape != (self.graph.n,):
-                raise MeshError(f"level labels have shape {labels.shape}, expected ({self.graph.n},)")
+        n = self.graph.n
+        if self.fine is not None and self.fine.n_cells != n:
+            raise MeshError(f"the mesh has {self.fine.n_cells} cells, its graph {n} nodes")
+        object.__setattr__(self, "levels", tuple(owned(check_labels(labels, n)) for labels in self.levels))
+        if self.nested:
+            check_nested(self.levels)
 
     def __repr__(self) -> str:
         return f"Hierarchy({self.graph.n} cells -> {', '.join(str(k) for k in self.parts)} parts)"
@@ -107,8 +116,9 @@ class Hierarchy:
     def overlap(self, level: int) -> sparse.csr_array[Any, Any]:
         """Measure of the common cells, ``(n_{level+1}, n_level)``; defined for any hierarchy."""
         fine, coarse = self._level(level), self._level(level + 1)
+        places = tuple(index_cast(labels, self.graph.n) for labels in (coarse, fine))
         shape = (self.parts[level + 1], self.parts[level])
-        return sparse.csr_array(sparse.coo_array((self.graph.measures, (coarse, fine)), shape=shape))
+        return sparse.csr_array(sparse.coo_array((self.graph.measures, places), shape=shape))
 
     def prolongation(self, level: int) -> sparse.csr_array[Any, Any]:
         """Injection of ones from ``level`` to the next finer one, ``(n_{level−1}, n_level)``.
@@ -122,9 +132,7 @@ class Hierarchy:
         """
         labels = self._level(level)
         columns = labels if level == 0 else self.parents(level - 1)
-        rows = np.arange(len(columns))
-        shape = (len(columns), self.parts[level])
-        return sparse.csr_array((np.ones(len(columns)), (rows, columns)), shape=shape)
+        return ones_by_row(columns, self.parts[level])
 
     def mesh(self, level: int) -> Mesh:
         """Mesh of the agglomerates of ``level``.
@@ -275,7 +283,7 @@ class Hierarchy:
         OptionError
             If the cut is none of this hierarchy.
         """
-        if cut.forest is not self.forest:
+        if not cut.forest.matches(self.forest):
             raise OptionError("the cut belongs to another hierarchy")
         cells, levels, targets = first_of_each(cut.labels), [], []
         for level, (labels, target) in enumerate(zip(self.levels, self.targets, strict=True)):
@@ -287,4 +295,4 @@ class Hierarchy:
                 targets.append(target)
         mesh = cut.mesh if self.fine is not None else None
         graph = mesh.graph if mesh is not None else self.graph.coarsen(cut.labels)
-        return Hierarchy(mesh, graph, levels, targets, True)
+        return trusted(Hierarchy, mesh, graph, tuple(levels), targets, True)

@@ -21,7 +21,7 @@ def by_first_cell(labels: ArrayLike) -> Int:
     >>> by_first_cell([2, 2, 0, 1, 0])
     array([0, 0, 1, 2, 1])
     """
-    array = np.asarray(labels, dtype=np.int64)
+    array = frozen_int(labels)
     first = np.full(int(array.max()) + 1, -1, np.int64)
     first[array[::-1]] = np.arange(len(array) - 1, -1, -1)  # the last write, the smallest id, stays
     used = np.flatnonzero(first >= 0)
@@ -64,7 +64,7 @@ class Tree:
 
     def labels(self, nodes: ArrayLike) -> Int:
         """Labels ``(n,)`` of the level made of these disjoint nodes, which together own all cells."""
-        chosen = np.asarray(nodes, dtype=np.int64)
+        chosen = frozen_int(nodes)
         chosen = chosen[np.argsort(self.start[chosen])]
         sizes = self.stop[chosen] - self.start[chosen]
         labels = np.empty(len(self.cells), np.int64)

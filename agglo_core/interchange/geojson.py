@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from agglo_core.arrays import plain_array
 from agglo_core.errors import MeshError, OptionError
 from agglo_core.interchange.shapely_in import mesh_from_shapely
 from agglo_core.interchange.shapely_out import mesh_to_shapely
@@ -100,7 +101,7 @@ def _agglomerates(hierarchy: Hierarchy | None, level: int) -> tuple[Mesh, dict[s
 
 def _plain(name: str, values: ArrayLike, count: int) -> list[Any]:
     """``(count,)`` numbers as a list, None where they are not finite."""
-    array = np.asarray(values)
+    array = plain_array(values, f"property {name!r}")
     if array.shape != (count,) or array.dtype.kind not in "iubf":
         raise MeshError(
             f"property {name!r} must be ({count},) numbers; given shape {array.shape}, dtype {array.dtype}"

@@ -119,7 +119,7 @@ def graph_from_networkx(
     load = _column(nodes, weight, None)
     exposed = _column(nodes, boundary, None)
     matrix = _adjacency(network, interface)
-    graph = Graph(
+    return Graph(
         indptr=frozen_int(matrix.indptr),
         indices=frozen_index(matrix.indices),
         interface=matrix.data,
@@ -129,8 +129,6 @@ def graph_from_networkx(
         data={name: _data(nodes, name, dtypes.get(name)) for name in (dtypes if data is None else data)},
         **_geometry(network, nodes, centroids),
     )
-    graph.check()
-    return graph
 
 
 def _column(nodes: Mapping[Any, Mapping[str, Any]], name: str, dtype: str | None) -> NDArray[Any] | None:

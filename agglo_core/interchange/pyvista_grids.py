@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from agglo_core.arrays import trusted_copy
 from agglo_core.errors import OptionError
 from agglo_core.io.level_tags import check_belongs
 from agglo_core.io.tags import cell_data
@@ -47,5 +47,5 @@ def to_pyvista(mesh: Mesh, hierarchy: Hierarchy | None = None) -> Any:
         check_belongs(mesh, hierarchy)
     with TemporaryDirectory(prefix="agglo") as folder:
         path = Path(folder) / "mesh.vtu"
-        write_vtu(path, replace(mesh, cell_tags=cell_data(mesh, hierarchy), face_tags={}), None)
+        write_vtu(path, trusted_copy(mesh, cell_tags=cell_data(mesh, hierarchy), face_tags={}), None)
         return pyvista.read(path)

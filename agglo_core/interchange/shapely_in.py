@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted
 from agglo_core.errors import MeshError
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_extent, compact_points, name_cells, note_repairs, warn_of_overlaps
+from agglo_core.mesh.checks import (
+    check_extent,
+    check_tags,
+    compact_points,
+    name_cells,
+    note_repairs,
+    warn_of_overlaps,
+)
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -104,12 +111,13 @@ def mesh_from_shapely(
         "hanging vertices inserted": hanging,
         "overlapping edges left apart": overlaps,
     }
-    mesh = Mesh(
+    mesh = trusted(
+        Mesh,
         points=points,
         face_offsets=frozen_int(np.arange(0, 2 * len(face_cells) + 1, 2)),
-        face_vertices=face_vertices.ravel(),
-        face_cells=face_cells,
-        cell_tags={key: np.array(values) for key, values in (cell_tags or {}).items()},
+        face_vertices=frozen_int(face_vertices.ravel()),
+        face_cells=frozen_int(face_cells),
+        cell_tags=check_tags("cell", cell_tags or {}, len(items)),
         repairs=note_repairs(repairs),
         name=name,
     )

@@ -5,21 +5,19 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 
-from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.arrays import Int, frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import FileError
-from agglo_core.io.array_checks import check_arrays, check_directions
+from agglo_core.io.array_checks import check_directions
 from agglo_core.io.foam_files import labels_of, open_foam
 from agglo_core.io.foam_parts import FoamPart, read_part
 from agglo_core.io.foam_processors import read_processors
 from agglo_core.io.soup import with_repairs
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_extent
 
 __all__ = ["OWN", "PATCH", "is_foam_folder", "read_foam"]
 
@@ -79,7 +77,7 @@ def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
         found = [f"{name} ({int((values == 1).sum()):,})" for name, values in tags.items()]
         if found:
             _log.info("%s by name: %s", what, ", ".join(found))
-    mesh = replace(mesh, cell_tags=cell_tags, face_tags=face_tags)
+    mesh = trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
 
 
@@ -121,12 +119,10 @@ def _mesh(part: FoamPart, name: str) -> Mesh:
     if orphans:
         points, vertices = frozen_float(points[used]), frozen_int((np.cumsum(used) - 1)[vertices])
     mesh = Mesh(points, part.offsets, vertices, part.sides, name=name)
-    check_arrays(mesh)
     check_directions(mesh)
     flat = np.flatnonzero(mesh.face_measures == 0)
     if len(flat):
         raise FileError(f"faces: face {flat[0]} has no area")
-    check_extent(mesh.points)
     return with_repairs(mesh, {"orphan points dropped": orphans})
 
 

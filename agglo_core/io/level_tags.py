@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import replace
 from itertools import pairwise
 
-from agglo_core.arrays import Int, first_of_each
+from agglo_core.arrays import Int, first_of_each, trusted, trusted_copy
 from agglo_core.errors import MeshError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.io.tags import is_level
@@ -31,10 +30,10 @@ def split_levels(mesh: Mesh) -> tuple[Mesh, Hierarchy | None]:
         _log.warning("%s not taken for levels: there is no level_%d", ", ".join(later), len(levels))
     if not levels:
         return mesh, None
-    mesh = replace(mesh, cell_tags=tags)
+    mesh = trusted_copy(mesh, cell_tags=tags)
     nested = all(_nests(fine, coarse) for fine, coarse in pairwise(levels))
     targets = [{"parts": int(labels.max()) + 1} for labels in levels]
-    return mesh, Hierarchy(mesh, mesh.graph, levels, targets, nested, {})
+    return mesh, trusted(Hierarchy, mesh, mesh.graph, tuple(levels), targets, nested)
 
 
 def _nests(fine: Int, coarse: Int) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from agglo_core.arrays import Float, Int, first_of_each, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, first_of_each, frozen_float, frozen_int, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh
@@ -66,7 +66,7 @@ def check_level_values(hierarchy: Hierarchy | None, values: LevelValues) -> list
         for name, each in given.items():
             if not isinstance(name, str) or not name or not name.isprintable():
                 raise OptionError(f"level_values[{place}]: {name!r} is no name: it must be text to be shown")
-            array = np.asarray(each)
+            array = plain_array(each, f"level_values[{place}][{name!r}]", OptionError)
             if array.dtype.kind not in "biuf" or array.shape != (count,):
                 found = f"{array.dtype} of shape {array.shape}"
                 raise OptionError(f"level_values[{place}][{name!r}]: {found}; expected {count} numbers")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import FileError
 from agglo_core.io.mat5 import Variable, variables
 from agglo_core.io.matlab_write import NAMES
@@ -19,6 +18,7 @@ from agglo_core.io.mrst import mesh_of_grid
 from agglo_core.io.outer_tags import tagged_outside
 from agglo_core.io.tags import is_level
 from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import check_tags
 from agglo_core.mesh.elements import Polyhedra, polyhedra_from_elements
 
 __all__ = ["read_matlab"]
@@ -53,7 +53,9 @@ def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: 
     region, lists = found.get("region"), any(pair[0] in found and pair[1] in found for pair in _PAIRS)
     if "G" in found and found["G"].is_struct and region is None and not lists:
         mesh = mesh_of_grid(found["G"])
-        mesh = replace(mesh, cell_tags=_tags(found, mesh.n_cells), name=path.stem)
+        mesh = trusted_copy(
+            mesh, cell_tags=check_tags("cell", _tags(found, mesh.n_cells), mesh.n_cells), name=path.stem
+        )
         return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
     if region is not None:
         fields = region.fields()
@@ -206,4 +208,4 @@ def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) ->
         )
     pairs = _numbered((frozen_int([0, 2 * len(values)]), ends.integers()), len(points), ends.name)[1]
     tag = tagged_outside(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)
-    return replace(mesh, face_tags={**mesh.face_tags, "bc_tag": tag})
+    return trusted_copy(mesh, face_tags={**mesh.face_tags, "bc_tag": tag})

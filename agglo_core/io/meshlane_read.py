@@ -8,13 +8,12 @@ import os
 import subprocess
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
 import numpy as np
 
-from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.arrays import frozen_float, frozen_int, trusted_copy
 from agglo_core.errors import AggloError, FileError
 from agglo_core.files.regular import text_bytes, without_mark
 from agglo_core.io.format_options import ReadOptions
@@ -149,4 +148,4 @@ def _without_empty_sets(mesh: Mesh, names: set[str]) -> Mesh:
     lost = sorted(names - cell_tags.keys() - face_tags.keys())
     if lost:
         _log.warning("groups without a cell or face of the mesh left out: %s", ", ".join(lost))
-    return replace(mesh, cell_tags=cell_tags, face_tags=face_tags)
+    return trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)

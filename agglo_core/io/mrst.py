@@ -8,12 +8,11 @@ import numpy as np
 
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.errors import FileError
-from agglo_core.io.array_checks import check_arrays, check_directions
+from agglo_core.io.array_checks import check_directions
 from agglo_core.io.mat5 import Variable
 from agglo_core.io.mat5_write import numbers, structure
 from agglo_core.io.plain_cells import used_points
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import check_extent
 from agglo_core.mesh.elements import gather
 
 __all__ = ["coarse_structure", "grid_structure", "mesh_of_grid"]
@@ -55,9 +54,7 @@ def mesh_of_grid(grid: Variable) -> Mesh:
         _turned(frozen_int(offsets), frozen_int((np.cumsum(used) - 1)[vertices]), frozen_int(turned)),
         frozen_int(np.where(turned[:, None], cells[:, ::-1], cells)),
     )
-    check_arrays(mesh)
     check_directions(mesh)
-    check_extent(mesh.points)
     return mesh
 
 

@@ -18,10 +18,9 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from agglo_core.arrays import frozen_float, narrow
-from agglo_core.errors import FileError
+from agglo_core.arrays import frozen_float, narrow, trusted
+from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.files.archive import Archive
-from agglo_core.io.array_checks import check_arrays
 from agglo_core.io.atomic import staging
 from agglo_core.io.format_options import ReadOptions
 from agglo_core.mesh import Mesh
@@ -125,7 +124,8 @@ def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
     offsets = arrays.integers("face_offsets", (len(cells) + 1,))
     vertices = arrays.integers("face_vertices", (int(offsets[-1]),))
     try:
-        mesh = Mesh(
+        mesh = trusted(
+            Mesh,
             points=frozen_float(arrays.take("points", "f", (None, None))),
             face_offsets=offsets,
             face_vertices=vertices,
@@ -138,12 +138,14 @@ def _native(arrays: Archive, allow_gaps: bool) -> tuple[Mesh, Hierarchy | None]:
         fingerprint = _first_fingerprint(mesh) if meta["version"] == _FIRST else mesh.fingerprint
         if fingerprint != meta["fingerprint"]:
             raise FileError("the mesh arrays do not match their fingerprint: the file was altered")
-        check_arrays(mesh)
+        mesh.check()
         if not allow_gaps:
             warn_of_gaps(mesh)
         return mesh, _hierarchy(arrays, meta, mesh)
     except FileError:
         raise
+    except (MeshError, OptionError) as error:
+        raise FileError(f"is corrupt: {error}") from None
     except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         raise FileError(f"is corrupt: {type(error).__name__} {error}") from None
 
@@ -184,5 +186,5 @@ def _hierarchy(arrays: Archive, meta: dict[str, Any], mesh: Mesh) -> Hierarchy |
     if stored is None:
         return None
     targets = stored["targets"]
-    levels = [mesh.check_labels(arrays.integers(f"level_{i}", (mesh.n_cells,))) for i in range(len(targets))]
+    levels = [arrays.integers(f"level_{i}", (mesh.n_cells,)) for i in range(len(targets))]
     return Hierarchy(mesh, mesh.graph, levels, targets, bool(stored["nested"]), stored["statistics"])

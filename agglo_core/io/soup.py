@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.arrays import Float, Int, frozen_int, trusted_copy
 from agglo_core.errors import FileError, MeshError
 from agglo_core.io.listed_faces import ListedFaces, faces_with, tags_of_faces
 from agglo_core.io.point_sets import convex_hulls
 from agglo_core.mesh import Mesh
-from agglo_core.mesh.checks import name_cells
+from agglo_core.mesh.checks import check_tags, name_cells
 from agglo_core.mesh.elements import (
     CORNERS,
     Polyhedra,
@@ -118,7 +117,7 @@ def mesh_from_soup(
         "lower-dimensional cells dropped": len(soup.types) - len(cells) - kept,
         "lower-dimensional cells kept as face tags": kept,
     }
-    mesh = with_repairs(replace(mesh, face_tags=face_tags), repairs)
+    mesh = with_repairs(trusted_copy(mesh, face_tags=check_tags("face", face_tags, mesh.n_faces)), repairs)
     return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)  # now that faces have tags
 
 
@@ -127,7 +126,7 @@ def with_repairs(mesh: Mesh, repairs: Mapping[str, int]) -> Mesh:
     found = {text: count for text, count in repairs.items() if count}
     for text, count in found.items():
         _log.info("%s: %d", text, count)
-    return replace(mesh, repairs={**found, **mesh.repairs}) if found else mesh
+    return trusted_copy(mesh, repairs={**found, **mesh.repairs}) if found else mesh
 
 
 def _tables() -> tuple[Int, Int]:

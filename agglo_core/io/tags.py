@@ -5,13 +5,12 @@ from __future__ import annotations
 import logging
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int, frozen_int
+from agglo_core.arrays import Int, frozen_int, trusted_copy
 from agglo_core.errors import FileError, MeshError
 
 if TYPE_CHECKING:
@@ -86,4 +85,4 @@ def note_left_out(mesh: Mesh, names: Iterable[str]) -> Mesh:
     text = "cell data that are not integers left out"
     _log.info("%s: %s", text, ", ".join(left))
     repairs: Mapping[str, int] = {**mesh.repairs, text: len(left)}
-    return replace(mesh, repairs=repairs)
+    return trusted_copy(mesh, repairs=repairs)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int
+from agglo_core.arrays import Float, Int, plain_array
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.measure.quality_values import Quality
 from agglo_core.measure.selection import RATIOS, Metric, built_metrics, select
@@ -243,7 +243,8 @@ def _measured(
         part(tell, place, len(metrics), name)
         given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
         with attributed(metric.title, spare=(MeshError,)):  # a metric may refuse a mesh, such as one in 3-D
-            result = np.asarray(metric.tool.measure(*given), dtype=float)
+            measured = plain_array(metric.tool.measure(*given), metric.title, PluginError)
+            result = np.asarray(measured, dtype=float)
         if result.shape != (coarse.n_cells,):
             raise PluginError(
                 f"{metric.title} returned shape {result.shape}; "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int, splitmix
+from agglo_core.arrays import Float, Int, exact_cast, frozen_float, frozen_int, owned, plain_array, splitmix
 from agglo_core.errors import MeshError
 
 __all__ = [
@@ -67,11 +67,9 @@ def name_cells(cells: ArrayLike) -> str:
 
 
 def check_points(points: ArrayLike) -> Float:
-    """Return a ``(n, 2 or 3)`` float copy, or raise MeshError; :func:`check_finite` checks the values."""
-    try:
-        array = frozen_float(np.array(points, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise MeshError(f"points must be numbers of shape (n_points, d): {error}") from None
+    """Return ``(n, 2 or 3)`` floats that the caller cannot change; :func:`check_finite` checks the values."""
+    given = plain_array(points, "points")
+    array = owned(frozen_float(exact_cast(given, np.float64, "points")))
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {array.shape}")
     return array
@@ -90,17 +88,34 @@ def check_finite(points: Float, vertices: Int) -> None:
 
 
 def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
-    """Raise MeshError if the arrays of a mesh do not fit together."""
+    """Raise MeshError unless the arrays of a mesh have shapes and ranges that fit together."""
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {points.shape}")
+    check_finite(points, frozen_int(np.arange(len(points))))
     if cells.ndim != 2 or cells.shape[1] != 2:
         raise MeshError(f"face_cells must have shape (n_faces, 2), not {cells.shape}")
-    if len(offsets) != len(cells) + 1 or offsets[-1] != len(vertices):
-        raise MeshError("face_offsets do not match face_cells and face_vertices")
-    if len(vertices) and (vertices.min() < 0 or vertices.max() >= len(points)):
+    if not len(cells):
+        raise MeshError("the mesh is empty: it has no faces")
+    if len(offsets) != len(cells) + 1 or offsets[0] != 0 or offsets[-1] != len(vertices):
+        raise MeshError(
+            f"face_offsets must be {len(cells) + 1} numbers that rise from 0 to {len(vertices)}, the lengths "
+            "of face_cells and face_vertices"
+        )
+    sizes, dim = np.diff(offsets), points.shape[1]
+    wrong = np.flatnonzero(sizes != 2 if dim == 2 else sizes < 3)
+    if len(wrong):
+        wanted = "two vertices in 2-D" if dim == 2 else "at least three vertices in 3-D"
+        raise MeshError(f"face_offsets: a face has {wanted}, face {wrong[0]} has {sizes[wrong[0]]}")
+    if vertices.min() < 0 or vertices.max() >= len(points):
         raise MeshError(f"face_vertices must lie in 0..{len(points) - 1}")
-    if len(cells) and (cells[:, 0].min() < 0 or cells[:, 1].min() < -1):
-        raise MeshError("every face needs an owner cell, and a neighbour cell or -1")
+    if cells[:, 0].min() < 0 or cells[:, 1].min() < -1:
+        raise MeshError("face_cells: every face needs an owner cell, and a neighbour cell or -1")
+    n_cells = int(cells.max()) + 1
+    if n_cells > cells.size:
+        raise MeshError(f"face_cells: {len(cells)} faces cannot have {n_cells} cells")
+    same = np.flatnonzero(cells[:, 0] == cells[:, 1])
+    if len(same):
+        raise MeshError(f"face_cells: face {same[0]} has cell {cells[same[0], 0]} on both sides")
 
 
 def check_extent(points: Float) -> None:
@@ -188,14 +203,15 @@ def warn_of_overlaps(pairs: Int) -> None:
         )
 
 
-def whole_numbers(values: Any, what: str) -> Int:
-    """One-dimensional integers, or MeshError."""
-    array = np.asarray(values)
+def whole_numbers(values: Any, what: str, dimensions: int = 1) -> Int:
+    """Integers in an array of so many dimensions, or MeshError."""
+    array = plain_array(values, what)
     if array.size and array.dtype.kind not in "iu":
         raise MeshError(f"{what} must hold integers, not {array.dtype}")
-    if array.ndim != 1:
-        raise MeshError(f"{what} must be one-dimensional, not of shape {array.shape}")
-    return frozen_int(array)
+    if array.ndim != dimensions:
+        shape = "one-dimensional" if dimensions == 1 else f"of {dimensions} dimensions"
+        raise MeshError(f"{what} must be {shape}, not of shape {array.shape}")
+    return frozen_int(exact_cast(array, np.int64, what))
 
 
 def check_labels(labels: ArrayLike, n: int) -> Int:
@@ -207,14 +223,14 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
     >>> check_labels([1, 0, 1], 3)
     array([1, 0, 1])
     """
-    array = np.asarray(labels)
+    array = plain_array(labels, "labels")
     if array.shape != (n,) or array.dtype.kind not in "iu":
         strange = array.dtype == object  # something other than numbers, such as a Hierarchy
         found = type(labels).__name__ if strange else f"shape {array.shape}, dtype {array.dtype}"
         raise MeshError(
             f"labels must be ({n},) integers, one per cell, as hierarchy.levels[0]; given {found}"
         )
-    array = frozen_int(array)
+    array = frozen_int(exact_cast(array, np.int64, "labels"))
     if array.min() < 0:
         raise MeshError(f"label of cell {int(array.argmin())} is negative")
     missing = np.flatnonzero(np.bincount(np.minimum(array, n)) == 0)  # labels above n leave gaps below
@@ -224,15 +240,13 @@ def check_labels(labels: ArrayLike, n: int) -> Int:
 
 
 def check_tags(kind: str, tags: Mapping[str, ArrayLike], count: int) -> dict[str, Int]:
-    """Tags as ``(count,)`` int64, or MeshError naming the tag."""
+    """Tags as ``(count,)`` int64 that the caller cannot change, or MeshError naming the tag."""
     checked = {}
     for name, values in tags.items():
-        array = np.asarray(values)
+        array = plain_array(values, f"{kind} tag {name!r}")
         if array.shape != (count,):
             raise MeshError(f"{kind} tag {name!r} has shape {array.shape}, expected ({count},)")
         if array.dtype.kind not in "iub":
             raise MeshError(f"{kind} tag {name!r} must hold integers, not {array.dtype}")
-        if array.dtype.kind == "u" and array.size and array.max() > np.iinfo(np.int64).max:
-            raise MeshError(f"{kind} tag {name!r} holds {array.max()}, more than an int64 can")
-        checked[name] = frozen_int(array)
+        checked[name] = owned(frozen_int(exact_cast(array, np.int64, f"{kind} tag {name!r}")))
     return checked

@@ -7,10 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_index, frozen_int, narrow
 from agglo_core.errors import MeshError
-from agglo_core.mesh.checks import box_centre
+from agglo_core.mesh.checks import box_centre, check_labels
 from agglo_core.mesh.diameters import diameters_of
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.geometry2d import Neighbours, PlaneCells, plane_cells
@@ -205,6 +206,10 @@ class Derived:
     def graph(self) -> Any:
         """Dual :class:`~agglo_core.graph.Graph`: one node per cell, one edge per pair of neighbours."""
         return made_by("agglo_core.graph:dual_graph")(self)
+
+    def check_labels(self, labels: ArrayLike) -> Int:
+        """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""
+        return check_labels(labels, self.n_cells)
 
     @cached_property
     def fingerprint(self) -> str:

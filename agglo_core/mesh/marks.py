@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Float, Mask, frozen_float
+from agglo_core.arrays import Float, Mask, frozen_float, plain_array
 from agglo_core.errors import OptionError
 
 __all__ = ["in_group", "marked", "values_of", "weights_of"]
@@ -58,7 +58,7 @@ def marked(word: str, given: Any, tags: Mapping[str, NDArray[Any]], n: int, what
         return _any(masks, n)
     if isinstance(given, Sequence) and given and all(isinstance(name, str) for name in given):
         return _any([_by_name(word, name, tags, n, what) for name in given], n)
-    mask = np.asarray(given)
+    mask = plain_array(given, word, OptionError)
     if mask.shape != (n,) or mask.dtype != bool:
         raise OptionError(
             f"{word} must be the name of a {what} tag or {n} booleans, one for each {what}; "
@@ -72,7 +72,7 @@ def values_of(word: str, name: str, tags: Mapping[str, NDArray[Any]], n: int, wh
     if name not in tags:
         known = f"there are {', '.join(tags)}" if tags else "the mesh has none"
         raise OptionError(f"{word}: no {what} tag is named {name!r}; {known}")
-    values = np.asarray(tags[name])
+    values = plain_array(tags[name], f"{word}: {what} tag {name!r}", OptionError)
     if values.shape != (n,):
         raise OptionError(f"{word}: {what} tag {name!r} has shape {values.shape}, expected ({n},)")
     return values
@@ -86,7 +86,8 @@ def weights_of(given: Any, data: Mapping[str, NDArray[Any]], n: int) -> Float:
     OptionError
         If there are no such data, or they are not a finite number of at least 0 for each cell.
     """
-    weights = np.asarray(values_of("weights", given, data, n, "cell") if isinstance(given, str) else given)
+    values = values_of("weights", given, data, n, "cell") if isinstance(given, str) else given
+    weights = plain_array(values, "weights", OptionError)
     if weights.shape != (n,) or weights.dtype.kind not in "iufb":
         raise OptionError(
             f"weights must be {n} numbers, one for each cell; given shape {weights.shape} of {weights.dtype}"

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int, is_masked_array
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import (
     box_centre,
@@ -28,7 +28,7 @@ from agglo_core.mesh.elements import gather
 from agglo_core.mesh.plain_faces import plain_faces
 from agglo_core.mesh.repeated_vertices import simple_loops
 
-__all__ = ["Faces", "build_polygons", "kept_cells", "loops_as_csr"]
+__all__ = ["Faces", "build_polygons", "kept_cells", "loops_as_csr", "without_padding"]
 
 _REPEATED, _ZERO = 1, 2  # codes of kernels.polygon_faults
 _FAULTS = {
@@ -49,20 +49,40 @@ class Faces(NamedTuple):
 
 
 def loops_as_csr(cells: Any) -> tuple[Int, Int]:
-    """Offsets and vertices of loops given as a list, an (n, k) array or such a pair."""
+    """Offsets and vertices of loops given as a list, an (n, k) array or such a pair.
+
+    Masked entries at the end of a row are padding, as UGRID files have it.
+    """
     if isinstance(cells, tuple) and len(cells) == 2 and any(isinstance(part, np.ndarray) for part in cells):
         return whole_numbers(cells[0], "cell offsets"), whole_numbers(cells[1], "cells")
+    if is_masked_array(cells) and cells.ndim == 2:
+        kept = ~np.ma.getmaskarray(cells)
+        gaps = np.flatnonzero((~kept[:, :-1] & kept[:, 1:]).any(axis=1))
+        if len(gaps):
+            raise MeshError(f"{name_cells(gaps)}: masked vertices must be at the end of the row")
+        sizes = np.concatenate(([0], np.cumsum(kept.sum(axis=1))))
+        return frozen_int(sizes), whole_numbers(cells.data[kept], "cells")
     if isinstance(cells, np.ndarray) and cells.ndim == 2:
         n, k = cells.shape
         return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
     try:
-        loops = list(cells)
+        loops = [without_padding(loop) for loop in cells]
         sizes = [len(loop) for loop in loops]
         arrays = bool(loops) and isinstance(loops[0], np.ndarray)
-        flat = np.concatenate(loops) if arrays else np.array(list(chain.from_iterable(loops)))
+        flat = np.concatenate(loops) if arrays else list(chain.from_iterable(loops))
     except (TypeError, ValueError) as error:
         raise MeshError(f"cells must be vertex loops of integers: {error}") from None
     return frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))), whole_numbers(flat, "cells")
+
+
+def without_padding(loop: Any) -> Any:
+    """A loop without the masked vertices at its end, or MeshError for others that are masked."""
+    if not is_masked_array(loop) or loop.ndim != 1:
+        return loop
+    kept = loop.compressed()
+    if loop[: len(kept)].mask.any():
+        raise MeshError(f"masked vertices must be at the end of a loop, given {loop.tolist()}")
+    return kept
 
 
 def _plane(points: Float) -> Float:

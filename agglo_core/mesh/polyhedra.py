@@ -25,7 +25,7 @@ from agglo_core.mesh.checks import (
 )
 from agglo_core.mesh.elements import Polyhedra, take_cells
 from agglo_core.mesh.geometry3d import face_moments
-from agglo_core.mesh.polygons import Faces, kept_cells
+from agglo_core.mesh.polygons import Faces, kept_cells, without_padding
 from agglo_core.mesh.repeated_vertices import simple_solids
 from agglo_core.mesh.shells import outward_signs
 
@@ -130,8 +130,8 @@ def solids_as_csr(cells: Any) -> tuple[Int, Int, Int]:
         return whole_numbers(a, "cell offsets"), whole_numbers(b, "face offsets"), whole_numbers(c, "cells")
     try:
         solids = [list(cell) for cell in cells]
-        loops = [list(loop) for cell in solids for loop in cell]
-        flat = np.array([vertex for loop in loops for vertex in loop])
+        loops = [list(without_padding(loop)) for cell in solids for loop in cell]
+        flat = [vertex for loop in loops for vertex in loop]
     except (TypeError, ValueError) as error:
         raise MeshError(f"cells must be lists of faces, each a vertex loop of integers: {error}") from None
     counts, sizes = [len(cell) for cell in solids], [len(loop) for loop in loops]

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import FieldState, Float, Int, frozen, owned, trusted, trusted_copy
 from agglo_core.errors import OptionError
-from agglo_core.mesh.checks import check_faces, check_labels, check_tags, note_repairs
+from agglo_core.mesh.checks import check_faces, check_points, check_tags, note_repairs, whole_numbers
+from agglo_core.mesh.closed_cells import check_cells
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
 from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
@@ -26,11 +27,12 @@ __all__ = ["Mesh"]
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh(Derived, Interchange, Tagged):
+class Mesh(FieldState, Derived, Interchange, Tagged):
     """A polygonal (d = 2) or polyhedral (d = 3) mesh, face by face.
 
-    :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` and :mod:`agglo_core.samples`
-    build one and check their input. An agglomerate is a bigger cell: :meth:`coarsen` gives a Mesh again.
+    Build one with :meth:`from_polygons`, :meth:`from_polyhedra`, :func:`agglo_core.read` or
+    :mod:`agglo_core.samples`, or face by face from the arrays below, which are copied unless nobody can
+    write to them. An agglomerate is just a bigger cell, so :meth:`coarsen` gives a Mesh again.
 
     Attributes
     ----------
@@ -50,6 +52,13 @@ class Mesh(Derived, Interchange, Tagged):
         For reports.
     simplification : Simplification, optional
         What :meth:`simplified` changed, if the mesh was made by it.
+
+    Raises
+    ------
+    MeshError
+        If the arrays do not have these shapes or hold masked entries, points that are not finite, fractions
+        or numbers out of range; if cells have no faces, faces that do not close, or no positive measure.
+        Cells that cross themselves or overlap are refused by :meth:`from_polygons` alone.
     """
 
     points: Float
@@ -63,12 +72,18 @@ class Mesh(Derived, Interchange, Tagged):
     simplification: Simplification | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", frozen_float(self.points))
-        for key in ("face_offsets", "face_vertices", "face_cells"):
-            object.__setattr__(self, key, frozen_int(getattr(self, key)))
+        arrays = {"points": check_points(self.points)}
+        for name, dimensions in (("face_offsets", 1), ("face_vertices", 1), ("face_cells", 2)):
+            arrays[name] = owned(whole_numbers(getattr(self, name), name, dimensions))
+        self.__dict__.update(arrays)
+        self.check()
+        self.__dict__["cell_tags"] = check_tags("cell", self.cell_tags, self.n_cells)
+        self.__dict__["face_tags"] = check_tags("face", self.face_tags, self.n_faces)
+
+    def check(self) -> None:
+        """Raise MeshError unless the arrays form a mesh: what the constructor checks."""
         check_faces(self.points, self.face_offsets, self.face_vertices, self.face_cells)
-        object.__setattr__(self, "cell_tags", check_tags("cell", self.cell_tags, self.n_cells))
-        object.__setattr__(self, "face_tags", check_tags("face", self.face_tags, self.n_faces))
+        check_cells(self)
 
     @classmethod
     def from_polygons(
@@ -92,7 +107,8 @@ class Mesh(Derived, Interchange, Tagged):
             Coordinates; a third column is accepted if it is constant.
         cells : list of index loops, (n, k) integers, or a tuple of two 1-D arrays (offsets, vertices)
             Loops in either direction (clockwise ones are reversed and counted). A vertex that follows
-            itself, as in closed and padded loops, counts once.
+            itself, as in closed and padded loops, counts once. Masked entries at the end of a row are
+            padding.
         cell_tags : mapping of name to (n,) integers, optional
         merge_points : bool, optional
             True merges all exactly equal points first, False merges no points at all. By default points
@@ -112,7 +128,8 @@ class Mesh(Derived, Interchange, Tagged):
         ------
         MeshError
             Naming cells or faces: non-finite coordinates, too few vertices, a vertex met again, zero area,
-            self-intersection, duplicates, more than two cells on a face, no cells, a surface in 3-D.
+            self-intersection, duplicates, more than two cells on a face, no cells, a surface in 3-D, masked
+            entries that are no padding.
         """
         built = build_polygons(points, cells, bool(merge_points), weak, strict, drop_flat)
         mesh = cls._of(*built, cell_tags, name)
@@ -152,8 +169,10 @@ class Mesh(Derived, Interchange, Tagged):
 
     @classmethod
     def _of(cls, faces: Faces, own: Int, n: int, given: Mapping[str, ArrayLike] | None, name: str) -> Mesh:
-        tags = {key: values[own] for key, values in check_tags("cell", given or {}, n).items()}
-        return cls(**faces._asdict(), cell_tags=tags, name=name)
+        tags = check_tags("cell", given or {}, n)
+        if len(own) < n:
+            tags = {key: frozen(values[own], values.dtype) for key, values in tags.items()}
+        return trusted(cls, **faces._asdict(), cell_tags=tags, name=name)
 
     def __repr__(self) -> str:
         name = f"{self.name!r}, " if self.name else ""
@@ -177,15 +196,10 @@ class Mesh(Derived, Interchange, Tagged):
         """
         labels = self.check_labels(labels)
         left = coarse_faces(labels, self.face_offsets, self.face_vertices, self.face_cells)
-        return Mesh(
-            self.points,
-            left.offsets,
-            left.vertices,
-            left.cells,
-            cell_tags=surviving_tags(self.cell_tags, labels),
-            face_tags={name: values[left.kept] for name, values in self.face_tags.items()},
-            name=self.name,
-        )
+        faces = left.offsets, left.vertices, left.cells
+        cell_tags = surviving_tags(self.cell_tags, labels)
+        face_tags = {name: values[left.kept] for name, values in self.face_tags.items()}
+        return trusted(Mesh, self.points, *faces, cell_tags, face_tags, name=self.name)
 
     def conforming(self, *, tolerance: float = TOLERANCE, merge_points: bool = True) -> Mesh:
         """This mesh with outer faces that lie on one another joined; itself if there are none.
@@ -234,7 +248,7 @@ class Mesh(Derived, Interchange, Tagged):
             for name, values in self.face_tags.items()
         }
         known = {**self.repairs, **note_repairs(repairs)}
-        return Mesh(points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
+        return trusted(Mesh, points, offsets, vertices, cells, self.cell_tags, tags, known, self.name)
 
     def simplified(self, tolerance: float = 0.0) -> Mesh:
         """This mesh with fewer faces: straight runs of edges between the same two cells as one edge.
@@ -265,8 +279,8 @@ class Mesh(Derived, Interchange, Tagged):
         faces = fewer.face_offsets, fewer.face_vertices, self.face_cells[fewer.leads]
         tags = {name: values[fewer.leads] for name, values in self.face_tags.items()}
         known = {**self.repairs, **note_repairs(fewer.repairs)}
-        made = Mesh(self.points[fewer.points], *faces, self.cell_tags, tags, known, self.name)
-        return replace(made, simplification=recorded(self, made, fewer, tolerance))
+        made = trusted(Mesh, self.points[fewer.points], *faces, self.cell_tags, tags, known, self.name)
+        return trusted_copy(made, simplification=recorded(self, made, fewer, tolerance))
 
     def renumbered(self, cells: ArrayLike) -> Mesh:
         """This mesh with its cells in another order, faces as the cells meet them, points as the faces do.
@@ -284,17 +298,6 @@ class Mesh(Derived, Interchange, Tagged):
             If it does not hold each cell once.
         """
         new = renumbered_arrays(self, cells)
-        return Mesh(
-            new.points,
-            new.face_offsets,
-            new.face_vertices,
-            new.face_cells,
-            {name: values[new.old_cells] for name, values in self.cell_tags.items()},
-            {name: values[new.old_faces] for name, values in self.face_tags.items()},
-            self.repairs,
-            self.name,
-        )
-
-    def check_labels(self, labels: ArrayLike) -> Int:
-        """Labels as ``(n_cells,)`` int64 covering 0..k−1, or MeshError."""
-        return check_labels(labels, self.n_cells)
+        cell_tags = {name: values[new.old_cells] for name, values in self.cell_tags.items()}
+        face_tags = {name: values[new.old_faces] for name, values in self.face_tags.items()}
+        return trusted(Mesh, *new[:4], cell_tags, face_tags, self.repairs, self.name)

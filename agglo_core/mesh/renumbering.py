@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int, plain_array
 from agglo_core.errors import MeshError
 from agglo_core.mesh.derived import Derived
 
@@ -52,7 +52,7 @@ def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
 
 def _numbers(cells: ArrayLike, n: int) -> tuple[Int, Int]:
     """The order, and the new number of each cell, those outside (−1) included."""
-    order = np.asarray(cells)
+    order = plain_array(cells, "cells")
     number = np.full(n + 1, -1)
     if order.shape == (n,) and order.dtype.kind in "iu" and order.min() >= 0 and order.max() < n:
         number[order] = np.arange(n)

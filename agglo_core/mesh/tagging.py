@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cached_property
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, Mask
+from agglo_core.arrays import Float, Int, Mask, plain_array, trusted_copy
 from agglo_core.errors import MeshError
 from agglo_core.mesh.checks import check_tags
 from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
@@ -74,7 +73,7 @@ class Tagged:
         ([1, 0, 1, 0], [7, 7, 8, 8])
         """
         given = _evaluated("cell", tags, self.cell_centroids)
-        return cast(Self, replace(cast(Any, self), cell_tags={**self.cell_tags, **given}))
+        return trusted_copy(self, cell_tags={**self.cell_tags, **given})
 
     def with_face_tags(self, /, **tags: TagValues) -> Self:
         """This mesh with more face tags; those of the same name are replaced, all others stay.
@@ -98,7 +97,7 @@ class Tagged:
         2
         """
         given = _evaluated("face", tags, self.face_centroids)
-        return cast(Self, replace(cast(Any, self), face_tags={**self.face_tags, **given}))
+        return trusted_copy(self, face_tags={**self.face_tags, **given})
 
 
 def _evaluated(kind: str, tags: Mapping[str, TagValues], where: Float) -> dict[str, Int]:
@@ -106,10 +105,7 @@ def _evaluated(kind: str, tags: Mapping[str, TagValues], where: Float) -> dict[s
     arrays = {}
     for name, values in tags.items():
         given = values(where) if callable(values) else values
-        try:
-            arrays[name] = np.array(given)  # a copy: that of the caller may change
-        except ValueError as error:
-            raise MeshError(f"{kind} tag {name!r} must be an array of integers: {error}") from None
+        arrays[name] = plain_array(given, f"{kind} tag {name!r}")
         if callable(values) and arrays[name].shape != (len(where),):
             raise MeshError(
                 f"{kind} tag {name!r}: the function was given x of shape {where.shape} and returned shape "

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.krylov_column import Column
@@ -212,7 +212,7 @@ def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool) -> 
 
 
 def _numbers(name: str, given: Any) -> Float:
-    values = np.asarray(given)
+    values = plain_array(given, name, OptionError)
     if values.dtype.kind not in "biuf":
         raise OptionError(f"{name} holds {values.dtype}; expected real numbers")
     if not np.isfinite(values).all():

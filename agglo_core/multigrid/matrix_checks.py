@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, exact_cast, frozen, frozen_float, frozen_int, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.problems.real_arrays import real_matrix
 
@@ -44,13 +44,17 @@ def checked_system(
     if not (diagonal > 0.0).all():
         row = int(np.argmin(diagonal))
         raise OptionError(f"the diagonal of the matrix must be positive; row {row} has {diagonal[row]:g}")
-    offsets = frozen_int(np.arange(n + 1) if block_offsets is None else block_offsets)
+    given = plain_array(
+        np.arange(n + 1) if block_offsets is None else block_offsets, "block_offsets", OptionError
+    )
+    offsets = frozen_int(exact_cast(given, np.int64, "block_offsets", OptionError))
     if offsets.ndim != 1 or offsets[0] != 0 or offsets[-1] != n or (np.diff(offsets) < 1).any():
         raise OptionError(f"block_offsets must rise from 0 to {n}, the rows of the matrix")
     if near_null is None:
         component = np.arange(n) - np.repeat(offsets[:-1], np.diff(offsets))
         near_null = component[:, None] == np.arange(np.diff(offsets).max(initial=1))
-    B = np.asarray(near_null, dtype=np.float64)
+    given = plain_array(near_null, "near_null", OptionError)
+    B = exact_cast(given, np.float64, "near_null", OptionError)
     B = B[:, None] if B.ndim == 1 else B
     if B.ndim != 2 or len(B) != n or not B.shape[1] or not np.isfinite(B).all():
         raise OptionError(f"near_null must be finite, of shape ({n}, k); given shape {np.shape(near_null)}")

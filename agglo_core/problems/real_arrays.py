@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.arrays import Float
+from agglo_core.arrays import Float, plain_array
 from agglo_core.errors import OptionError
 
 __all__ = ["kept", "kept_matrix", "real_array", "real_matrix", "require_finite", "require_symmetric"]
@@ -172,10 +172,8 @@ def real_array(name: str, given: Any) -> Float:
     OptionError
         For complex numbers, text, masked values, and what is no array.
     """
-    if np.ma.is_masked(given):
-        raise OptionError(f"{name} has masked values; expected numbers in all places")
+    values = plain_array(given, name, OptionError)
     try:
-        values = np.asarray(given)
         if values.dtype.kind == "O" and not np.iscomplexobj(np.array(values.tolist())):
             values = values.astype(np.float64)
     except (TypeError, ValueError):

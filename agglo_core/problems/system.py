@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
@@ -119,7 +119,7 @@ def _offsets(given: Any, n: int, mesh: Mesh | None) -> Int:
     cells = None if mesh is None else mesh.n_cells
     if given is None:
         raise OptionError(f"block_offsets must say which of the {n} unknowns belong to each of {cells} cells")
-    values = np.asarray(given)
+    values = plain_array(given, "block_offsets", OptionError)
     if values.ndim != 1 or values.dtype.kind not in "iu" or not len(values):
         raise OptionError(f"block_offsets must be whole numbers (blocks + 1,), given {given!r:.60}")
     fit = values[0] == 0 and values[-1] == n and (np.diff(values.astype(np.int64)) > 0).all()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
+from agglo_core.arrays import trusted_copy
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.samples.clouds import delaunay_mesh, voronoi_mesh
@@ -51,4 +51,4 @@ def paper(name: Literal["triangles", "squares", "random", "voronoi"]) -> Mesh:
             raise OptionError(
                 f"the paper has no grid {name!r}; there are triangles, squares, random, voronoi"
             )
-    return replace(mesh, name=f"paper {name}")
+    return trusted_copy(mesh, name=f"paper {name}")

@@ -19,6 +19,7 @@ from agglo_core.authoring import (
     Float,
     Int,
     Mesh,
+    MeshError,
     OptionError,
     frozen_float,
     frozen_int,
@@ -147,10 +148,10 @@ def _zeros(mesh: Mesh, degree: int) -> Float:
 def per_cell(field: float | Float, n: int, name: str) -> Float:
     """A number or ``(n,)`` values as ``(n,)`` values; OptionError, naming the field, for anything else."""
     try:
-        values = np.asarray(field, dtype=float)
-    except (TypeError, ValueError):
+        values = frozen_float(field)
+    except MeshError as error:
         raise OptionError(
-            f"{name} must be a number, ({n},) values or a callable; given {field!r:.60}"
+            f"{name} must be a number, ({n},) values or a callable; given {field!r:.60} ({error})"
         ) from None
     if values.shape not in ((), (n,)):
         raise OptionError(f"{name} has shape {values.shape}: expected a number, ({n},) values or a callable")
@@ -167,13 +168,17 @@ def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
         If the callable fails, or its values are not numbers, have another shape, or are not finite.
     """
     try:
-        values = np.asarray(field(points), dtype=float)
+        returned = field(points)
     except AggloError:
         raise
     except Exception as error:  # whatever a user's callable raises
         raise OptionError(
             f"{name} failed for {len(points)} points of shape {points.shape}: {type(error).__name__}: {error}"
         ) from error
+    try:
+        values = frozen_float(returned)
+    except MeshError as error:
+        raise OptionError(f"{name} returned no real numbers for {len(points)} points: {error}") from None
     if values.shape not in ((), (len(points),)):
         raise OptionError(f"{name} returned the shape {values.shape} for {len(points)} points")
     _require_finite(values, name)

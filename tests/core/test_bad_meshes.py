@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import re
 from dataclasses import replace
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agglo_core import Graph, Mesh, MeshError, read, samples
+from agglo_core import Diffusion, Graph, Mesh, MeshError, OptionError, agglomerate, read, samples
+from agglo_core.authoring import System
 
 GRID = [[x, y] for y in range(3) for x in range(3)]  # points 0..8 of 2 x 2 unit squares
 CELLS = [[0, 1, 4, 3], [1, 2, 5, 4], [3, 4, 7, 6], [4, 5, 8, 7]]
@@ -62,7 +64,7 @@ FAULTS: dict[str, tuple[Any, Any, str]] = {
     "no columns": (GRID, np.zeros((2, 0), int), r"cells 0, 1: fewer than 3 vertices"),
     "index out of range": (GRID, replaced(1, [1, 2, 9, 4]), r"cell 1 uses point 9, but there are 9 points"),
     "index far out of range": (GRID, replaced(1, [1, 2, 2**40, 4]), r"cell 1 uses point 1099511627776"),
-    "unsigned wrap": (GRID, np.array([[0, 1, 2**64 - 1]], np.uint64), r"cell 0 uses point -1"),
+    "unsigned wrap": (GRID, np.array([[0, 1, 2**64 - 1]], np.uint64), r"cells must be .* fit in int64"),
     "negative index": (GRID, replaced(0, [0, 1, -1, 3]), r"cell 0 uses point -1"),
     "three cells on a face": (
         [*GRID, [3, 0.5]], [[0, 1, 4], [1, 9, 4], [1, 2, 4]], r"(1 and 4|4 and 1) has .*: cells 0, 1, 2",
@@ -80,7 +82,7 @@ FAULTS: dict[str, tuple[Any, Any, str]] = {
     "one coordinate": ([[0], [1], [2]], [[0, 1, 2]], r"points must have shape"),
     "flat list of points": ([0, 1, 2], [[0, 1, 2]], r"points must have shape"),
     "words for points": ([["a", "b"]], [[0, 1, 2]], r"points must be numbers"),
-    "ragged points": ([[0, 0], [1]], [[0, 1, 2]], r"points must be numbers"),
+    "ragged points": ([[0, 0], [1]], [[0, 1, 2]], r"points must be an array of numbers"),
     "no points at all": (None, CELLS, r"points must"),
     "fractional cells": (GRID, [[0, 1, 4.5]], r"cells must hold integers.*float64"),
     "whole floats": (GRID, np.array([[0.0, 1, 4]]), r"cells must hold integers.*float64"),
@@ -360,3 +362,148 @@ def test_unused_points_need_not_be_finite(value: float, tmp_path: Path) -> None:
     assert read(tmp_path / "m.off").points.tolist() == mesh.points.tolist()
     with pytest.raises(MeshError, match=r"point 3 is not finite: \[0.0, .*\] \(1 such points\)"):
         Mesh.from_polygons(square, [[1, 2, 3, 4, 5]])
+
+
+# --- constructors and masked entries ------------------------------------------------------------------------
+FIELDS = ("points", "face_offsets", "face_vertices", "face_cells", "cell_tags", "face_tags")
+
+
+def at(array: np.ndarray, place: Any, value: Any) -> np.ndarray:
+    changed = array.astype(np.result_type(array, value))
+    changed[place] = value
+    return changed
+
+
+def masked(array: np.ndarray) -> np.ma.MaskedArray:
+    hidden = np.ma.array(array)
+    hidden[(1,) * array.ndim] = np.ma.masked
+    return hidden
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: {"points": at(m.points, 0, np.nan)}, "point 0 is not finite"),
+        (lambda m: {"points": m.points + 1j}, "points must be numbers, given complex128"),
+        (lambda m: {"points": m.points.astype("M8[s]")}, "points must be numbers, given datetime64"),
+        (lambda m: {"points": m.points.astype(str)}, "points must be numbers, given <U"),
+        (lambda m: {"points": masked(m.points)}, "points has masked entries"),
+        (lambda m: {"points": 1e60 * m.points}, "choose another unit of length"),
+        (lambda m: {"face_offsets": at(m.face_offsets, 3, 10**9)}, "face_offsets: a face has"),
+        (lambda m: {"face_offsets": m.face_offsets + 0.25}, "face_offsets must hold integers"),
+        (lambda m: {"face_offsets": m.face_offsets[1:]}, "face_offsets must be .* numbers that rise from 0"),
+        (lambda m: {"face_offsets": m.face_offsets[::-1].copy()}, "face_offsets must be .* rise from 0"),
+        (lambda m: {"face_vertices": at(m.face_vertices, 0, m.n_points)}, "face_vertices must lie in 0"),
+        (lambda m: {"face_vertices": at(m.face_vertices, 0, -1)}, "face_vertices must lie in 0"),
+        (lambda m: {"face_vertices": masked(m.face_vertices)}, "face_vertices has masked entries"),
+        (lambda m: {"face_vertices": at(m.face_vertices, 0, m.face_vertices[-1])}, "faces do not close"),
+        (lambda m: {"face_cells": m.face_cells + 0.4}, "face_cells must hold integers"),
+        (lambda m: {"face_cells": masked(m.face_cells)}, "face_cells has masked entries"),
+        (lambda m: {"face_cells": at(m.face_cells, (0, 0), 10**11)}, "faces cannot have 100000000001 cells"),
+        (lambda m: {"face_cells": at(m.face_cells, 0, 3)}, "face 0 has cell 3 on both sides"),
+        (lambda m: {"face_cells": at(m.face_cells, (0, 0), -1)}, "every face needs an owner"),
+        (lambda m: {"face_cells": m.face_cells + (m.face_cells > 0)}, "cell 1 of 9 have no faces"),
+        (lambda m: {"points": m.points * np.append(-1, np.ones(m.dim - 1))}, "turned inside out"),
+        (lambda m: {"cell_tags": {"rock": masked(np.arange(m.n_cells))}}, "tag 'rock' has masked entries"),
+        (lambda m: {"face_tags": {"wall": np.full(m.n_faces, 0.5)}}, "face tag 'wall' must hold integers"),
+        (lambda m: {"cell_tags": {"rock": np.full(m.n_cells, 2**63, np.uint64)}}, "'rock' must be .* int64"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("mesh", [samples.boxes(2), samples.strip(8)], ids=["solid", "plane"])
+def test_the_constructor_refuses_what_is_no_mesh(mesh: Mesh, change: Any, message: str) -> None:
+    fields = {name: getattr(mesh, name) for name in FIELDS}
+    assert Mesh(**fields).cell_measures.tolist() == pytest.approx(mesh.cell_measures.tolist(), rel=1e-14)
+    with pytest.raises(MeshError, match=message):
+        Mesh(**fields | change(mesh))
+
+
+def test_masked_vertices_at_the_end_of_a_row_are_padding() -> None:
+    points = [[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [0, 1]]
+    rows = np.ma.array([[0, 1, 4, 5, 0], [1, 2, 3, 4, 0], [0, 1, 2, 3, 0]])
+    rows.mask = [[0, 0, 0, 0, 1], [0, 0, 0, 1, 1], [1, 1, 1, 1, 1]]
+    for cells in (rows[:2], list(rows[:2]), [rows[0], np.array([1, 2, 3])]):
+        assert Mesh.from_polygons(points, cells).cell_measures.tolist() == [1.0, 0.5]
+    for cells in (rows, list(rows)):
+        with pytest.raises(MeshError, match="cell 2: fewer than 3 vertices"):
+            Mesh.from_polygons(points, cells)
+    rows.mask = [[0, 0, 0, 0, 1], [0, 1, 0, 0, 1], [0, 0, 0, 0, 1]]
+    with pytest.raises(MeshError, match="cell 1: masked vertices must be at the end of the row"):
+        Mesh.from_polygons(points, rows)
+    with pytest.raises(MeshError, match=r"masked vertices must be at the end of a loop, given \[1, None, 3"):
+        Mesh.from_polygons(points, list(rows))
+    with pytest.raises(MeshError, match="cells has masked entries"):
+        Mesh.from_polygons(points, [[0, 1, 4, 5], [1, 2, np.ma.masked]])
+    with pytest.raises(MeshError, match="cell offsets has masked entries"):
+        Mesh.from_polygons(points, (np.ma.masked_equal([0, 4, 7], 4), np.array([0, 1, 4, 5, 1, 2, 3])))
+
+
+def test_masked_vertices_at_the_end_of_a_face_are_padding() -> None:
+    points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1]]
+    faces = np.ma.array([[0, 3, 2, 1], [0, 1, 4, 9], [1, 2, 4, 9], [2, 3, 4, 9], [3, 0, 4, 9]])
+    pyramid = Mesh.from_polyhedra(points, [np.ma.masked_equal(faces, 9)])
+    assert pyramid.cell_measures.tolist() == pytest.approx([1 / 3], rel=1e-14)
+    assert pyramid.n_faces == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "changed", "message"),
+    [
+        ("indptr", lambda g: g.indptr + 0.5, "indptr must be an array of integers"),
+        (
+            "indices",
+            lambda g: g.indices.astype(np.int64) + 2**32,
+            "indices must be whole numbers that fit in int32",
+        ),
+        ("indices", lambda g: masked(g.indices), "indices has masked entries"),
+        ("interface", lambda g: masked(g.interface), "interface has masked entries"),
+        ("centroids", lambda g: g.centroids * 1j, "centroids must be an array of numbers, not of complex128"),
+        ("measures", lambda g: -g.measures, "finite and not negative"),
+        ("weights", lambda g: masked(g.weights), "weights has masked entries"),
+        ("weights", lambda g: g.weights.astype("m8[s]"), "weights must be an array of numbers"),
+        ("vertex_offsets", lambda g: g.vertex_offsets[::-1], "vertex_offsets must have 5 entries rising"),
+        ("vertices", lambda g: g.vertices + 100, "vertices must lie in 0..8"),
+        ("points", lambda g: g.points[:, :1], r"points must have shape \(p, 2\)"),
+        ("offsets", lambda g: [0, 2, 4], "nodes 0 and 2 of different blocks have an edge"),
+        ("origin", lambda g: np.zeros(3), r"origin must have shape \(2,\)"),
+        ("data", lambda g: {"rock": masked(np.arange(4))}, "data 'rock' has masked entries"),
+    ],
+)
+def test_the_constructor_refuses_what_is_no_graph(name: str, changed: Any, message: str) -> None:
+    graph = samples.squares(2).graph
+    fields = {field.name: getattr(graph, field.name) for field in dataclasses.fields(Graph)}
+    assert Graph(**fields).indices.tolist() == graph.indices.tolist()
+    with pytest.raises(MeshError, match=message):
+        Graph(**fields | {name: changed(graph)})
+
+
+@pytest.mark.parametrize(
+    "indices", [np.array([2**32 + 1, 2**32]), np.array([1, -(2**32)]), np.array([2**63, 0], np.uint64)]
+)
+def test_neighbours_beyond_32_bits_do_not_wrap(indices: np.ndarray) -> None:
+    with pytest.raises(MeshError, match="indices must be whole numbers that fit in int32"):
+        Graph.from_arrays([0, 1, 2], indices, [[0, 0], [1, 0]])
+
+
+def test_masked_arguments_are_refused_by_name() -> None:
+    mesh, error = samples.squares(4), (MeshError, OptionError)
+    cells = np.ma.masked_equal(np.arange(16), 3)
+    for word, call in {
+        "labels": lambda: mesh.coarsen(np.ma.array(np.arange(16) // 4, mask=cells.mask)),
+        "cells": lambda: mesh.renumbered(cells),
+        "cell tag 'rock'": lambda: mesh.with_tags(rock=cells),
+        "face tag 'wall'": lambda: mesh.with_face_tags(wall=np.ma.masked_equal(np.arange(mesh.n_faces), 2)),
+        "weights": lambda: agglomerate(mesh, n_parts=2, weights=cells),
+        "regions": lambda: agglomerate(mesh, n_parts=2, regions=cells),
+        "where": lambda: agglomerate(mesh, n_parts=2, where=cells > 2),
+        "metric": lambda: agglomerate(mesh, n_parts=2, metric=masked(np.eye(2))),
+        "mass": lambda: mesh.graph.with_mass(cells),
+        "the indicator": lambda: agglomerate(mesh, n_parts=2).cut(4, cells),
+        "b": lambda: System(np.eye(16), cells),
+        "A": lambda: System(masked(np.eye(16)), np.ones(16)),
+        "near_null": lambda: System(np.eye(16), np.ones(16), near_null=cells[:, None]),
+        "block_offsets": lambda: System(np.eye(15), np.ones(15), cells),
+        "kappa": lambda: Diffusion(kappa=1 + cells),
+        r"dirichlet\[3\]": lambda: Diffusion(dirichlet={3: cells}),
+    }.items():
+        with pytest.raises(error, match=f"^{word} has masked entries"):
+            call()

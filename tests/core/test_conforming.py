@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agglo_core import Mesh, MeshError, OptionError, agglomerate, read, read_hierarchy, samples, write
+from agglo_core.arrays import frozen_int, trusted
 from agglo_core.mesh.elements import polyhedra_from_elements
 
 Box = tuple[float, float, float, float]
@@ -116,7 +117,8 @@ def test_a_conforming_mesh_is_left_as_it_is(mesh: Mesh) -> None:
 
 
 def test_a_mesh_without_boundary_has_nothing_to_join() -> None:
-    torus = Mesh(np.eye(4, 2), np.arange(0, 9, 2), [0, 1, 1, 2, 2, 3, 3, 0], [[0, 1], [1, 0], [0, 1], [1, 0]])
+    ends, sides = frozen_int([0, 1, 1, 2, 2, 3, 3, 0]), frozen_int([[0, 1], [1, 0], [0, 1], [1, 0]])
+    torus = trusted(Mesh, np.eye(4, 2), frozen_int(np.arange(0, 9, 2)), ends, sides)
     assert torus.conforming() is torus
 
 

@@ -17,6 +17,7 @@ from fuzz.memory import ALLOWED, Memory
 from fuzz.several import lay_out
 
 from agglo_core import FileError, Mesh, PluginError, read, samples, write
+from agglo_core.arrays import trusted
 
 SHARE = {
     ".vtu": 80,
@@ -177,15 +178,15 @@ def test_arrays_that_are_no_mesh_are_refused(kind: str, tmp_path: Path) -> None:
     mesh = samples.from_spec(f"{kind}:n=3")
     faces, offsets = mesh.face_vertices.copy(), mesh.face_offsets
     faces[:2] = faces[:2][::-1] if kind == "squares" else (faces[0], 21)
-    torn = Mesh(mesh.points, offsets, faces, mesh.face_cells)
-    inside_out = Mesh(mesh.points * np.where(np.arange(mesh.dim) == 0, -1, 1), offsets, mesh.face_vertices,
-                      mesh.face_cells)  # fmt: skip
+    torn = trusted(Mesh, mesh.points, offsets, faces, mesh.face_cells)
+    mirrored = mesh.points * np.where(np.arange(mesh.dim) == 0, -1, 1)
+    inside_out = trusted(Mesh, mirrored, offsets, mesh.face_vertices, mesh.face_cells)
     same = mesh.face_cells.copy()
     same[np.argmax(same[:, 1] >= 0)] = 0
     for bad, message in (
         (torn, "do not close"),
         (inside_out, "inside out"),
-        (Mesh(mesh.points, offsets, mesh.face_vertices, same), "on both sides"),
+        (trusted(Mesh, mesh.points, offsets, mesh.face_vertices, same), "on both sides"),
     ):
         write(tmp_path / "bad.npz", bad)
         with pytest.raises(FileError, match=message):

@@ -93,7 +93,7 @@ def test_what_does_not_fit_together_is_refused() -> None:
     mesh = samples.squares(2)
     with pytest.raises(OptionError, match="1 levels but 0 targets"):
         Hierarchy(mesh, mesh.graph, [np.zeros(4, int)], [], True)
-    with pytest.raises(MeshError, match=r"shape \(3,\), expected \(4,\)"):
+    with pytest.raises(MeshError, match=r"must be \(4,\) integers.*given shape \(3,\)"):
         Hierarchy(mesh, mesh.graph, [np.zeros(3, int)], [{}], True)
 
 
@@ -159,3 +159,30 @@ def test_roots_of_several_pieces_are_cut_each() -> None:
     assert forest.cut(3.0).tolist() == [0, 1]  # a single cell stays, however large
     assert forest.cut(1.0).tolist() == [1, 2, 3]
     assert forest.labels(forest.cut(1.0)).tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("levels", "message"),
+    [
+        ([np.repeat([0, 5], 8)], "labels leave gaps: no cell is labelled 1"),
+        ([np.repeat([0, -3], 8)], "label of cell 8 is negative"),
+        ([np.repeat([0.0, np.nan], 8)], "labels must be .* integers"),
+        ([np.repeat([0.0, 1.9], 8)], "labels must be .* integers"),
+        ([np.ma.masked_equal(np.arange(16), 15)], "labels has masked entries"),
+        ([np.full(16, 2**64 - 1, np.uint64)], "labels must be whole numbers that fit in int64"),
+        (
+            [np.arange(16) // 4, np.arange(16) % 2],
+            "not nested: part 0 of level 0 lies in several parts of level 1",
+        ),
+    ],
+)
+def test_labels_that_are_none_are_refused(levels: list[np.ndarray], message: str) -> None:
+    with pytest.raises((MeshError, OptionError), match=message):
+        hierarchy_of(samples.squares(4), *levels)
+
+
+def test_levels_need_not_be_nested_if_that_is_said() -> None:
+    levels = [np.arange(16) // 4, np.arange(16) % 2]
+    assert hierarchy_of(samples.squares(4), *levels, nested=False).parts == [4, 2]
+    with pytest.raises(MeshError, match="the mesh has 4 cells, its graph 16 nodes"):
+        Hierarchy(samples.squares(2), samples.squares(4).graph, [], [], True)

@@ -279,7 +279,7 @@ def test_what_the_system_says_is_told_as_it_is(toy: Path) -> None:
         ((None, None), "returned None, expected a Mesh"),
         ((squares(2), "levels"), "expected a Hierarchy or None"),
         (
-            (squares(2), Hierarchy(squares(1), squares(1).graph, [np.zeros(1)], [{}], True)),
+            (squares(2), Hierarchy(squares(1), squares(1).graph, [np.zeros(1, int)], [{}], True)),
             "MeshError: the hierarchy belongs to another mesh",
         ),
     ],

@@ -21,7 +21,7 @@ EVERYBODY = {"arrays", "errors", "files", "progress", "threads"}
 """Modules that all folders may import, except the registry: errors and files alone let it start fast."""
 
 MAY_IMPORT = {
-    "arrays": set(),
+    "arrays": {"errors"},
     "errors": set(),
     "files": {"arrays", "errors"},
     "moved": set(),

@@ -89,7 +89,7 @@ def test_centroids_of_slanted_faces_of_solids() -> None:
         (5, r"cell tag 'it' has shape \(\), expected \(16,\)"),
         (["a"] * 16, "cell tag 'it' must hold integers, not <U1"),
         ([2**70] * 16, "cell tag 'it' must hold integers, not object"),
-        ([[1], [1, 2]], "cell tag 'it' must be an array of integers"),
+        ([[1], [1, 2]], "cell tag 'it' must be an array of numbers"),
     ],
 )
 def test_values_that_do_not_fit_are_refused_by_name(values, says: str) -> None:
