@@ -242,11 +242,17 @@ class FieldState:
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
-        for value in state.values():  # unpickled arrays are writable, and must stay the same objects
-            for array in value.values() if isinstance(value, dict) else [value]:
-                if isinstance(array, np.ndarray):
-                    array.flags.writeable = False
         self.__dict__.update(state)
+        _forbid_writing(state)
+
+
+def _forbid_writing(value: Any) -> None:
+    """Make unpickled arrays read-only, themselves and not as views: one may be in two fields."""
+    if isinstance(value, np.ndarray):
+        value.flags.writeable = False
+    elif isinstance(value, Mapping | tuple | list):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            _forbid_writing(each)
 
 
 def label_order(labels: Int) -> Int:

@@ -15,6 +15,7 @@ from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.distributed.part_components import components_of_parts
 from agglo_core.distributed.part_metrics import means
 from agglo_core.errors import OptionError
+from agglo_core.hierarchy.cuts import ones_by_row
 from agglo_core.measure.selection import RATIOS, Metric
 from agglo_core.registry import Registry
 
@@ -95,8 +96,7 @@ class DistributedHierarchy:
         """
         self._check(level)
         columns = self.levels[0] if level == 0 else self.parents(level - 1)
-        shape = (len(columns), self.parts[level])
-        return sparse.csr_array((np.ones(len(columns)), columns, np.arange(len(columns) + 1)), shape=shape)
+        return ones_by_row(columns, self.parts[level])
 
     def mesh_of(self, level: int) -> DistributedMesh:
         """Mesh of the agglomerates of ``level``; its graph across ranks is ``mesh_of(level).local.graph``."""

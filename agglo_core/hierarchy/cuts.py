@@ -246,7 +246,7 @@ class Cut:
 def ones_by_row(columns: Int, n_columns: int) -> sparse.csr_array[Any, Any]:
     """Matrix ``(n, n_columns)`` with a one in ``columns[i]`` of each row i."""
     n = len(columns)
-    indices, indptr = (index_cast(each, n) for each in (columns, np.arange(n + 1)))
+    indices, indptr = (index_cast(each, max(n, n_columns)) for each in (columns, np.arange(n + 1)))
     return sparse.csr_array((np.ones(n), indices, indptr), shape=(n, n_columns))
 
 

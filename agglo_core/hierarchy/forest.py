@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int, label_order
+from agglo_core.arrays import FieldState, Float, Int, frozen_float, frozen_int, label_order
 from agglo_core.errors import OptionError
 from agglo_core.hierarchy.tree import by_first_cell
 from agglo_core.mesh.checks import name_cells
@@ -17,7 +17,7 @@ __all__ = ["Forest", "check_nested"]
 
 
 @dataclass(frozen=True, eq=False)
-class Forest:
+class Forest(FieldState):
     """Parts of all levels and the cells as nodes; parts of several levels with the same cells are one node.
 
     Attributes

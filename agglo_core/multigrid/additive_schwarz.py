@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -90,17 +92,20 @@ def additive_schwarz(
     ]
     below = _coarse_level(matrix, offsets, part_of, strength, domain, B) if coarse else None
 
-    def applied(b: Any) -> Float:
-        b = np.asarray(b, dtype=np.float64).ravel()
-        x = np.zeros(len(b))
-        for rows, solve in local:
-            x[rows] += solve(b[rows])
-        if below is not None:
-            P, PT, solve = below
-            x += P @ solve(PT @ b)
-        return x
-
+    applied = partial(_applied, local, below)
     return LinearOperator(matrix.shape, matvec=applied, rmatvec=applied, dtype=np.float64)
+
+
+def _applied(local: Sequence[tuple[Int, Solve]], below: tuple[Any, Any, Solve] | None, b: Any) -> Float:
+    """The sum of the solutions on subdomains and, if there is one, on the coarse level."""
+    b = np.asarray(b, dtype=np.float64).ravel()
+    x = np.zeros(len(b))
+    for rows, solve in local:
+        x[rows] += solve(b[rows])
+    if below is not None:
+        P, PT, solve = below
+        x += P @ solve(PT @ b)
+    return x
 
 
 def _subdomains(strength: Couplings, offsets: Int, domain: Int, overlap: int) -> list[Int]:

@@ -66,22 +66,66 @@ def direct_solver(A: Any, dtype: Any = np.float64, dense: int = 1500) -> Solve:
     rows = sparse.csr_array(A, dtype=np.float64)
     scale = _to_unit_diagonal(rows)
     D = sparse.diags_array(scale)
-    M = sparse.csc_array(D @ rows @ D)
-    factors = symmetric_lu(M)
-    regular = factors is not None and np.abs(factors.U.diagonal()).min() > _ROUNDING * M.shape[0]
-    if not regular:
-        factors = symmetric_lu(sparse.csc_array(M + _SHIFT * sparse.eye_array(M.shape[0])))
+    return _ScaledFactors(sparse.csc_array(D @ rows @ D), scale, dtype)
+
+
+class _ByInverse:
+    """Multiplication by an inverse."""
+
+    def __init__(self, inverse: Real) -> None:
+        self.inverse = inverse
+
+    def __call__(self, b: Real) -> Real:
+        return np.asarray(self.inverse @ b)
+
+
+class _ByFactors:
+    """Solution by sparse factors, which are made again when it is unpickled: SuperLU has no pickled form."""
+
+    def __init__(self, M: Any, dtype: Any) -> None:
+        self.M, self.dtype = M, dtype
+        self.factors = self._factorised()
+
+    def _factorised(self) -> Any:
+        factors = symmetric_lu(self.M)
+        if factors is None:
+            raise np.linalg.LinAlgError(f"a coarse matrix of {self.M.shape[0]} unknowns is singular")
+        return factors
+
+    def __call__(self, b: Real) -> Real:
+        return np.asarray(self.factors.solve(np.asarray(b, np.float64))).astype(self.dtype)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"factors": None}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.factors = self._factorised()
+
+
+class _ScaledFactors(_ByFactors):
+    """Solution by the factors of a matrix scaled to a unit diagonal, shifted where it is singular."""
+
+    def __init__(self, M: Any, scale: Float, dtype: Any) -> None:
+        self.scale, self.regular = scale, True
+        super().__init__(M, dtype)
+
+    def _factorised(self) -> Any:
+        M = self.M
+        factors = symmetric_lu(M)
+        self.regular = factors is not None and np.abs(factors.U.diagonal()).min() > _ROUNDING * M.shape[0]
+        if not self.regular:
+            factors = symmetric_lu(sparse.csc_array(M + _SHIFT * sparse.eye_array(M.shape[0])))
         if factors is None:
             raise np.linalg.LinAlgError(f"the matrix to be factorised ({M.shape[0]} rows) is singular")
+        return factors
 
-    def solve(b: Real) -> Real:
-        r = scale * np.asarray(b, np.float64)
-        x = factors.solve(r)
-        for _ in range(0 if regular else 2):  # polynomials in the matrix: symmetric still
-            x = x + factors.solve(r - M @ x)
-        return np.asarray(scale * x, dtype)
-
-    return solve
+    def __call__(self, b: Real) -> Real:
+        r = self.scale * np.asarray(b, np.float64)
+        x = self.factors.solve(r)
+        for _ in range(0 if self.regular else 2):  # polynomials in the matrix: symmetric still
+            x = x + self.factors.solve(r - self.M @ x)
+        return np.asarray(self.scale * x, self.dtype)
 
 
 def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
@@ -105,8 +149,7 @@ def dense_solve(A: Any, dtype: Any = np.float64) -> Solve:
     rows = sparse.csr_array(A, dtype=np.float64)
     scale = _to_unit_diagonal(rows)
     unit = scale[:, None] * rows.toarray() * scale
-    inverse = (scale[:, None] * _inverse(0.5 * (unit + unit.T)) * scale).astype(dtype)
-    return lambda b: np.asarray(inverse @ b)
+    return _ByInverse((scale[:, None] * _inverse(0.5 * (unit + unit.T)) * scale).astype(dtype))
 
 
 def _to_unit_diagonal(A: Any) -> Float:
@@ -148,14 +191,7 @@ def lu_solve(A: Any, dtype: Any = np.float64) -> Solve:
     LinAlgError
         If the matrix is singular.
     """
-    factors = symmetric_lu(sparse.csc_array(A, dtype=np.float64))
-    if factors is None:
-        raise np.linalg.LinAlgError(f"a coarse matrix of {A.shape[0]} unknowns is singular")
-
-    def solve(b: Real) -> Real:
-        return np.asarray(factors.solve(np.asarray(b, np.float64))).astype(dtype)
-
-    return solve
+    return _ByFactors(sparse.csc_array(A, dtype=np.float64), dtype)
 
 
 def symmetric_lu(M: Any, pivots: float = 0.0) -> Any:
@@ -250,4 +286,14 @@ def coarse_solver(given: str | Callable[[Any], Solve], A: Any, dtype: Any = np.f
     solve = given(A)
     if not callable(solve):
         raise OptionError(f"coarse: the function returned {solve!r:.60}, expected a function of b")
-    return lambda b: np.asarray(solve(np.asarray(b, np.float64))).astype(dtype)
+    return _InDouble(solve, dtype)
+
+
+class _InDouble:
+    """A solver of right-hand sides in double precision for those of a stack."""
+
+    def __init__(self, solve: Solve, dtype: Any) -> None:
+        self.solve, self.dtype = solve, dtype
+
+    def __call__(self, b: Real) -> Real:
+        return np.asarray(self.solve(np.asarray(b, np.float64))).astype(self.dtype)

@@ -214,16 +214,18 @@ class Composition:
             if not callable(solve):
                 raise PluginError(f"solver_for returned {solve!r:.60}, expected a function of b")
 
-        def checked(b: Real) -> Real:
-            with _guarded(self.coarse_solver):
-                x: Real = np.asarray(solve(b))
-                if x.shape != b.shape or x.dtype.kind != "f":
-                    raise PluginError(
-                        f"the solver returned shape {x.shape} of {x.dtype}, expected {b.shape} of float64"
-                    )
-            return x
+        return partial(_solution, self.coarse_solver, solve)
 
-        return checked
+
+def _solution(member: Member, solve: Solve, b: Real) -> Real:
+    """What the solver of a coarse level returns, checked."""
+    with _guarded(member):
+        x: Real = np.asarray(solve(b))
+        if x.shape != b.shape or x.dtype.kind != "f":
+            raise PluginError(
+                f"the solver returned shape {x.shape} of {x.dtype}, expected {b.shape} of float64"
+            )
+    return x
 
 
 def _title(kind: str, given: Any) -> str:
@@ -258,8 +260,11 @@ def _injection(up: Int | None, offsets: Int) -> Any:
 
 def _correction(P: Any, solve: Solve) -> Callable[[Float], Float]:
     """The map P B⁻¹ Pᵀ, with ``solve`` for B⁻¹."""
-    PT = sparse.csr_array(P.T)
-    return lambda r: np.asarray(P @ solve(PT @ r))
+    return partial(_corrected, P, solve, sparse.csr_array(P.T))
+
+
+def _corrected(P: Any, solve: Solve, PT: Any, r: Float) -> Float:
+    return np.asarray(P @ solve(PT @ r))
 
 
 def _stored(what: str, given: Any, shape: tuple[int, int | None]) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -52,23 +54,26 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
     if kind not in _NEXT:
         raise OptionError(f"a cycle is one of {', '.join(_NEXT)}; given {kind!r}")
 
-    def applied(r: Any) -> Any:
-        residual = np.asarray(r, dtype=np.float64).ravel()
-        size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
-        if not size > 0.0 or not np.isfinite(size):
-            return residual
-        b = np.empty(len(residual), stack.dtype)
-        np.divide(residual, size, out=b, casting="same_kind")
-        return np.multiply(_solved(stack, 0, b, kind), size, dtype=np.float64)
-
-    n, between = stack.levels[0].A.shape[0], applied
+    n, applied = stack.levels[0].A.shape[0], partial(_applied, stack, kind)
     if stack.scaling is not None:
-        forth, back = (_product(T) for T in (stack.scaling, stack.scaling.T))
+        applied = partial(_between, *(_product(T) for T in (stack.scaling, stack.scaling.T)), applied)
+    return LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)
 
-        def between(r: Any) -> Any:
-            return back @ applied(forth @ np.asarray(r, dtype=np.float64).ravel())
 
-    return LinearOperator((n, n), matvec=between, rmatvec=between, dtype=np.float64)
+def _applied(stack: LevelStack, kind: Kind, r: Any) -> Any:
+    """One cycle for a residual, scaled to a largest entry of 1: vectors of the stack may be in single."""
+    residual = np.asarray(r, dtype=np.float64).ravel()
+    size = max(float(residual.max(initial=0.0)), -float(residual.min(initial=0.0)))
+    if not size > 0.0 or not np.isfinite(size):
+        return residual
+    b = np.empty(len(residual), stack.dtype)
+    np.divide(residual, size, out=b, casting="same_kind")
+    return np.multiply(_solved(stack, 0, b, kind), size, dtype=np.float64)
+
+
+def _between(forth: Any, back: Any, applied: Callable[[Any], Any], r: Any) -> Any:
+    """The cycle of a scaled matrix, for the matrix itself."""
+    return back @ applied(forth @ np.asarray(r, dtype=np.float64).ravel())
 
 
 def _product(T: Any) -> Any:

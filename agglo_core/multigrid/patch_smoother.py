@@ -276,13 +276,13 @@ class PatchSmoother:
             )
         width = int(sizes[0])
         sweeps = VertexPatches(sparse.bsr_array(level.A, blocksize=(width, width)), level.patches)
+        return partial(_smoothed, sweeps, level.steps)
 
-        def smooth(b: Float, x: Float) -> Float:
-            for _ in range(level.steps):
-                x = np.asarray(sweeps.sweep(b, sweeps.sweep(b, x), back=True), dtype=np.float64)
-            return x
 
-        return smooth
+def _smoothed(sweeps: VertexPatches, steps: int, b: Float, x: Float) -> Float:
+    for _ in range(steps):
+        x = np.asarray(sweeps.sweep(b, sweeps.sweep(b, x), back=True), dtype=np.float64)
+    return x
 
 
 def _pattern(A: Any) -> tuple[Int, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from agglo_core.arrays import Int, frozen
+from agglo_core.arrays import FieldState, Int, frozen
 from agglo_core.kernels.column_blocks import column_products
 from agglo_core.problems import Patches
 
@@ -62,7 +62,7 @@ class LevelSmoother(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class Level(FieldState):
     """One level: its matrix, and the way to the next coarser one, which the coarsest lacks.
 
     Attributes

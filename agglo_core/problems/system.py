@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from scipy import sparse
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int, plain_array
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, index_cast, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
@@ -99,8 +99,13 @@ class System:
         return int(sizes[0]) if (sizes == sizes[0]).all() else None
 
     def to_scipy(self) -> tuple[sparse.csr_array, Float]:
-        """Return copies of matrix and right-hand side, as scipy, PyAMG and others take them."""
-        return sparse.csr_array(self.A, copy=True), np.array(self.b)
+        """Return copies of matrix and right-hand side, as scipy, PyAMG and others take them.
+
+        Indices are in 32 bits where they fit, as PyAMG and scikit-learn need them.
+        """
+        A = sparse.csr_array(self.A, copy=True)
+        indices, indptr = (index_cast(each, max(A.nnz, *A.shape)) for each in (A.indices, A.indptr))
+        return sparse.csr_array((A.data, indices, indptr), shape=A.shape), np.array(self.b)
 
 
 def _columns(name: str, given: Any, n: int, dimensions: tuple[int, ...]) -> Float:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,11 @@ def block_jacobi(A: Any, width: int) -> Solve:
         If a block is singular.
     """
     inverses = np.linalg.inv(diagonal_blocks(A, width))
-    return lambda r: (inverses @ r.reshape(-1, width, 1)).ravel()
+    return partial(_equal_blocks, inverses)
+
+
+def _equal_blocks(inverses: Float, r: Float) -> Float:
+    return np.asarray((inverses @ r.reshape(len(inverses), -1, 1)).ravel())
 
 
 def local_solve(A: Any, block_offsets: Int) -> Solve:
@@ -97,13 +102,14 @@ def local_solve(A: Any, block_offsets: Int) -> Solve:
         np.add.at(blocks, (k, row[here] - first, column[here] - first), values[here])
         groups.append((block_offsets[chosen, None] + np.arange(size), np.linalg.inv(blocks)))
 
-    def solve(r: Float) -> Float:
-        x = np.zeros(len(r))
-        for unknowns, inverses in groups:
-            x[unknowns] = (inverses @ r[unknowns][:, :, None])[:, :, 0]
-        return x
+    return partial(_grouped_blocks, groups)
 
-    return solve
+
+def _grouped_blocks(groups: Sequence[tuple[Int, Float]], r: Float) -> Float:
+    x = np.zeros(len(r))
+    for unknowns, inverses in groups:
+        x[unknowns] = (inverses @ r[unknowns][:, :, None])[:, :, 0]
+    return x
 
 
 def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
@@ -122,8 +128,12 @@ def schwarz(A: Any, local: Solve, coarse: Solve | None, steps: int) -> Smooth:
     -----
     What the steps do depends on ``b`` and ``x``: the smoother is nonlinear.
     """
+    return partial(_steps, A, partial(_added, local, coarse), steps)
 
-    def precondition(r: Float) -> Float:
-        return local(r) if coarse is None else local(r) + coarse(r)
 
-    return lambda b, x: pcg_steps(A, b, x, precondition, steps)
+def _added(local: Solve, coarse: Solve | None, r: Float) -> Float:
+    return local(r) if coarse is None else local(r) + coarse(r)
+
+
+def _steps(A: Any, precondition: Solve, steps: int, b: Float, x: Float) -> Float:
+    return pcg_steps(A, b, x, precondition, steps)

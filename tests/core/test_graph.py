@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pickle
 from collections import defaultdict
 
@@ -14,7 +15,9 @@ from scipy import sparse
 from scipy.spatial import Delaunay
 from scipy.spatial.distance import pdist
 
-from agglo_core import Graph, Mesh, MeshError, samples
+from agglo_core import Graph, Mesh, MeshError, agglomerate, samples
+from agglo_core.arrays import index_cast
+from agglo_core.authoring import System
 
 ARRAYS = ("indptr", "indices", "interface", "centroids", "measures", "boundary", "weights", "vertex_offsets")
 
@@ -320,3 +323,47 @@ def test_scipy_gets_arrays_of_its_own() -> None:
     assert (adjacency - adjacency.T).count_nonzero() == 0  # scipy sorts in place on the way
     adjacency.data[:] = 0.0
     assert graph.interface.min() > 0
+
+
+def test_sparse_matrices_have_indices_in_32_bits_where_they_fit() -> None:
+    """PyAMG and scikit-learn take no others."""
+    mesh = samples.squares(6)
+    hierarchy = agglomerate(mesh, n_parts=(9, 3))
+    coarse = hierarchy.cut_at(1)
+    fine = coarse.refine([0]).cut
+    wide = sparse.csr_array((np.ones(36), np.arange(36), np.arange(37)), shape=(36, 36))
+    assert wide.indices.dtype == np.int64
+    matrices = [mesh.graph.to_scipy(), hierarchy.prolongation(0), hierarchy.prolongation(1)]
+    matrices += [hierarchy.overlap(0), coarse.prolongation(fine), fine.restriction(coarse)]
+    matrices += [System(wide, np.ones(36)).to_scipy()[0]]
+    for matrix in matrices:
+        assert (matrix.indices.dtype, matrix.indptr.dtype) == (np.int32, np.int32)
+    np.testing.assert_array_equal(matrices[1].toarray(), np.eye(9)[hierarchy.levels[0]])
+    np.testing.assert_array_equal(matrices[-1].toarray(), np.eye(36))
+    assert index_cast(np.arange(2), 2**31).dtype == np.int64
+
+
+def test_a_graph_does_not_share_arrays_that_can_be_written_to() -> None:
+    graph = samples.squares(2).graph
+    fields = {field.name: getattr(graph, field.name) for field in dataclasses.fields(Graph)}
+    weights, rock = np.arange(1.0, 5.0), np.arange(4)
+    made = Graph(**fields | {"weights": weights, "data": {"rock": rock}})
+    weights *= 2
+    rock += 7
+    assert made.weights.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert made.data["rock"].tolist() == [0, 1, 2, 3]
+    same = Graph(**fields | {"measures": weights, "weights": weights})
+    assert same.weights is same.measures
+
+
+def test_equal_graphs_have_equal_pickles_whatever_was_computed() -> None:
+    graph, used = (samples.squares(4).graph for _ in range(2))
+    part = used.subgraph([0, 1, 2, 3], [0, 4])
+    assert (used.sizes.tolist(), used.block_ids.tolist()) == ([16], [0] * 16)
+    assert pickle.dumps(used) == pickle.dumps(graph)
+    copy = pickle.loads(pickle.dumps(part))
+    assert copy.vertices.tolist() == part.vertices.tolist()
+    assert not copy.indices.flags.writeable
+    assert copy.weights is copy.measures
+    mass = pickle.loads(pickle.dumps(graph.with_mass(np.arange(16.0)))).mass
+    assert mass.tolist() == list(range(16))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -186,3 +188,21 @@ def test_levels_need_not_be_nested_if_that_is_said() -> None:
     assert hierarchy_of(samples.squares(4), *levels, nested=False).parts == [4, 2]
     with pytest.raises(MeshError, match="the mesh has 4 cells, its graph 16 nodes"):
         Hierarchy(samples.squares(2), samples.squares(4).graph, [], [], True)
+
+
+def test_a_hierarchy_and_its_cuts_can_be_pickled() -> None:
+    hierarchy = hierarchy_of(samples.squares(4), np.arange(16) // 2, np.arange(16) // 8)
+    before = pickle.dumps(hierarchy)
+    cut = hierarchy.cut_at(1).refine([0]).cut
+    assert pickle.dumps(hierarchy) == before
+    same, same_cut = pickle.loads(pickle.dumps((hierarchy, cut)))
+    assert same.above(same_cut).levels[0].tolist() == hierarchy.above(cut).levels[0].tolist()
+    assert same.above(cut).parts == [2]
+    assert not same.levels[0].flags.writeable
+
+
+def test_a_hierarchy_does_not_share_labels_that_can_be_written_to() -> None:
+    labels = np.arange(16) // 4
+    hierarchy = hierarchy_of(samples.squares(4), labels)
+    labels[:] = 0
+    assert hierarchy.levels[0].tolist() == np.repeat(range(4), 4).tolist()

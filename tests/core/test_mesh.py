@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial.distance import pdist
 import agglo_core as agglo
 from agglo_core import Mesh, MeshError, samples
 
+ARRAYS = ("face_offsets", "face_vertices", "face_cells")
 SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
 # a triangle, a quadrilateral and a non-convex pentagon that fill the square (0, 3) x (0, 3)
 MIXED_POINTS = [[0, 0], [3, 0], [3, 3], [0, 3], [1, 1]]
@@ -384,3 +386,31 @@ def test_diameters_of_large_cells_are_those_of_their_hull() -> None:
 def test_public_names() -> None:
     assert agglo.Mesh is Mesh
     assert issubclass(MeshError, ValueError)
+
+
+@pytest.mark.parametrize("mesh", [samples.squares(3), samples.boxes(2)], ids=["plane", "solid"])
+def test_a_mesh_does_not_share_arrays_that_can_be_written_to(mesh: Mesh) -> None:
+    points, cells, rock = mesh.points.copy(), mesh.face_cells.copy(), np.arange(mesh.n_cells)
+    made = Mesh(points, mesh.face_offsets, mesh.face_vertices, cells, {"rock": rock})
+    points *= 2
+    cells[:] = 0
+    rock += 1
+    np.testing.assert_array_equal(made.points, mesh.points)
+    np.testing.assert_array_equal(made.face_cells, mesh.face_cells)
+    assert made.cell_tags["rock"].tolist() == list(range(mesh.n_cells))
+    view = mesh.points.copy()
+    view.flags.writeable = False
+    assert np.shares_memory(Mesh(view, *(getattr(mesh, name) for name in ARRAYS)).points, view)
+
+
+@pytest.mark.parametrize("mesh", [samples.squares(3), samples.boxes(2)], ids=["plane", "solid"])
+def test_equal_meshes_have_equal_pickles_whatever_was_computed(mesh: Mesh) -> None:
+    used = Mesh(mesh.points, *(getattr(mesh, name) for name in ARRAYS), name=mesh.name)
+    before = pickle.dumps(used)
+    assert used.graph.n == len(used.cell_diameters) == mesh.n_cells
+    assert used.fingerprint == mesh.fingerprint
+    assert pickle.dumps(used) == before
+    copy = pickle.loads(before)
+    assert copy.fingerprint == mesh.fingerprint
+    assert not copy.points.flags.writeable
+    np.testing.assert_array_equal(copy.cell_measures, mesh.cell_measures)

@@ -2,23 +2,51 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from multigrid.random_systems import mesh_matrix, random_system
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
+from agglo_core import samples
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import (
     COARSE_SOLVERS,
     SMOOTHERS,
+    Composition,
+    additive_schwarz,
     build_stack,
     coarse_solver,
     cycle,
+    direct_solver,
     galerkin,
     injection,
 )
-from agglo_core.problems import MultigridLevel, Patches
+from agglo_core.problems import MultigridLevel, Patches, System
+
+
+class Halved:
+    """Half a step of Jacobi."""
+
+    def setup(self, level: MultigridLevel) -> _HalvedStep:
+        return _HalvedStep(level.A)
+
+
+class _HalvedStep:
+    def __init__(self, A: sparse.csr_array) -> None:
+        self.A = A
+
+    def __call__(self, b: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return x + 0.5 * (b - self.A @ x) / self.A.diagonal()
+
+
+class Inverse:
+    def solver_for(self, A: sparse.csr_array) -> Any:
+        return np.linalg.inv(A.toarray()).__matmul__
 
 
 @pytest.mark.parametrize("width", [1, 3])
@@ -145,3 +173,37 @@ def test_coarse_matrices_that_cannot_be_solved_are_refused() -> None:
         coarse_solver("qr", sparse.eye_array(2))
     with pytest.raises(OptionError, match="expected a function of b"):
         coarse_solver(lambda A: None, sparse.eye_array(2))  # type: ignore[arg-type,return-value]
+
+
+@pytest.mark.parametrize("coarse", [*COARSE_SOLVERS, direct_solver])
+@pytest.mark.parametrize("smoother", [*SMOOTHERS, Halved()])
+def test_stacks_and_cycles_can_be_pickled(smoother: Any, coarse: Any) -> None:
+    A, b = mesh_matrix(60, 2), np.arange(120.0) - 50.0
+    stack = build_stack(A, np.arange(0, 121, 2), [injection(np.arange(60) // 4, 2)], smoother, coarse)
+    x = cycle(stack) @ b
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(cycle(stack, "V"))) @ b, x)
+    np.testing.assert_array_equal(cycle(pickle.loads(pickle.dumps(stack))) @ b, x)
+    scaled = replace(stack, scaling=sparse.diags_array(np.full(120, 2.0)).tobsr((2, 2)))
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(cycle(scaled, "W"))) @ b, cycle(scaled, "W") @ b)
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+def test_sparse_factors_are_made_again_when_they_are_unpickled(shift: float) -> None:
+    """Of a matrix that is singular, and of one that is not."""
+    A = sparse.csr_array(mesh_matrix(200, 1) * 1.0)
+    A = sparse.csr_array(sparse.diags_array(A.diagonal() - A.sum(axis=1) + shift) + A)
+    solve, b = direct_solver(A, dense=0), np.arange(200.0) - 99.5
+    np.testing.assert_allclose(A @ solve(b), b, atol=1e-7)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(solve))(b), solve(b))
+
+
+def test_compositions_and_domain_decompositions_can_be_pickled() -> None:
+    mesh = samples.squares(8)
+    A = sparse.csr_array(sparse.diags_array(mesh.graph.to_scipy().sum(axis=1) + 0.1) - mesh.graph.to_scipy())
+    b, labels = np.arange(64.0), np.arange(64) // 4
+    for smoother in ("vertex_patches", "schwarz"):
+        parts = Composition(smoother=smoother, coarse_solver=Inverse())
+        M = cycle(parts.stack(System(A, b, mesh=mesh), [labels]))
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(M)) @ b, M @ b)
+    M = additive_schwarz(A, None, labels)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(M)) @ b, M @ b)
