@@ -74,8 +74,11 @@ def plain_array(values: Any, name: str = "array", error: type[AggloError] = Mesh
         would show with the values behind the mask, and for lists that form no array.
     """
     rows = values if isinstance(values, list | tuple) else (values,)
-    types = {each for each in set(map(type, rows)) if issubclass(each, _masked_type())}  # lists may be long
-    if types and any(isinstance(row, tuple(types)) and np.any(row.mask) for row in rows):
+    types = set(map(type, rows))  # of a list of numbers it has one, however long the list
+    masked: Any = _masked_type()
+    if any(issubclass(each, masked) for each in types) and any(
+        isinstance(row, masked) and row.mask.any() for row in rows
+    ):
         raise error(f"{name} has masked entries: fill them, or leave them out")
     try:
         return np.asarray(values)

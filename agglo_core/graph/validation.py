@@ -119,7 +119,7 @@ def _check_edges(graph: GraphArrays) -> None:
     if len(loops):
         raise MeshError(f"node {graph.indices[loops[0]]} has an edge to itself")
     block = np.repeat(np.arange(graph.n_blocks), np.diff(graph.offsets))
-    across = np.flatnonzero(block[rows] != block[graph.indices]) if graph.n_blocks > 1 else []
+    across = np.flatnonzero(block[rows] != block[graph.indices])
     if len(across):
         ends = rows[across[0]], graph.indices[across[0]]
         raise MeshError(f"nodes {ends[0]} and {ends[1]} of different blocks have an edge")

@@ -60,16 +60,19 @@ def loops_as_csr(cells: Any) -> tuple[Int, Int]:
         gaps = np.flatnonzero((~kept[:, :-1] & kept[:, 1:]).any(axis=1))
         if len(gaps):
             raise MeshError(f"{name_cells(gaps)}: masked vertices must be at the end of the row")
-        sizes = np.concatenate(([0], np.cumsum(kept.sum(axis=1))))
-        return frozen_int(sizes), whole_numbers(cells.data[kept], "cells")
+        offsets = np.concatenate(([0], np.cumsum(kept.sum(axis=1))))
+        return frozen_int(offsets), whole_numbers(cells.data[kept], "cells")
     if isinstance(cells, np.ndarray) and cells.ndim == 2:
         n, k = cells.shape
         return frozen_int(np.arange(n + 1) * k), whole_numbers(cells.ravel(), "cells")
     try:
         loops = [without_padding(loop) for loop in cells]
         sizes = [len(loop) for loop in loops]
-        arrays = bool(loops) and isinstance(loops[0], np.ndarray)
-        flat = np.concatenate(loops) if arrays else list(chain.from_iterable(loops))
+        flat: Any
+        if loops and isinstance(loops[0], np.ndarray):
+            flat = np.concatenate(loops)
+        else:
+            flat = list(chain.from_iterable(loops))
     except (TypeError, ValueError) as error:
         raise MeshError(f"cells must be vertex loops of integers: {error}") from None
     return frozen_int(np.concatenate(([0], np.cumsum(sizes, dtype=np.int64)))), whole_numbers(flat, "cells")

@@ -54,9 +54,10 @@ def cycle(stack: LevelStack, kind: Kind = "V") -> LinearOperator:
     if kind not in _NEXT:
         raise OptionError(f"a cycle is one of {', '.join(_NEXT)}; given {kind!r}")
 
-    n, applied = stack.levels[0].A.shape[0], partial(_applied, stack, kind)
+    n = stack.levels[0].A.shape[0]
+    applied: Callable[[Any], Any] = partial(_applied, stack, kind)
     if stack.scaling is not None:
-        applied = partial(_between, *(_product(T) for T in (stack.scaling, stack.scaling.T)), applied)
+        applied = partial(_between, _product(stack.scaling), _product(stack.scaling.T), applied)
     return LinearOperator((n, n), matvec=applied, rmatvec=applied, dtype=np.float64)
 
 

@@ -100,7 +100,7 @@ def figures(mesh: Mesh, labels: Labels, size: float) -> list[float]:
 def rows_of(task: Task, seed: int, methods: list[str]) -> Iterator[tuple[str, list[float]]]:
     """Name and figures of each method on one mesh."""
     mesh, parts = task.mesh(seed), None
-    mesh.graph.ensure_valid()
+    assert mesh.graph.n
     for name in methods:
         size = task.size(mesh) if task.size else np.sqrt(2.0 * mesh.graph.measures.sum() / task.parts(mesh))
         target = {"n_parts": task.parts(mesh)} if task.parts else {"h_star": size}
