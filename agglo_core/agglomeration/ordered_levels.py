@@ -52,7 +52,7 @@ def _with_points_as_met(graph: Graph) -> Graph:
 
     vertices, points = numbered_as_met(graph.vertices, len(graph.points))
     made = trusted_copy(graph, vertices=frozen_index(vertices), points=graph.points.take(points, axis=0))
-    return made if graph.mass is graph.measures else made.with_mass(graph.mass)
+    return made.with_loads(graph.loads)
 
 
 def _levels(

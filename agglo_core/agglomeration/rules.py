@@ -13,6 +13,7 @@ from agglo_core.agglomeration.choices import Choice, chosen
 from agglo_core.arrays import Float, Int, frozen_float, plain_array
 from agglo_core.errors import OptionError, PluginError
 from agglo_core.graph import Graph
+from agglo_core.graph.loads import Kind, Loads
 from agglo_core.mesh import Mesh
 from agglo_core.mesh.elsewhere import made_by
 from agglo_core.mesh.marks import marked, weights_of
@@ -117,7 +118,7 @@ class Rules:
         counts: bool,
         total: Callable[[Float], float] = lambda values: float(values.sum()),
     ) -> Graph:
-        """The graph with the masses by which counts are shared out; sizes share out nothing.
+        """The graph with the loads by which counts are shared out; sizes share out nothing.
 
         ``total`` adds up values of all cells, also of those that lie elsewhere.
 
@@ -133,14 +134,15 @@ class Rules:
                 raise OptionError("balance shares out a number of parts; with sizes it means nothing")
             return graph
         if self.balance == "measure":
-            return graph
-        mass = self.mass(graph)
+            return graph.with_loads(Loads("measure"))
+        loads = mass = self.mass(graph)
         whole, heavy = total(graph.measures), total(mass)
         if whole > 0:
             share = graph.measures * (_TIE * heavy / whole)
             share += mass
             mass = frozen_float(share)
-        return graph.with_mass(mass)
+        kind: Kind = "cells" if self.weights is None and self.balance != "weights" else "weights"
+        return graph.with_loads(Loads(kind, mass, weights=loads if kind == "weights" else None))
 
     def mass(self, graph: Graph) -> Float:
         """What counts are shared out by ``(n,)``."""

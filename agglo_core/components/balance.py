@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
-from agglo_core.components.part_sizes import SIZES, block_sizes, cell_sizes, checked_size, checked_tolerance
+from agglo_core.components.part_sizes import SIZES, block_sizes, checked_size, checked_tolerance
 from agglo_core.components.whole_levels import refined_blocks
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target
@@ -27,8 +27,9 @@ class BalanceRefiner:
 
     Parameters
     ----------
-    size : "cells", "measure" or "weights"
-        What is to be even: numbers of cells, measures, or weights of the graph.
+    size : "cells", "measure" or "weights", optional
+        Quantity that is evened out: number of cells, measure, or the weights of the run, else of the graph.
+        Default: that which the run balances (its ``weights=`` or ``balance=``), else cells.
     tolerance : float
         0 or more.
 
@@ -49,7 +50,7 @@ class BalanceRefiner:
     """
 
     def __init__(
-        self, size: Literal["cells", "measure", "weights"] = "cells", tolerance: float = 0.0
+        self, size: Literal["cells", "measure", "weights"] | None = None, tolerance: float = 0.0
     ) -> None:
         self.size = checked_size("balance", size)
         self.tolerance = checked_tolerance("balance", tolerance)
@@ -65,7 +66,7 @@ class BalanceRefiner:
 
         if graph.n == 0:
             return labels
-        sizes = cell_sizes(graph, self.size)
+        sizes = graph.node_sizes(self.size)
         mean, cell = block_sizes(sizes, labels, block)
         room = frozen_float(np.maximum(self.tolerance * mean, (1.0 - 1e-9) * cell))
         where = graph.indptr, graph.indices, graph.centroids

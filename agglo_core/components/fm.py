@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from agglo_core.arrays import Float, Int, UInt64, frozen_float, frozen_int
-from agglo_core.components.part_sizes import block_sizes, cell_sizes, checked_size, checked_tolerance
+from agglo_core.components.part_sizes import block_sizes, checked_size, checked_tolerance
 from agglo_core.components.whole_levels import refined_blocks
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
@@ -35,8 +35,8 @@ class FMRefiner:
     ----------
     objective : "interface" or "cut"
         Length (area) of the interfaces, or number of edges cut.
-    size : "cells", "measure" or "weights"
-        What sizes of parts are made of: numbers of cells, measures, or weights of the graph.
+    size : "cells", "measure" or "weights", optional
+        Quantity that is kept balanced, see ``balance``. Default: that which the run balances, else cells.
     tolerance : float
         0 or more.
     patience : int
@@ -67,7 +67,7 @@ class FMRefiner:
     def __init__(
         self,
         objective: Literal["interface", "cut"] = "interface",
-        size: Literal["cells", "measure", "weights"] = "cells",
+        size: Literal["cells", "measure", "weights"] | None = None,
         tolerance: float = 0.03,
         patience: int = 10,
         rounds: int = 4,
@@ -92,7 +92,7 @@ class FMRefiner:
         lengths = np.ones(len(graph.indices)) if self.objective == "cut" else graph.interface
         if len(lengths) == 0:
             return labels
-        sizes = cell_sizes(graph, self.size)
+        sizes = graph.node_sizes(self.size)
         bounds = self._bounds(sizes, labels, block)
         csr = graph.indptr, graph.indices, frozen_float(lengths)
         return frozen_int(search_all(*csr, sizes, labels, block, *bounds, self.rounds, self.patience))

@@ -60,7 +60,7 @@ class PartSearch:
         objective: object,
         seconds: object = None,
         balance: Any = None,
-        size: str = "cells",
+        size: str | None = None,
     ) -> PartSearch | None:
         """The search that the options of a component ask for; None without an effort.
 

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float
 from agglo_core.errors import OptionError
-from agglo_core.graph import Graph
+from agglo_core.graph.loads import Kind
 
-__all__ = ["FREE", "SIZES", "Balance", "block_sizes", "cell_sizes", "checked_size", "checked_tolerance"]
+__all__ = ["FREE", "SIZES", "Balance", "block_sizes", "checked_size", "checked_tolerance"]
 
-SIZES: Final[Mapping[str, str]] = MappingProxyType(
-    {"cells": "cell_balance", "measure": "measure_balance", "weights": "balance"}
+SIZES: Final[Mapping[Kind | None, str]] = MappingProxyType(
+    {None: "run_balance", "cells": "cell_balance", "measure": "measure_balance", "weights": "balance"}
 )
-"""Kinds of size, and the objective that says how even sizes are."""
+"""Kinds of size and the objective that measures the imbalance; None is the quantity that the run balances."""
 
 
 class Balance(NamedTuple):
     """How far sizes of parts may be from their mean, relatively, and what they are made of."""
 
     tolerance: float
-    size: Literal["cells", "measure", "weights"] = "cells"
+    size: Kind | None = None
 
     @property
     def asked(self) -> bool:
@@ -50,10 +50,10 @@ FREE: Final = Balance(np.inf)
 """No bounds."""
 
 
-def checked_size(refiner: str, size: Any) -> Literal["cells", "measure", "weights"]:
-    """A kind of size, once it is known; an OptionError otherwise."""
+def checked_size(refiner: str, size: Any) -> Kind | None:
+    """Return the kind of size; raise an OptionError if there is no such kind."""
     if size not in SIZES:
-        raise OptionError(f"{refiner}: size is one of {', '.join(SIZES)}; given {size!r}")
+        raise OptionError(f"{refiner}: size is one of {', '.join(filter(None, SIZES))}; given {size!r}")
     return size  # type: ignore[no-any-return]
 
 
@@ -63,13 +63,6 @@ def checked_tolerance(refiner: str, tolerance: float, name: str = "tolerance") -
     if not (number and 0.0 <= tolerance < np.inf):
         raise OptionError(f"{refiner}: {name} must be a number, 0 or more, not {tolerance!r}")
     return float(tolerance)
-
-
-def cell_sizes(graph: Graph, size: str) -> Float:
-    """What each cell ``(n,)`` adds to the size of its part."""
-    if size == "cells":
-        return frozen_float(np.ones(graph.n))
-    return graph.measures if size == "measure" else graph.weights
 
 
 def block_sizes(sizes: Float, labels: Int, block: Int) -> tuple[Float, Float]:

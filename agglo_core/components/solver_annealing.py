@@ -9,7 +9,7 @@ import numpy as np
 from agglo_core.arrays import Float, Int, frozen_float, frozen_index, frozen_int
 from agglo_core.components.annealed_parts import corner_cells
 from agglo_core.components.annealing_rounds import Ramps, rooms_of, take_turns
-from agglo_core.components.part_sizes import FREE, Balance, cell_sizes
+from agglo_core.components.part_sizes import FREE, Balance
 from agglo_core.graph import Graph
 from agglo_core.graph.ordering import curve_order
 from agglo_core.graph.solver_shape import solver_factors
@@ -42,7 +42,7 @@ class SolverAnnealing:
 
         self.order, self._limit, self._balance = curve_order(graph.centroids), float(limit), balance
         self.graph = own = graph.subgraph(self.order, frozen_int([0, graph.n]))
-        self.sizes = cell_sizes(own, balance.size)
+        self.sizes = own.node_sizes(balance.size)
         if limit < np.inf:
             self._cells: Any = corner_cells(own)
         else:

@@ -10,7 +10,7 @@ from agglo_core.arrays import Int, frozen_int, splitmix
 from agglo_core.components.annealing_rounds import Ramps
 from agglo_core.components.balance import BalanceRefiner
 from agglo_core.components.compactness import CompactnessRefiner
-from agglo_core.components.part_sizes import FREE, Balance, cell_sizes
+from agglo_core.components.part_sizes import FREE, Balance
 from agglo_core.components.solver_annealing import SolverAnnealing
 from agglo_core.components.start_parts import Rival, Start, connected_parts, parts_within
 from agglo_core.graph import Graph
@@ -87,7 +87,7 @@ def _first(graph: Graph, target: Target, start: Start, other: Int) -> Int:
 
 def _worth(graph: Graph, labels: Int, balance: Balance) -> tuple[bool, float]:
     """The less the better: those in balance before all others, then by the objective."""
-    off = not balance.holds(cell_sizes(graph, balance.size), labels)
+    off = not balance.holds(graph.node_sizes(balance.size), labels)
     return off, OBJECTIVES["solver"].value(graph, labels)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_index, frozen_int, trusted, trusted_copy
 from agglo_core.graph import Graph
+from agglo_core.graph.loads import Loads
 from agglo_core.registry.attribution import Member
 
 __all__ = ["Domain", "Links", "joined"]
@@ -112,7 +113,7 @@ class Domain:
             return self.graph
         beyond = np.bincount(self.links.node, self.links.interface, self.n)
         made = trusted_copy(self.graph, boundary=self.graph.boundary + beyond)
-        return made if self.graph.mass is self.graph.measures else made.with_mass(self.graph.mass)
+        return made.with_loads(self.graph.loads)
 
     def coarsened(self, labels: Int, first: int, to: Int) -> Domain:
         """The domain of agglomerates ``labels (n,)``, ids from ``first`` on; ``to (e,)``: those of links."""
@@ -136,9 +137,7 @@ class Domain:
         vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
         points = self.graph.points.take(points, axis=0)
         own = trusted_copy(self.graph, vertices=frozen_index(vertices), points=points)
-        if self.graph.mass is not self.graph.measures:
-            own = own.with_mass(self.graph.mass)
-        return replace(self, graph=own)
+        return replace(self, graph=own.with_loads(self.graph.loads))
 
 
 def joined(
@@ -217,4 +216,13 @@ def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: L
         data={name: np.concatenate([g.data[name] for g in graphs])[order] for name in sorted(names)},
         origin=graphs[0].origin,
     )
-    return made.with_mass(collected("mass"))
+    loads = next((g.loads for g in graphs if g.loads is not None), None)
+    if loads is None:
+        return made
+    whole = Loads(
+        loads.kind,
+        frozen_float(collected("mass")),
+        frozen_float(np.concatenate([g.node_sizes("cells") for g in graphs])[order]),
+        frozen_float(np.concatenate([g.node_sizes("weights") for g in graphs])[order]),
+    )
+    return made.with_loads(whole)

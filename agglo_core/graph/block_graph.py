@@ -16,18 +16,17 @@ from agglo_core.arrays import (
     Index,
     Int,
     Mask,
-    exact_cast,
     frozen,
     frozen_float,
     frozen_index,
     frozen_int,
     label_order,
-    owned,
     plain_array,
     trusted_copy,
 )
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import all_connected
+from agglo_core.graph.loads import Loaded
 from agglo_core.mesh import check_labels, diameters_of, wide_parts
 from agglo_core.threads import together
 
@@ -38,7 +37,7 @@ _LATER = ("boundary", "vertex_offsets", "vertices")
 
 
 @dataclass(frozen=True, eq=False)
-class BlockGraph(FieldState):
+class BlockGraph(FieldState, Loaded):
     """Arrays of a :class:`~agglo_core.graph.Graph`, which documents them, and operations on its blocks."""
 
     indptr: Int
@@ -70,37 +69,13 @@ class BlockGraph(FieldState):
 
     def __getstate__(self) -> dict[str, Any]:
         """All arrays, and nothing of the graph that this is a part of."""
-        mass = {"_mass": self.__dict__["_mass"]} if "_mass" in self.__dict__ else {}
-        return super().__getstate__() | mass
+        loads = {"_loads": self.__dict__["_loads"]} if "_loads" in self.__dict__ else {}
+        return super().__getstate__() | loads
 
     @property
     def n(self) -> int:
         """Number of nodes."""
         return len(self.measures)
-
-    @property
-    def mass(self) -> Float:
-        """What a number of parts is shared out by, among pieces and sides of splits ``(n,)``: the measures.
-
-        A run may share it out by something else (:meth:`with_mass`).
-        """
-        mass: Float = self.__dict__.get("_mass", self.measures)
-        return mass
-
-    def with_mass(self, mass: ArrayLike) -> Self:
-        """The graph with another :attr:`mass`; subgraphs and quotients have theirs of it."""
-        given = owned(exact_cast(plain_array(mass, "mass"), np.float64, "mass"))
-        if given.shape != (self.n,) or not 0.0 <= given.min(initial=0.0) <= given.max(initial=0.0) < np.inf:
-            raise MeshError(f"mass must be {self.n} numbers, finite and not negative; given {given.shape}")
-        made = trusted_copy(self)
-        made.__dict__["_mass"] = frozen_float(given)
-        return made
-
-    def _with_mass_of(self, other: BlockGraph, nodes: Any = slice(None)) -> Self:
-        """This graph, with the mass that these nodes have in another one."""
-        if "_mass" in other.__dict__:
-            self.__dict__["_mass"] = frozen_float(other.mass[nodes])
-        return self
 
     @property
     def dim(self) -> int:
@@ -145,7 +120,7 @@ class BlockGraph(FieldState):
             offsets=frozen_int([0, j - i]),
             data={key: values[nodes] for key, values in self.data.items()},
         )
-        return made._with_mass_of(self, nodes)
+        return made.with_loads(self.loads and self.loads.take(nodes))
 
     def subgraph(self, nodes: ArrayLike, offsets: ArrayLike) -> Self:
         """Graph of ``nodes`` in that order, cut into blocks ``offsets``; edges between blocks are dropped."""
@@ -180,7 +155,8 @@ class BlockGraph(FieldState):
             origin=self.origin,
             _whole=(whole, nodes_of_whole),
         )
-        return made._with_mass_of(self, order)
+        made.__dict__["_loads"] = self.loads and self.loads.take(order)
+        return made
 
     def split(self, labels: ArrayLike) -> tuple[Self, Int]:
         """Parts as blocks, labels 0..k−1: the graph, and the node of ``self`` at each of its nodes."""
@@ -221,7 +197,7 @@ class BlockGraph(FieldState):
             interface=self.interface[stay],
             boundary=self.boundary + np.bincount(rows, self.interface[out], self.n),
         )
-        return made._with_mass_of(self)
+        return made.with_loads(self.loads)
 
     def diameters(self) -> Float:
         """Exact largest vertex distance of each block ``(B,)``."""

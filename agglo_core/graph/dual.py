@@ -217,7 +217,7 @@ class Graph(BlockGraph):
         parts = check_labels(labels, self.n)
         coarse = quotient(parts, self)
         made = trusted_copy(self, **coarse._asdict(), offsets=frozen_int([0, len(coarse.measures)]), data={})
-        return made if self.mass is self.measures else made.with_mass(np.bincount(parts, self.mass))
+        return made.with_loads(self.loads and self.loads.added(parts))
 
 
 def dual_graph(mesh: Mesh) -> Graph:

@@ -152,8 +152,8 @@ def _inertia_and_interface(graph: Graph, labels: Int) -> tuple[Float, Float, Int
 
 def squared_weight_changes(graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
     """Changes of the sum of the squared weights of the parts ``(q,)``."""
-    sums = part_sums(labels, graph.weights)
-    weight = graph.weights[cells]
+    weights = graph.node_sizes("weights")
+    sums, weight = part_sums(labels, weights), weights[cells]
     changes: Float = 2.0 * weight * (sums[parts] - sums[labels[cells]] + weight)
     return changes
 

@@ -16,10 +16,11 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.graph import moves
 from agglo_core.graph.dual import Graph
 from agglo_core.graph.functionals import part_cuts, part_volumes, ratio
+from agglo_core.graph.loads import Kind
 from agglo_core.graph.solver_shape import solver_shapes
 
 __all__ = ["OBJECTIVES", "Objective", "numbered_parts"]
@@ -108,18 +109,12 @@ def _inertia(graph: Graph, labels: Int) -> Float:
     return moves.part_sums(labels, graph.weights * ((graph.centroids - means[labels]) ** 2).sum(axis=1))
 
 
-def _squared_weights(graph: Graph, labels: Int) -> Float:
-    squared: Float = moves.part_sums(labels, graph.weights) ** 2
-    return squared
+def _squared_sizes(kind: Kind | None) -> Callable[[Graph, Int], Float]:
+    def of_parts(graph: Graph, labels: Int) -> Float:
+        squared: Float = moves.part_sums(labels, graph.node_sizes(kind)) ** 2
+        return squared
 
-
-def _squared_measures(graph: Graph, labels: Int) -> Float:
-    squared: Float = moves.part_sums(labels, graph.measures) ** 2
-    return squared
-
-
-def _squared_cells(graph: Graph, labels: Int) -> Float:
-    return frozen_float(np.bincount(labels) ** 2)
+    return of_parts
 
 
 def _diameters(graph: Graph, labels: Int) -> Float:
@@ -180,11 +175,16 @@ _TABLE = (
     Objective(
         "balance",
         "sum of the squared weights of the parts",
-        _squared_weights,
+        _squared_sizes("weights"),
         changes=moves.squared_weight_changes,
     ),
-    Objective("measure_balance", "sum of the squared measures of the parts", _squared_measures),
-    Objective("cell_balance", "sum of the squared numbers of cells of the parts", _squared_cells),
+    Objective("measure_balance", "sum of the squared measures of the parts", _squared_sizes("measure")),
+    Objective("cell_balance", "sum of the squared numbers of cells of the parts", _squared_sizes("cells")),
+    Objective(
+        "run_balance",
+        "sum of the squared sizes of the parts, in the quantity that the run balances",
+        _squared_sizes(None),
+    ),
     Objective("diameter", "largest diameter of a part", _diameters, "max"),
     Objective("roundness", "by how much the parts are neither round nor alike in width", _roundness),
     Objective(

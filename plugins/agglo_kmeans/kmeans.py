@@ -53,8 +53,8 @@ class KMeans:
     balance : float, optional
         With an effort, and a number of parts: how far sizes of parts may be from their mean, relatively, if
         that is more than a cell; 0 makes numbers of cells differ by at most 1.
-    size : "cells", "measure" or "weights"
-        What is balanced.
+    size : "cells", "measure" or "weights", optional
+        Quantity that is balanced. Default: that of the run (its ``weights=`` or ``balance=``), else cells.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class KMeans:
         objective: Literal["solver", "roundness"] = "solver",
         seconds: float | None = None,
         balance: float | None = None,
-        size: Literal["cells", "measure", "weights"] = "cells",
+        size: Literal["cells", "measure", "weights"] | None = None,
     ) -> None:
         if not isinstance(iterations, int) or isinstance(iterations, bool) or iterations < 0:
             raise OptionError(f"kmeans: iterations must be a whole number, 0 or more, given {iterations!r}")

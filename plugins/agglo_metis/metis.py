@@ -47,8 +47,8 @@ class Metis:
         When annealing ends.
     balance : float, optional
         How far sizes of annealed parts may be from their mean, relatively.
-    size : "cells", "measure" or "weights"
-        What is balanced.
+    size : "cells", "measure" or "weights", optional
+        Quantity that is balanced. Default: that of the run (its ``weights=`` or ``balance=``), else cells.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class Metis:
         objective: Literal["solver", "roundness"] = "solver",
         seconds: float | None = None,
         balance: float | None = None,
-        size: Literal["cells", "measure", "weights"] = "cells",
+        size: Literal["cells", "measure", "weights"] | None = None,
     ) -> None:
         if algorithm not in ("kway", "recursive"):
             raise OptionError(f"metis: algorithm must be 'kway' or 'recursive', not {algorithm!r}")
@@ -148,7 +148,7 @@ class Metis:
 
     def _weights(self, level: Graph) -> tuple[Int | None, Int | None]:
         """Integer weights of nodes ``(n,)`` and edges ``(m,)``, or None where they do not count."""
-        own = level.weights if level.mass is level.measures else level.mass
+        own = level.weights if level.loads is None else level.mass
         nodes = _integers(own, level.offsets) if self.vertex_weights else None
         edges = _integers(level.interface, level.indptr[level.offsets]) if self.edge_weights else None
         return nodes, edges

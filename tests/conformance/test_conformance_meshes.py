@@ -64,7 +64,7 @@ def test_objectives_by_hand() -> None:
     assert values == pytest.approx(
         {"solver": 8 / hexagons[0] + 0.2 * 1 / hexagons[1]}
         | {"interface": 1, "cut": 1, "compactness": 8, "balance": 32, "diameter": np.sqrt(17)}
-        | {"measure_balance": 32, "cell_balance": 2 * 2**2}
+        | {"measure_balance": 32, "cell_balance": 2 * 2**2, "run_balance": 2 * 2**2}
         | {"normalised_cut": 2 / 3, "shape": 8, "roundness": 2 - 2 * 3.8 * 4 / (10 * np.sqrt(17))}
     )
     assert loose_parts(graph, frozen_int([0, 1, 0, 0])) == {(0, 0): 2, (0, 1): 1}

@@ -77,6 +77,59 @@ def test_weights_are_evened_out() -> None:
     assert np.abs(after / after.mean() - 1.0).max() < 0.05
 
 
+def heaviest(labels: Int, sizes: Any) -> float:
+    """Size of the largest part over the mean."""
+    of_parts = np.bincount(labels, sizes)
+    return float(of_parts.max() / of_parts.mean())
+
+
+DISTRICTS: dict[str, dict[str, Any]] = {
+    "post-refiner": {"post_refiners": (("balance", {"size": "weights"}),)},
+    "post-refiner, default": {"post_refiners": ("balance",)},
+    "before fm": {"post_refiners": ("balance", ("fm", {"tolerance": 0.02}))},
+    "refiner of splits": {"refiners": ("balance",), "polish": False, "n_parts": 8},
+    "descent": {"post_refiners": ("balance", ("descent", {"objective": "balance"}))},
+    "direct": {"method": "kway", "post_refiners": ("balance",)},
+    "constraint": {"max_cells": 400, "post_refiners": ("balance",)},
+}
+
+
+@pytest.mark.parametrize("case", sorted(DISTRICTS))
+def test_weights_given_to_a_run_are_evened_out(case: str) -> None:
+    mesh = samples.voronoi(1200, seed=1)
+    people = np.random.default_rng(0).lognormal(3.0, 1.0, mesh.n_cells)
+    hierarchy = agglo.agglomerate(mesh, **{"n_parts": 12, "weights": people} | DISTRICTS[case])
+    assert heaviest(hierarchy.levels[0], people) < 1.04
+    assert hierarchy.statistics["imbalance"] == [pytest.approx(heaviest(hierarchy.levels[0], people))]
+
+
+def test_the_default_evens_out_what_the_run_balances() -> None:
+    mesh = samples.random_triangles(400, seed=3)
+    graph = replace(mesh.graph, weights=mesh.cell_measures * np.where(mesh.cell_centroids[:, 0] > 0.5, 5, 1))
+    for balance in ("cells", "measure", "weights"):
+        labels = agglo.agglomerate(graph, n_parts=6, balance=balance, post_refiners=("balance",)).levels[0]
+        others = {"cells", "measure", "weights"} - {balance}
+        assert heaviest(labels, graph.node_sizes(balance)) < 1.02
+        assert min(heaviest(labels, graph.node_sizes(each)) for each in others) > 1.03
+
+
+def test_weights_of_the_graph_hold_where_the_run_has_none() -> None:
+    mesh = samples.voronoi(1200, seed=1)
+    people = np.random.default_rng(0).lognormal(3.0, 1.0, mesh.n_cells)
+    graph = replace(mesh.graph, weights=people)
+    size = (("balance", {"size": "weights"}),)
+    assert heaviest(agglo.agglomerate(graph, n_parts=12, post_refiners=size).levels[0], people) < 1.04
+
+
+def test_metis_balances_measures_where_the_run_does() -> None:
+    mesh = samples.random_triangles(400, seed=3)
+    graph = replace(mesh.graph, weights=np.where(mesh.cell_centroids[:, 0] > 0.5, 5.0, 1.0))
+    labels = agglo.agglomerate(
+        graph, bisector="metis", n_parts=2, balance="measure", refiners=(), polish=False
+    ).levels[0]
+    assert heaviest(labels, graph.measures) < 1.02
+
+
 def test_the_objective_it_names_says_how_even_sizes_are() -> None:
     graph = samples.random_triangles(300, seed=1).graph
     labels = agglo.agglomerate(graph, n_parts=10).levels[0]
@@ -84,6 +137,7 @@ def test_the_objective_it_names_says_how_even_sizes_are() -> None:
         ("cells", "cell_balance"),
         ("measure", "measure_balance"),
         ("weights", "balance"),
+        (None, "run_balance"),
     ):
         after = evened(graph, labels, size=size, tolerance=0.0)
         assert OBJECTIVES[objective](graph, after) < OBJECTIVES[objective](graph, labels)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from agglo_core import Graph, OptionError, agglomerate, samples
 from agglo_core.arrays import frozen_int
 from agglo_core.components.anneal import AnnealRefiner
-from agglo_core.components.part_sizes import cell_sizes
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
 from agglo_kmeans.kmeans import KMeans
@@ -150,7 +149,7 @@ def test_sizes_are_within_the_tolerance_and_parts_better_than_those_balanced_aft
         mesh = samples.voronoi(1000, seed=seed)
         options = {"effort": "good", "balance": 0.05, "size": size}
         labels = agglomerate(mesh, bisector=("kmeans", options), method="kway", n_parts=20).levels[0]
-        sizes = np.bincount(labels, cell_sizes(mesh.graph, size))
+        sizes = np.bincount(labels, mesh.graph.node_sizes(size))
         assert np.abs(sizes / sizes.mean() - 1).max() <= 0.05
         plain = agglomerate(
             mesh,
@@ -159,6 +158,26 @@ def test_sizes_are_within_the_tolerance_and_parts_better_than_those_balanced_aft
             post_refiners=["compactness", ("balance", {"size": size, "tolerance": 0.05})],
         )
         assert value(mesh.graph, labels) < value(mesh.graph, plain.levels[0]) - 0.02
+
+
+@pytest.mark.parametrize("bisector", ["kmeans", "metis"])
+@pytest.mark.parametrize("size", ["weights", None])
+def test_annealed_parts_balance_the_weights_given_to_the_run(bisector: str, size: str | None) -> None:
+    mesh = samples.voronoi(600, seed=1)
+    weights = np.random.default_rng(0).lognormal(0.0, 1.0, mesh.n_cells)
+    options = {"effort": "fast", "balance": 0.05, "size": size}
+    labels = agglomerate(
+        mesh, bisector=(bisector, options), method="kway", n_parts=8, weights=weights
+    ).levels[0]
+    sizes = np.bincount(labels, weights)
+    assert np.abs(sizes / sizes.mean() - 1).max() <= 0.05
+
+
+def test_coarse_levels_balance_numbers_of_cells_of_the_mesh() -> None:
+    mesh = samples.voronoi(600, seed=1)
+    hierarchy = agglomerate(mesh, method="kway", n_parts=(50, 5), post_refiners=("balance",))
+    cells = np.bincount(hierarchy.levels[1])
+    assert cells.tolist() == [120] * 5
 
 
 def test_balance_needs_an_effort_for_solvers_and_a_count() -> None:

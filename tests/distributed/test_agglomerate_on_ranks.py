@@ -197,6 +197,25 @@ def test_wherever_the_cells_lie() -> None:
         assert quality["connected"] == 1.0
 
 
+def districts(people: NDArray[Any], size: str | None) -> list[Any]:
+    """People of each part of both levels."""
+    whole = shared(samples.voronoi(1200, seed=1))
+    pipeline = Pipeline(
+        n_parts=(60, 6),
+        weights=people[whole.global_ids[whole.own]],
+        post_refiners=(("balance", {"size": size}),),
+    )
+    made = agglomerate(whole, pipeline, independent_of_ranks=False)
+    return [np.bincount(whole.gather(labels), people) for labels in made.levels]
+
+
+@pytest.mark.parametrize("size", [None, "weights"])
+def test_weights_given_to_a_run_are_evened_out(size: str | None) -> None:
+    people = np.random.default_rng(0).lognormal(3.0, 1.0, 1200)
+    coarse = on_ranks(2, districts, people, size)[0][1]
+    assert coarse.max() < 1.15 * coarse.mean()
+
+
 def refused(*cases: dict[str, Any]) -> list[str]:
     found = []
     for options in cases:
