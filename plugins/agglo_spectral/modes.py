@@ -7,19 +7,23 @@ the modes are orthonormal whatever the units), solved as S z = λ z with S = M^{
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from agglo_core.authoring import Float, Graph, Int, block_extents, block_shares, principal_frames
 
 __all__ = ["laplacian_modes"]
 
 _BATCH = 2**22  # entries of a stack of dense matrices: 32 MiB
-_SHIFT = 1e-3  # of the Rayleigh quotient of the coordinates: makes the Laplacian regular
+_SHIFT = 1e-3  # of an estimate of the lowest eigenvalue: makes the Laplacian regular
+_FAR = 0.1  # part of that estimate below which the matrix is factored anew
+_ROUNDING = 1e-13  # of the largest entry: least shift and residual
 _RESIDUAL = 1e-8  # of the lowest eigenvalue
 _SWEEPS = 200
+_WEAKEST = 1e-6  # of the mean edge weight of a block: bound of the weights
 
 
 def laplacian_modes(level: Graph, count: int, weighted: bool, dense_limit: int) -> tuple[Float, Float]:
@@ -70,7 +74,10 @@ def _padded(sizes: Int) -> Int:
 
 
 def _edge_weights(level: Graph, weighted: bool) -> Float:
-    """Interface over distance of the centroids (bounded below), ``(m,)``."""
+    """Interface over distance of the centroids, both bounded below, ``(m,)``.
+
+    Without the bound a block whose interfaces are zero along a cut would have several constant modes.
+    """
     if not weighted:
         return np.ones(len(level.indices))
     owners = np.repeat(np.arange(level.n), np.diff(level.indptr))
@@ -79,7 +86,11 @@ def _edge_weights(level: Graph, weighted: bool) -> Float:
     extents = np.sqrt((block_extents(level, level.centroids) ** 2).sum(axis=1))
     floor = (1e-6 * extents)[level.block_ids[owners]]
     distances = np.maximum(distances, floor)
-    return np.divide(level.interface, distances, out=np.ones_like(distances), where=distances > 0)
+    weights = np.divide(level.interface, distances, out=np.ones_like(distances), where=distances > 0)
+    blocks = level.block_ids[owners]
+    means = np.bincount(blocks, weights, level.n_blocks) / np.maximum(np.bincount(blocks), 1)
+    least = np.where(means > 0, _WEAKEST * means, 1.0)  # all weights 1 where no interface has a measure
+    return np.maximum(weights, least[blocks])
 
 
 def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:
@@ -117,22 +128,31 @@ def _iterative(graph: Graph, roots: Float, weights: Float, count: int) -> tuple[
     degrees = sparse.diags_array(adjacency.sum(axis=1))
     matrix = sparse.csc_array(scaling @ (degrees - adjacency) @ scaling)
     space = _orthonormal(_monomials(principal_frames(graph)[1]) * roots[:, None], roots)
-    shift = _SHIFT * np.min(np.einsum("ni,ni->i", space, matrix @ space))
-    factors = splu(
-        matrix + shift * sparse.eye_array(n, format="csc"),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    lowest, rounding = np.min(np.einsum("ni,ni->i", space, matrix @ space)), _ROUNDING * matrix.max()
+    factored = np.inf
     for _ in range(_SWEEPS):
+        if lowest < _FAR * factored:  # a shift far above the lowest eigenvalue would slow the iteration down
+            shift, factored = max(_SHIFT * lowest, rounding), lowest
+            factors = _factors(matrix, shift)
         space = _orthonormal(factors.solve(space), roots)
         image = matrix @ space
         values, rotation = np.linalg.eigh(space.T @ image)
         space = space @ rotation
         residuals = np.linalg.norm(image @ rotation - space * values, axis=0)
-        if residuals[:count].max() <= _RESIDUAL * values[0]:
+        if residuals[:count].max() <= max(_RESIDUAL * values[0], rounding):
             break
+        lowest = values[0]
     return values[None, :count], space[:, :count]
+
+
+def _factors(matrix: sparse.csc_array[Any, Any], shift: float) -> SuperLU:
+    """Factors of ``matrix + shift``, which is positive definite."""
+    return splu(
+        matrix + shift * sparse.eye_array(matrix.shape[0], format="csc"),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
 
 
 def _orthonormal(space: Float, roots: Float) -> Float:

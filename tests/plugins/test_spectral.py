@@ -179,6 +179,54 @@ def test_weights_of_zero_still_leave_two_sides(split, heavy):
     assert set(sides_of(graph, split=split).tolist()) == {0, 1}
 
 
+def closed(mesh, open_faces):
+    """The dual graph with interfaces 1 where ``open_faces(i, j)`` for cells i < j, else 0."""
+    graph = mesh.graph
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    open_ = open_faces(np.minimum(rows, graph.indices), np.maximum(rows, graph.indices))
+    return Graph.from_arrays(
+        graph.indptr, graph.indices, mesh.cell_centroids, interface=np.asarray(open_, dtype=float)
+    )
+
+
+OPEN_FACES = {
+    "lines": lambda i, j: (401 * i + j) % 2,
+    "half": lambda i, j: (7919 * i + 104729 * j) % 97 < 48,
+    "few": lambda i, j: (7919 * i + 104729 * j) % 97 < 8,
+    "none": lambda i, j: np.zeros(len(i)),
+    "tiny elsewhere": lambda i, j: np.where((401 * i + j) % 2, 1.0, 1e-20),
+}
+
+
+@pytest.mark.parametrize("weights", sorted(OPEN_FACES))
+@pytest.mark.parametrize("split", ["ncut", "median"])
+def test_interfaces_may_be_zero(weights, split):
+    graph = closed(agglo.samples.squares(20), OPEN_FACES[weights])
+    hierarchy = agglo.agglomerate(graph, bisector=("spectral", {"split": split}), n_parts=8)
+    assert hierarchy.parts == [8]
+    assert len(np.unique(graph.components(hierarchy.levels[0]))) == 8
+
+
+@pytest.mark.parametrize("mesh", [agglo.samples.squares(20), agglo.samples.tetrahedra(4)])
+def test_a_closed_wall_is_the_cut(mesh):
+    """Interfaces that are zero along a wall cost nothing."""
+    left = mesh.cell_centroids[:, 0] < 0.4
+    graph = closed(mesh, lambda i, j: left[i] == left[j])
+    sides = Spectral().bisect_level(graph, np.zeros(1, np.uint64))
+    assert len(np.unique(sides[left])) == len(np.unique(sides[~left])) == 1
+    assert sides[left][0] != sides[~left][0]
+
+
+def test_modes_of_weakly_coupled_pieces_converge():
+    graph = closed(agglo.samples.squares(16), OPEN_FACES["half"])
+    values, modes = laplacian_modes(graph, 2, True, 64)
+    exact, exact_modes = laplacian_modes(graph, 2, True, 256)
+    np.testing.assert_allclose(values, exact, rtol=1e-6)
+    np.testing.assert_allclose(
+        modes @ modes.T, exact_modes @ exact_modes.T, atol=1e-4 * np.abs(modes).max() ** 2
+    )
+
+
 def test_one_node_is_side_zero():
     assert sides_of(rectangle(1, 1).graph).tolist() == [0]
 
