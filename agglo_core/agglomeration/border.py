@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int, Mask, UInt64, frozen_int, plain_array
+from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_float, frozen_int, plain_array
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
 from agglo_core.graph.connection import parts_connected
@@ -32,6 +32,7 @@ __all__ = [
     "checked_widths",
     "one_sided_blocks",
     "require_no_worse",
+    "sides_by_share",
 ]
 
 
@@ -65,9 +66,34 @@ def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:
     with attributed(member.title):
         if callable(getattr(member.tool, "bisect_level", None)):
             returned = member.tool.bisect_level(level, seeds)
-            given = plain_array(returned, f"{member.title}: bisect_level", PluginError)
         else:
-            given = returned = bisect_by_block(member.tool, level, seeds)
+            returned = bisect_by_block(member.tool, level, seeds)
+    return _as_sides(member, level, returned)
+
+
+def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | None) -> tuple[Int, Int]:
+    """Sides ``(n,)`` in {0, 1}, and the blocks whose cut is still to be moved to its share of the mass.
+
+    Blocks with a share below 1/2 are split by ``bisect_shares`` if the bisector has it. Then only those with
+    one empty side are left.
+    """
+    uneven = np.array([], np.int64) if shares is None else np.flatnonzero(shares < 0.5)
+    if shares is None or len(uneven) == 0 or not member.offers("bisect_shares"):
+        return checked_sides(member, level, seeds), frozen_int(uneven)
+    sides, even = np.empty(level.n, np.int64), np.flatnonzero(shares == 0.5)
+    if len(even):
+        sides[np.isin(level.block_ids, even)] = checked_sides(member, level.take(even), seeds[even])
+    part = level.take(uneven)
+    with attributed(member.title):
+        returned = member.tool.bisect_shares(part, seeds[uneven], frozen_float(shares[uneven]))
+    found = _as_sides(member, part, returned)
+    sides[np.isin(level.block_ids, uneven)] = found
+    return frozen_int(sides), frozen_int(uneven[one_sided_blocks(part, found)])
+
+
+def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
+    with attributed(member.title):
+        given = plain_array(returned, f"{member.title}: bisect_level", PluginError)
     if given.shape != (level.n,):
         raise PluginError(f"{member.title} returned {_in_words(returned, given)}, expected ({level.n},)")
     if given.dtype.kind == "f":

@@ -19,6 +19,7 @@ from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.run import Run, splitmix
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.graph import Graph
+from agglo_core.graph.side_shares import side_shares
 from agglo_core.hierarchy import Tree
 from agglo_core.progress import Tell, phase
 
@@ -116,6 +117,7 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
     nodes = growth.add(np.full(len(start), -1), start, np.diff(offsets), state)
     seeds = run.seeds(stage, len(start))
     leaves: list[Int] = []
+    table = None if isinstance(goal, SizeGoal) else side_shares(goal.parts)
     expected = goal.estimate(graph) / len(start)
     while True:
         leaves.append(nodes[finished])
@@ -129,7 +131,8 @@ def _grown(graph: Graph, labels: Int, goal: Goal, run: Run, stage: int, tell: Te
                 take, starts = _taken(order, offsets, going)
                 source, cells = source.subgraph(take, starts), cells[take]
         seeds, state, nodes, start = seeds[going], state[going], nodes[going], start[going]
-        sides = run.halve(source, seeds, goal.target)
+        shares = table[np.minimum(state, len(table) - 1).astype(np.int64)] if table is not None else None
+        sides = run.halve(source, seeds, goal.target, shares)
         with statistics.timed("test"):
             order, offsets = _children(source, sides)
             state, finished = goal.assess(source, order, offsets, frozen_float(state))

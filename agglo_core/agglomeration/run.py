@@ -23,11 +23,13 @@ from agglo_core.agglomeration.border import (
     checked_widths,
     one_sided_blocks,
     require_no_worse,
+    sides_by_share,
 )
 from agglo_core.agglomeration.growth import Growth, GrowthToSize
-from agglo_core.arrays import Int, Mask, UInt64, frozen_int, splitmix
+from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
+from agglo_core.graph.side_shares import shifted
 from agglo_core.progress import Listener, Tell, labelled, noted_limits
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
@@ -146,21 +148,20 @@ class Run:
         place: UInt64 = np.arange(count, dtype=np.uint64)
         return splitmix(splitmix(root) + place)
 
-    def bisect(self, level: Graph, seeds: UInt64) -> Int:
-        """Sides ``(n,)`` in {0, 1}, both present in every block."""
-        sides = checked_sides(self.bisector, level, seeds)
+    def bisect(self, level: Graph, seeds: UInt64, shares: Float | None = None) -> Int:
+        """Sides ``(n,)``, both in every block, one with its share ``(B,)`` of the mass if that is not 1/2."""
+        sides, uneven = sides_by_share(self.bisector, level, seeds, shares)
         one_sided = one_sided_blocks(level, sides)
         if len(one_sided) and self.fallback is not None:
             self.statistics.fallbacks += len(one_sided)
-            sides = sides.copy()
-            nodes = np.flatnonzero(np.isin(level.block_ids, one_sided))
+            sides, nodes = sides.copy(), np.isin(level.block_ids, one_sided)
             sides[nodes] = checked_sides(self.fallback, level.take(one_sided), seeds[one_sided])
             one_sided = one_sided_blocks(level, sides)
         if len(one_sided):
-            size = int(level.sizes[one_sided[0]])
+            size = level.sizes[one_sided[0]]
             also = f", and so did its fallback, {self.fallback.title}" if self.fallback else ""
             raise PluginError(f"{self.bisector.title} put all {size} cells of a piece on one side{also}")
-        return sides
+        return shifted(level, sides, uneven, shares)
 
     def growth(self, graph: Graph, pieces: Int) -> Growth | None:
         """The growth that the bisector offers for these components; None if it offers none."""
@@ -264,11 +265,11 @@ class Run:
             labels = checked_moves(member, block, labels, given)
         return labels
 
-    def halve(self, level: Graph, seeds: UInt64, target: Target) -> Int:
+    def halve(self, level: Graph, seeds: UInt64, target: Target, shares: Float | None = None) -> Int:
         """Sides of every node, both connected in every block: bisected, refined, fixed."""
         statistics = self.statistics
         with statistics.timed("bisect"):
-            sides = self.bisect(level, seeds)
+            sides = self.bisect(level, seeds, shares)
         with statistics.timed("refine"):
             sides = self.refine(level, sides, seeds, target)
         with statistics.timed("fix"):

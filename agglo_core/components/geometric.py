@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.arrays import Int, UInt64
+from agglo_core.arrays import Float, Int, UInt64
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.median_growth import MedianGrowth
 from agglo_core.components.piece_growth import PieceGrowth
@@ -25,11 +25,15 @@ class CoordinateBisection:
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Return the sides ``(n,)``; ``seeds`` are not needed."""
+        return self.bisect_shares(level, seeds, None)
+
+    def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
+        """Return the sides ``(n,)``, side 0 with these ``shares (B,)`` of the mass."""
         extents = block_extents(level, level.centroids)
         longest = np.argmax(extents >= (1 - TIE) * extents.max(axis=1, keepdims=True), axis=1)
         axes = (longest[:, None] + np.arange(level.dim)) % level.dim
         coordinates = np.take_along_axis(level.centroids, axes[level.block_ids], axis=1)
-        return split_at_median(level, coordinates[:, 0], coordinates[:, 1:])
+        return split_at_median(level, coordinates[:, 0], coordinates[:, 1:], shares)
 
     def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> MedianGrowth | None:
         """The same splits, many in a call, without refiners and with our own fixer."""

@@ -7,6 +7,7 @@ import numpy as np
 from agglo_core.arrays import Int, UInt64, frozen_float, frozen_int
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import TIE
+from agglo_core.graph.side_shares import side_shares
 from agglo_core.progress import Tell
 
 __all__ = ["MedianGrowth"]
@@ -57,10 +58,9 @@ class MedianGrowth:
         todo, leaves = np.zeros((total, 4), np.int64), np.empty((total, 2), np.int64)
         todo[:first, :2], todo[:first, 2] = self._slices, quotas
         counts, tally = np.array([first, 0]), np.zeros((int(quotas.max()), 3), np.int64)
+        given = self._graph, self._columns, self._lists, self._tag, side_shares(total)
         while counts[0]:
-            split_at_medians(
-                self._graph, self._columns, self._lists, self._tag, todo, leaves, counts, tally, TIE, _WORK
-            )
+            split_at_medians(*given, todo, leaves, counts, tally, TIE, _WORK)
             done = int(counts[1])
             tell(done / total, f"{done:,} parts")
         cells = self._lists[0]

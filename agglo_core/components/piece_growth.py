@@ -11,6 +11,7 @@ from agglo_core.arrays import Bytes, Float, Index, Int, UInt64, frozen_index, fr
 from agglo_core.components.fixers import ConnectivityFixer
 from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.graph import Graph
+from agglo_core.graph.side_shares import side_shares
 from agglo_core.progress import Tell
 from agglo_core.threads import mapped, thread_count
 
@@ -36,7 +37,6 @@ _LAST_STAMP = 2**30
 
 _AT_ONCE = 2**24
 """More cells are split a share at a time, or their marks would run out within one call."""
-
 _COLUMNS = 5
 """Of lists of pieces: the first place, the last plus 1, quota, depth, and what was done to it."""
 
@@ -138,7 +138,7 @@ class PieceGrowth:
     def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
         if self._stamp > _LAST_STAMP:
             self._marks[:], self._stamp = 0, 1
-        self._shape = _shape(self._source, limit)
+        self._shape, self._shares = _shape(self._source, limit), side_shares(int(quotas.sum()))
         leaf, tally = np.zeros(len(self._cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
         todo = np.zeros((len(quotas), _COLUMNS), np.int64)
         todo[:, :2], todo[:, 2] = self._slices(), quotas
@@ -213,7 +213,7 @@ class PieceGrowth:
         counts = np.array([len(todo), 0, max(stamp, self._stamp)])
         todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
         lists, (limit, later, tiny) = (self._cells, self._tag, self._marks), goal
-        aim = (limit, self._floor, later, tiny, count)
+        aim = (limit, self._floor, later, tiny, count, self._shares)
         while counts[0]:
             self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
             if counts[0] == 0 and (torn := ready[: counts[1], 4] == TORN).any():  # none is left but these

@@ -32,8 +32,8 @@ _ISOTROPIC = 0.9  # ratio of second moments above which their axes say little ab
 _SHARE_BITS = 40  # for shares of a block in integers: the sum over 2**23 blocks fits in an int64
 
 
-def split_at_median(level: Graph, projection: Float, tie: Float) -> Int:
-    """Split each block at the weighted median of ``projection``.
+def split_at_median(level: Graph, projection: Float, tie: Float, shares: Float | None = None) -> Int:
+    """Split each block at the weighted median of ``projection``, or at a share of the mass.
 
     Projections closer than 1e-7 of their extent in the block count as equal; the ``tie`` columns
     decide among them, not the numbering of the cells.
@@ -43,11 +43,13 @@ def split_at_median(level: Graph, projection: Float, tie: Float) -> Int:
     projection : (n,) float
     tie : (n, t) float
         Further coordinates, the most important first.
+    shares : (B,) float, optional
+        Share of the ``mass`` of each block that is to lie below the cut, in place of half the weight.
 
     Returns
     -------
     (n,) int64
-        0 below the median, 1 above; both occur in every block of at least two nodes.
+        0 below the cut, 1 above; both occur in every block of at least two nodes.
 
     Examples
     --------
@@ -58,12 +60,13 @@ def split_at_median(level: Graph, projection: Float, tie: Float) -> Int:
     array([0, 1, 0, 1])
     """
     order = _order(level, projection, tie)
-    shares = integer_shares(level.weights, level.block_ids)[order]
-    before = np.cumsum(shares) - shares
+    amounts = integer_shares(level.weights if shares is None else level.mass, level.block_ids)[order]
+    before = np.cumsum(amounts) - amounts
     starts = level.offsets[:-1]
     below = before - before[starts][level.block_ids]  # blocks keep their places in the order
-    totals = np.bincount(level.block_ids, shares, minlength=level.n_blocks)[level.block_ids]
-    upper = 2 * below + shares > totals
+    totals = np.bincount(level.block_ids, amounts, minlength=level.n_blocks)
+    cut = totals if shares is None else np.floor(2.0 * shares * totals)
+    upper = 2 * below + amounts > cut[level.block_ids]
     upper[level.offsets[1:] - 1] = True
     upper[starts] = False
     sides = np.empty(level.n, dtype=np.int64)

@@ -78,17 +78,18 @@ def untied(columns, axis, group, gap):
 
 
 @helper(allocates=True)
-def _halve(columns, weights, lists, lo, hi, tie, shares, tag):
-    """Tag the cells below and above the weighted median along the longest side of a piece."""
+def _halve(columns, weights, share, lists, lo, hi, tie, shares, tag):
+    """Tag the cells below and above a share of the weight along the longest side of a piece."""
     axis, length, other = _longest_axis(columns, lists, lo, hi, tie)
     line, column = lists[axis + 1], columns[axis]
-    total, whole = 0.0, 0
+    total, whole = 0.0, np.int64(0)
     for k in range(lo, hi):
         total += weights[lists[0, k]]
     for k in range(lo, hi):
-        share = weights[line[k]] / total if total > 0.0 else 1.0 / (hi - lo)
-        shares[k] = np.int64(np.rint(share * SHARE))
+        own = weights[line[k]] / total if total > 0.0 else 1.0 / (hi - lo)
+        shares[k] = np.int64(np.rint(own * SHARE))
         whole += shares[k]
+    whole = np.int64(2.0 * share * whole)  # what is cut in the middle
     below, first = 0, lo
     while 2 * (below + shares[first]) <= whole:
         below += shares[first]
@@ -146,7 +147,7 @@ def _first_quota(quota, below, above, cells_below, cells_above):
 
 
 @kernel
-def split_at_medians(graph, columns, lists, tag, todo, leaves, counts, tally, tie, work):
+def split_at_medians(graph, columns, lists, tag, side_shares, todo, leaves, counts, tally, tie, work):
     """Split pieces into their quotas, the last in ``todo`` first, until about ``work`` cells were handled.
 
     Parameters
@@ -158,6 +159,8 @@ def split_at_medians(graph, columns, lists, tag, todo, leaves, counts, tally, ti
         Cells of each piece, and the same sorted along each axis; nodes of equal value rise.
     tag : (n,) int32, changed
         Side of each cell; −1 at first.
+    side_shares : (q,) float
+        Share of the mass below the cut of a piece, by quota; where it is 1/2 weights are halved.
     todo : (K, 4) int, changed
         Pieces to be split: first place, last place plus 1, quota, depth. The quotas add up to at most K.
     leaves : (K, 2) int, changed
@@ -183,7 +186,9 @@ def split_at_medians(graph, columns, lists, tag, todo, leaves, counts, tally, ti
             continue
         work -= hi - lo
         left, right, cells = 2 * lo, 2 * hi - 1, lists[0, lo:hi]
-        _halve(columns, weights, lists, lo, hi, tie, shares, tag)
+        share = side_shares[min(quota, len(side_shares) - 1)]
+        amounts = weights if share == 0.5 else measures
+        _halve(columns, amounts, share, lists, lo, hi, tie, shares, tag)
         if tagged_components(cells, indptr, indices, tag, parent) > 2:
             sides = np.empty(hi - lo, np.int64)
             for k in range(hi - lo):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import helper
+from agglo_core.kernels.piece_shares import shift_cut
 from agglo_core.kernels.piece_splits import (
     cells_beside,
     is_connected,
@@ -93,12 +94,17 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
     return tag_halves(cells, lo, hi, tag, measures, near, size, count)
 
 
-@helper
-def _sides(cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp):
-    """Cut a piece and refine the sides; returns the cells along the cut, and the next stamp."""
+@helper(allocates=True)
+def _sides(cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp):
+    """Cut a piece, move the cut if the ``share`` is not 1/2, and refine the sides.
+
+    Returns the cells along the cut, and the next stamp.
+    """
     indptr, indices, interface, centroids, measures, _, _, _ = graph
     size, count, axis = sums
     edge = cut(graph, cells, lo, hi, extent, own, tag, marks, room[0], sums)
+    if share < 0.5:
+        edge = shift_cut(graph, cells, lo, hi, tag, share, room[0], sums)
     left, right = side_tags(lo, hi)
     edge = cells_beside(indptr, indices, tag, left, right, room[0], edge)
     if floor < 0.0:
@@ -141,10 +147,11 @@ def split_pieces(
     tally : (depths, 3) int
         Counts pieces, cells and mended pieces by depth.
     goal : tuple
-        Largest diameter or 0; floor of the refinement or −1; later; tiny; 1 to count, −1 to count backwards.
+        Largest diameter or 0; floor of the refinement or −1; later; tiny; 1 to count, −1 to count backwards;
+        share of the mass for the lighter side of a piece, by quota (see ``graph.side_shares``).
     """
     indptr, indices, _, _, measures, _, _, _ = graph
-    limit, floor, later, tiny, one = goal
+    limit, floor, later, tiny, one, shares = goal
     waiting, listed, stamp = counts[0], counts[1], counts[2]
     room, size = piece_room(largest_piece(todo, counts), marks), np.empty(2)
     ends = np.empty((3, graph[3].shape[1]))
@@ -162,8 +169,9 @@ def split_pieces(
                     narrow = not is_wider(cells[lo:hi], shape[0], shape[1], shape[2], ends[0], limit)
                 finished = narrow != 0
             if not finished:
+                share = shares[min(quota, len(shares) - 1)]
                 edge, stamp = _sides(
-                    cut, own, graph, cells, lo, hi, extent, tag, marks, sums, floor, room, stamp
+                    cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp
                 )
                 stamp += 2
                 torn = hi - lo > tiny and not sides_connected(

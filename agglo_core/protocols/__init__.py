@@ -21,6 +21,7 @@ from agglo_core.protocols.on_graphs import (
     Sides,
     Target,
     TargetAware,
+    UnevenBisector,
 )
 from agglo_core.protocols.on_problems import ProblemKind, Smoother, Solver
 from agglo_core.protocols.on_quality import IncrementalMetric, QualityMetric, Section
@@ -47,5 +48,6 @@ __all__ = [
     "Solver",
     "Target",
     "TargetAware",
+    "UnevenBisector",
     "WritableFormat",
 ]

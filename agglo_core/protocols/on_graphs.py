@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from agglo_core.arrays import Int, UInt64
+from agglo_core.arrays import Float, Int, UInt64
 
 if TYPE_CHECKING:
     from agglo_core.graph import Graph
@@ -23,6 +23,7 @@ __all__ = [
     "Sides",
     "Target",
     "TargetAware",
+    "UnevenBisector",
 ]
 
 
@@ -92,6 +93,37 @@ class LevelBisector(Protocol):
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Sides:
         """Return the side of each node, shape ``(n,)``; ``seeds`` is ``(B,)``."""
+
+
+@runtime_checkable
+class UnevenBisector(Protocol):
+    """Optional: a bisector that cuts at a given share of the mass.
+
+    A piece of three parts is best split 1 : 2. For such pieces ``bisect_shares`` is called; all others are
+    halved by ``bisect_level`` or ``bisect``. Cuts of a bisector without this method are moved afterwards.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.authoring import split_at_median
+    >>> from agglo_core.protocols import UnevenBisector
+    >>> class LeftRight:
+    ...     def bisect_level(self, level, seeds):
+    ...         return split_at_median(level, level.centroids[:, 0], level.centroids)
+    ...
+    ...     def bisect_shares(self, level, seeds, shares):
+    ...         return split_at_median(level, level.centroids[:, 0], level.centroids, shares)
+    >>> isinstance(LeftRight(), UnevenBisector)
+    True
+    >>> LeftRight().bisect_shares(agglo.samples.strip(6).graph, [0], np.array([1 / 3]))
+    array([0, 0, 1, 1, 1, 1])
+    """
+
+    def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float) -> Sides:
+        """Return the side of each node, shape ``(n,)``; one side of block b holds ``shares[b] < 1/2``.
+
+        The share is one of ``level.mass``; either side may be the lighter one.
+        """
 
 
 @runtime_checkable

@@ -93,6 +93,10 @@ class Metis:
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Bisect each block; return sides ``(n,)``, both in every block of at least two nodes."""
+        return self.bisect_shares(level, seeds, None)
+
+    def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
+        """Bisect each block; side 0 gets these ``shares (B,)`` of the weight, half of it by default."""
         ends = level.indptr[level.offsets]
         adjacent = level.indices - np.repeat(level.offsets[:-1], np.diff(ends))
         nodes, edges = self._weights(level)
@@ -103,7 +107,8 @@ class Metis:
                 starts = level.indptr[i : j + 1] - ends[b]
                 weights = _sliced(nodes, slice(i, j)), _sliced(edges, span)
                 options.seed = int(seeds[b] & _SEED_MASK)
-                sides[i:j] = _part(2, starts, adjacent[span], *weights, options, recursive=True)
+                share = None if shares is None else [float(shares[b]), 1.0 - float(shares[b])]
+                sides[i:j] = _part(2, starts, adjacent[span], *weights, options, recursive=True, shares=share)
         return _with_two_sides(level, sides)
 
     def partition(self, graph: Graph, target: Target, seed: int) -> Int:
@@ -162,13 +167,14 @@ def _part(
     edges: Int | None,
     options: pymetis.Options,
     recursive: bool,
+    shares: list[float] | None = None,
 ) -> Int:
-    """One call of METIS: labels ``(n,)``."""
+    """One call of METIS: labels ``(n,)`` of parts with equal ``shares`` of the weight unless given."""
     import pymetis
 
     graph = pymetis.CSRAdjacency(starts, adjacent)
     result = pymetis.part_graph(
-        parts, graph, vweights=nodes, eweights=edges, recursive=recursive, options=options
+        parts, graph, vweights=nodes, eweights=edges, tpwgts=shares, recursive=recursive, options=options
     )
     return np.asarray(result.vertex_part, dtype=np.int64)
 

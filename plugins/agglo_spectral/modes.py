@@ -90,7 +90,8 @@ def _edge_weights(level: Graph, weighted: bool) -> Float:
     blocks = level.block_ids[owners]
     means = np.bincount(blocks, weights, level.n_blocks) / np.maximum(np.bincount(blocks), 1)
     least = np.where(means > 0, _WEAKEST * means, 1.0)  # all weights 1 where no interface has a measure
-    return np.maximum(weights, least[blocks])
+    bounded: Float = np.maximum(weights, least[blocks])
+    return bounded
 
 
 def _dense(level: Graph, roots: Float, weights: Float, count: int) -> tuple[Float, Float]:

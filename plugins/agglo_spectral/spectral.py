@@ -82,37 +82,42 @@ class Spectral:
 
     def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
         """Return the sides ``(n,)``, both in every block of at least two nodes; seeds are not needed."""
+        return self.bisect_shares(level, seeds, None)
+
+    def bisect_shares(self, level: Graph, seeds: UInt64, shares: Float | None) -> Int:
+        """Return the sides ``(n,)``; side 0 gets ``shares (B,)`` of the mass, by a quantile of the mode."""
         values, modes = laplacian_modes(level, level.dim, self.weighted, self.dense_limit)
         coordinates = principal_frames(level)[1]
         near = np.isfinite(values) & (values <= (1 + self.degeneracy) * values[:, :1])
-        sides, _ = self._cut(level, modes[:, 0], coordinates)
+        sides, _ = self._cut(level, modes[:, 0], coordinates, shares)
         choice = near.sum(axis=1) > 1
         if choice.any():
             nodes = choice[level.block_ids]
             part, frame = level.take(np.flatnonzero(choice)), coordinates[nodes]
             basis = _aligned(part, modes[nodes], near[choice], frame)
-            sides[nodes] = self._best(part, basis, frame, sides[nodes])
+            part_shares = None if shares is None else shares[choice]
+            sides[nodes] = self._best(part, basis, frame, sides[nodes], part_shares)
         return sides
 
-    def _best(self, level: Graph, basis: Float, coordinates: Float, sides: Int) -> Int:
+    def _best(self, level: Graph, basis: Float, coordinates: Float, sides: Int, shares: Float | None) -> Int:
         """Sides of the direction in the span of ``basis`` whose normalised cut is lowest.
 
         The given ``sides`` stay where no cut leaves weight on both.
         """
         best = np.full(level.n_blocks, np.inf)
         for direction in _directions(level.dim):
-            trial, score = self._cut(level, (basis * direction).sum(axis=1), coordinates)
+            trial, score = self._cut(level, (basis * direction).sum(axis=1), coordinates, shares)
             better = score < best * (1 - _TIE)
             best = np.where(better, score, best)
             sides = np.where(better[level.block_ids], trial, sides)
         return sides
 
-    def _cut(self, level: Graph, mode: Float, coordinates: Float) -> tuple[Int, Float]:
+    def _cut(self, level: Graph, mode: Float, coordinates: Float, shares: Float | None) -> tuple[Int, Float]:
         """Sides ``(n,)`` along one mode and their normalised cut ``(B,)``."""
         thirds = block_sums(level, (block_shares(level.weights, level.block_ids) * mode**3)[:, None])[:, 0]
         mode = np.where(thirds < 0, -1.0, 1.0)[level.block_ids] * mode
-        if self.split == "median":
-            sides = split_at_median(level, mode, coordinates)
+        if self.split == "median" or shares is not None:
+            sides = split_at_median(level, mode, coordinates, shares)
         else:
             sides, found = _sweep(level, mode, self.balance)
             if not found.all():  # one node outweighs the rest, or all have the same value

@@ -35,6 +35,9 @@ class DepthByDepth:
     def bisect_level(self, level, seeds):
         return CoordinateBisection().bisect_level(level, seeds)
 
+    def bisect_shares(self, level, seeds, shares):
+        return CoordinateBisection().bisect_shares(level, seeds, shares)
+
 
 def fused(hierarchy) -> bool:
     return "grow" in hierarchy.statistics["seconds"]

@@ -16,7 +16,7 @@ from agglo_core import Mesh, samples
 from agglo_core.graph.blocks import block_shares, principal_frames, split_at_median
 from agglo_core.kernels import kernel
 from agglo_core.kernels.ordered_frames import frames_of_blocks
-from agglo_core.kernels.piece_medians import halve_in_order
+from agglo_core.kernels.piece_shares import split_in_order
 from agglo_core.registry import default
 from agglo_core.threads import using_threads
 
@@ -141,7 +141,7 @@ def upper_half(along, weight):
         for k in range(n):
             all_three[c, k] = along[c, k]
     room = np.empty(n, np.int64), upper, np.empty(n, np.int32), np.empty(n), np.empty(256, np.int64)
-    halve_in_order(n, d, all_three, weight, *room)
+    split_in_order(n, d, all_three, weight, 0.5, room)
     return upper
 
 
@@ -197,3 +197,14 @@ def test_inertial_makes_the_very_parts_of_depth_by_depth(kind: str, refiners: tu
         other = agglo.agglomerate(mesh, bisector=DepthByDepth("inertial"), **options)
         for labels, others in zip(one.levels, other.levels, strict=True):
             assert np.array_equal(labels, others)
+
+
+@pytest.mark.parametrize("kind", ["squares", "hexagons", "boxes", "tetrahedra", "random"])
+@pytest.mark.parametrize("refiners", [("interface",), ()])
+def test_cuts_are_moved_to_the_very_cells_of_depth_by_depth(kind: str, refiners: tuple[str, ...]) -> None:
+    mesh = STRUCTURED[kind]()
+    options: dict[str, Any] = {"n_parts": (60, 12, 3), "polish": False, "refiners": refiners}
+    one = grown(mesh, bisector="inertial", **options)
+    other = agglo.agglomerate(mesh, bisector=DepthByDepth("inertial"), **options)
+    for labels, others in zip(one.levels, other.levels, strict=True):
+        assert np.array_equal(labels, others)
