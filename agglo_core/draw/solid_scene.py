@@ -118,7 +118,7 @@ def _plotter(path: Path | None) -> Any:
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if not elsewhere and sys.platform.startswith("linux") and not displays:
         raise OptionError("view: there is no display to open a window on; path= writes a picture instead")
-    return pyvista.Plotter(off_screen=True if path is not None else None, window_size=_SIZE)
+    return pyvista.Plotter(off_screen=True if path is not None else None, window_size=list(_SIZE))
 
 
 def _tones(mesh: Mesh, labels: Int) -> Any:
