@@ -244,3 +244,13 @@ def test_what_vtk_writes(dim: int, version: int, binary: bool, tmp_path: Path) -
         assert hierarchy is not None
         assert hierarchy.parts == [4]
         assert not re.search("dropped|left", str(back.repairs))
+
+
+def test_scalars_of_structured_grids(tmp_path: Path) -> None:
+    """Structured data sets are read by the package meshlane, which gives scalars a second axis."""
+    head = "# vtk DataFile Version 3.0\na title\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 3 2 1\n"
+    rest = "ORIGIN 0 0 0\nSPACING 1 1 1\nCELL_DATA 2\nSCALARS rock int\nLOOKUP_TABLE default\n4 5\n"
+    (tmp_path / "m.vtk").write_text(head + rest)
+    mesh = read(tmp_path / "m.vtk")
+    assert mesh.cell_measures.tolist() == [1, 1]
+    assert mesh.cell_tags["rock"].tolist() == [4, 5]
