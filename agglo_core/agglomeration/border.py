@@ -93,7 +93,7 @@ def sides_by_share(member: Member, level: Graph, seeds: UInt64, shares: Float | 
 
 def _as_sides(member: Member, level: Graph, returned: Any) -> Int:
     with attributed(member.title):
-        given = plain_array(returned, f"{member.title}: bisect_level", PluginError)
+        given = plain_array(returned, "the result of bisecting", PluginError)
     if given.shape != (level.n,):
         raise PluginError(f"{member.title} returned {_in_words(returned, given)}, expected ({level.n},)")
     if given.dtype.kind == "f":
@@ -113,7 +113,7 @@ def bisect_by_block(bisector: Bisector, level: Graph, seeds: UInt64) -> NDArray[
     for b in range(level.n_blocks):
         piece = level[b]
         returned = bisector.bisect(piece, np.random.default_rng(int(seeds[b])))
-        given = plain_array(returned, "bisect", PluginError)
+        given = plain_array(returned, "the result of bisect", PluginError)
         if given.shape != (piece.n,):
             what = _in_words(returned, given)
             raise PluginError(f"bisect returned {what}, expected ({piece.n},): a side for each cell")
@@ -235,7 +235,7 @@ def require_no_worse(member: Member, graph: Graph, before: Int, after: Int) -> N
 
 def _integers(member: Member, method: str, given: Any, n: int) -> Int:
     with attributed(f"{member.title}: {method}"):
-        labels = plain_array(given, f"{member.title}: {method}", PluginError)
+        labels = plain_array(given, "the result", PluginError)
     if labels.shape != (n,) or labels.dtype.kind not in "iub":
         raise PluginError(
             f"{member.title}: {method} returned {_in_words(given, labels)}, expected ({n},) integers"

@@ -86,7 +86,7 @@ def naming(constraints: Sequence[Member]) -> Iterator[None]:
 def forbidden_by(member: Member, graph: Graph) -> Mask:
     """Forbidden CSR entries ``(m,)``, both directions of each edge."""
     with attributed(member.title):
-        given = plain_array(member.tool.forbidden(graph), f"{member.title}: forbidden", PluginError)
+        given = plain_array(member.tool.forbidden(graph), "the result of forbidden", PluginError)
     shape = graph.indices.shape
     if given.shape != shape or given.dtype != bool:
         raise PluginError(

@@ -217,9 +217,8 @@ class _Level:
         for member in self.rules.members if by_rule else ():
             if callable(getattr(member.tool, "halves", None)):
                 with attributed(member.title):
-                    own = plain_array(
-                        member.tool.halves(self.graph, labels, self.rules.through), "halves", PluginError
-                    )
+                    halves = member.tool.halves(self.graph, labels, self.rules.through)
+                    own = plain_array(halves, "the result of halves", PluginError)
                 sides = np.where(rest[labels], own, sides)
                 rest &= ~_in_two(labels, sides, len(chosen))
         sides = sides * chosen[labels]
@@ -242,9 +241,8 @@ def _in_two(labels: Int, sides: Int, k: int) -> Mask:
 
 def _answer(member: Member, method: str, graph: Graph, labels: Int, count: int) -> Mask:
     with attributed(member.title):
-        given = plain_array(
-            getattr(member.tool, method)(graph, labels), f"{member.title}: {method}", PluginError
-        )
+        answer = getattr(member.tool, method)(graph, labels)
+        given = plain_array(answer, f"the result of {method}", PluginError)
     if given.shape != (count,) or given.dtype != bool:
         raise PluginError(
             f"{member.title}: {method} returned shape {given.shape} of {given.dtype}, "

@@ -243,7 +243,7 @@ def _measured(
         part(tell, place, len(metrics), name)
         given = (coarse, own) if getattr(metric.tool, "shape_only", False) else (mesh, labels)
         with attributed(metric.title, spare=(MeshError,)):  # a metric may refuse a mesh, such as one in 3-D
-            measured = plain_array(metric.tool.measure(*given), metric.title, PluginError)
+            measured = plain_array(metric.tool.measure(*given), "the result of measure", PluginError)
             result = np.asarray(measured, dtype=float)
         if result.shape != (coarse.n_cells,):
             raise PluginError(

@@ -189,8 +189,12 @@ def whose(kind: str, name: str) -> str:
 @pytest.mark.parametrize(
     ("chosen", "title", "says"),
     [
-        ({"refiners": ["tuple"]}, ("refiner", "tuple"), "refine raised ValueError"),
-        ({"method": "kway", "bisector": "direct"}, ("bisector", "direct"), "partition raised ValueError"),
+        ({"refiners": ["tuple"]}, ("refiner", "tuple"), "refine: the result must be an array of numbers"),
+        (
+            {"method": "kway", "bisector": "direct"},
+            ("bisector", "direct"),
+            "partition: the result must be an array of numbers",
+        ),
         ({"bisector": "forgets"}, ("bisector", "forgets"), "bisect returned None, expected (16,)"),
         (
             {"refiners": [("descent", {"objective": "changes"})]},
@@ -295,3 +299,12 @@ def test_what_is_not_found_may_be_in_a_blocked_plugin(agglo: Agglo) -> None:
             assert "plugins that cannot be used: plugin 'empty'" in agglo(*asked).err
     finally:
         default().unregister("empty")
+
+
+def test_masked_results_of_components_are_refused() -> None:
+    class Masked:
+        def bisect(self, graph: agglo.Graph, rng: np.random.Generator) -> np.ndarray:
+            return np.ma.masked_less(np.arange(graph.n) % 2, 1)
+
+    with pytest.raises(PluginError, match=r"Masked.*: the result of bisect has masked entries"):
+        agglo.agglomerate(samples.squares(4), n_parts=2, bisector=Masked())
