@@ -354,7 +354,17 @@ BAD: dict[str, tuple[dict[str, object], type[AggloError], str]] = {
     "source of a wrong shape": ({"source": lambda x: x}, OptionError, "source returned the shape"),
     "source in words": ({"source": "a"}, OptionError, "source must be a number, .* given 'a'"),
     "kappa that fails": ({"kappa": lambda x: 1 / 0}, OptionError, "kappa failed for .*: ZeroDivisionError"),
-    "values in words": ({"source": lambda x: "a"}, OptionError, "source failed for .*: ValueError"),
+    "complex values": (
+        {"source": lambda x: 1j * x[:, 0]},
+        OptionError,
+        "source returned no real .* complex128",
+    ),
+    "masked values": ({"kappa": lambda x: np.ma.masked_less(x[:, 0], 9)}, OptionError, "kappa .* masked"),
+    "values in words": (
+        {"source": lambda x: "a"},
+        OptionError,
+        "source returned no real numbers for .*given <U1",
+    ),
     "all Neumann": ({"neumann": {0: 1.0}}, OptionError, "known only up to a constant"),
     "an unknown tag": ({"dirichlet": {7: 0.0}}, OptionError, r"tag 7; the boundary has the tags \[0\]"),
     "a tag twice": ({"dirichlet": {0: 0.0}, "neumann": {0: 0.0}}, OptionError, "give one of them"),
