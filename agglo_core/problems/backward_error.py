@@ -12,7 +12,7 @@ from agglo_core.arrays import Float
 from agglo_core.problems.iteration_history import History
 from agglo_core.problems.sizes import size_ratio, two_norm
 
-__all__ = ["LIMIT", "backward_error", "limit_told", "magnitudes"]
+__all__ = ["LIMIT", "backward_error", "is_known", "limit_told", "magnitudes"]
 
 LIMIT = 2.0 * float(np.finfo(float).eps)
 """Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""
@@ -40,12 +40,13 @@ def backward_error(A: Any, x: Float, b: Float) -> float | None:
     >>> f"{backward_error(A, np.array([1.0, 1.0 + 1e-8]), b):.1e}"
     '3.2e-09'
     """
-    if not _is_known(A):
+    if not is_known(A):
         return None
     return size_ratio(two_norm(b - A @ x), two_norm(magnitudes(A, x) + np.abs(b)))
 
 
-def _is_known(A: Any) -> bool:
+def is_known(A: Any) -> bool:
+    """Whether A is known entry by entry: a sparse matrix or an array."""
     return sparse.issparse(A) or isinstance(A, np.ndarray)
 
 
@@ -54,7 +55,7 @@ def magnitudes(A: Any, x: Float) -> Float:
 
     A few rows of blocks at a time: a copy of all of A takes longer than the product.
     """
-    if not _is_known(A):
+    if not is_known(A):
         return np.zeros(len(x))
     if getattr(A, "format", "") != "bsr" or not A.has_canonical_format:
         product: Float = abs(A) @ np.abs(x)

@@ -11,6 +11,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, plain_array
 from agglo_core.errors import OptionError
+from agglo_core.problems.row_scales import row_sizes
 
 __all__ = ["kept", "kept_matrix", "real_array", "real_matrix", "require_finite", "require_symmetric"]
 
@@ -190,17 +191,25 @@ def require_finite(b: Float, A: Any) -> None:
 
 
 def require_symmetric(A: Any) -> None:
-    """Raise OptionError, naming an entry, unless a matrix is symmetric but for rounding."""
+    """Raise OptionError, naming an entry, unless a matrix is symmetric but for rounding.
+
+    Entries a_ij and a_ji may differ by 1e-10 (a_ii a_jj)^½, whatever the sizes of other rows are.
+    """
     gap = sparse.coo_array(A - A.T)
     if not gap.nnz:
         return
-    worst = int(np.argmax(np.abs(gap.data)))
-    if np.abs(gap.data[worst]) > _ASYMMETRY * np.abs(A.data).max():
-        i, j = (int(each[worst]) for each in gap.coords)
-        raise OptionError(
-            f"A must be symmetric: the entry ({i}, {j}) is {_entry(A, i, j)}, ({j}, {i}) is {_entry(A, j, i)}"
-        )
+    roots = np.sqrt(row_sizes(A))
+    i, j = gap.coords
+    relative = np.abs(gap.data) / roots[i] / roots[j]
+    worst = int(np.argmax(relative))
+    if relative[worst] > _ASYMMETRY:
+        i, j = int(i[worst]), int(j[worst])
+        rows = sparse.csr_array(A)
+        one, other = _distinct_texts(float(rows[i, j]), float(rows[j, i]))
+        raise OptionError(f"A must be symmetric: the entry ({i}, {j}) is {one}, ({j}, {i}) is {other}")
 
 
-def _entry(A: Any, i: int, j: int) -> str:
-    return f"{sparse.csr_array(A)[i, j]:g}"
+def _distinct_texts(one: float, other: float) -> tuple[str, str]:
+    """Texts of two different numbers, with enough digits to differ."""
+    short = f"{one:g}", f"{other:g}"
+    return short if short[0] != short[1] else (repr(one), repr(other))

@@ -12,11 +12,13 @@ from agglo_core.arrays import Float, Int, frozen_float, frozen_int, index_cast, 
 from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.problems.real_arrays import real_array, real_matrix, require_finite, require_symmetric
+from agglo_core.problems.row_scales import row_sizes
 
 __all__ = ["System"]
 
 _SUSPECT = 1e-11
-"""Part of the largest entry by which x·Ay and y·Ax may differ before entries are compared."""
+"""Difference of x·Ay and y·Ax, with rows and columns of A scaled to a unit diagonal, from which on entries
+are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +141,8 @@ def _offsets(given: Any, n: int, mesh: Mesh | None) -> Int:
 
 def _require_symmetric(A: Any) -> None:
     """Compare entries only where two products raise a suspicion: a transpose costs far more."""
-    x, y = np.random.default_rng(0).normal(size=(2, A.shape[0]))
-    gap = abs(float(x @ (A @ y)) - float(y @ (A @ x)))
-    if not gap <= _SUSPECT * float(np.abs(A.data).max(initial=0.0)):
+    x, y = np.random.default_rng(0).normal(size=(2, A.shape[0])) / np.sqrt(row_sizes(A))
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = abs(float(x @ (A @ y)) - float(y @ (A @ x)))
+    if not gap <= _SUSPECT:
         require_symmetric(A)
