@@ -11,7 +11,9 @@ import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
 from agglo_core.multigrid.krylov_probe import is_rounding, probed
+from agglo_core.multigrid.krylov_restarts import Iterate, Restarts
 from agglo_core.multigrid.krylov_rules import SAID, Rules, Steps
+from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History
 from agglo_core.problems.ritz import RitzValue
 from agglo_core.problems.sizes import Measure, size_ratio, two_norm
@@ -26,14 +28,10 @@ _DIGIT = 0.01
 """A step by which z·r falls below this part, a digit of the error, is not lost whatever it is."""
 _DRIFT = 0.1
 """Part of b − A x by which the residual of the recursion may differ from it; else it starts afresh."""
-_IDLE = 2
-"""Fresh starts that gain nothing until an iteration is given up: rounding differs from one to the next."""
 _LUCK = 2.0
 """Times the tolerance: what is larger does not pass the tests by another rounding of x."""
 _STILL = 3
 """Steps that move x by less than rounding until an iteration is given up."""
-_MORE = 4
-"""Steps of a probe beyond twice the iterations done: it ends long before if M is good."""
 _KNOWN = ("met", "most iterations", "stagnation")
 """Ends at which the coefficients tell the error."""
 
@@ -62,11 +60,11 @@ class Column:
     _ritz: RitzValue = field(default_factory=RitzValue)
     _true: bool = True  # r is b − A x itself
     _afresh: bool = False  # and so far from that of the recursion that this has to start again
-    _replaced: tuple[float, float] = (np.inf, np.inf)  # least size and bound of the error when that was so
-    _best: tuple[Float, Float] | None = None  # x and r of least size then
-    _idle: int = 0  # how often neither fell
-    _stuck: bool = False  # that is too often: x passes the tests now or never
+    _restarts: Restarts = field(default_factory=Restarts)
+    _stuck: bool = False  # they gain nothing: x passes the tests now or never
     _scale: float = 0.0  # energy norm of x when last asked for
+    _least: Iterate | None = None  # that of least residual
+    _curvatures: Curvatures = field(default_factory=Curvatures)
     _length: float = 0.0  # of the last step, in units of its direction
     _moved: float = 0.0  # squares of the energy norms of all steps
     _still: int = 0
@@ -84,7 +82,11 @@ class Column:
         """Iterate until ``ended``."""
         yield from self._start()
         while not self.ended:
+            if self._least is None or self.size < self._least[0]:
+                self._least = (self.size, self.x, self.r)
             yield from self._step()
+        if self._least is not None and (self._curvatures.flat or self.ended not in _KNOWN):
+            yield from self._fall_back(self._least)
         if not self._true or self._still >= _STILL:
             yield from self._settle()
         if self.ended not in _KNOWN:
@@ -97,8 +99,7 @@ class Column:
         tests = tuple(name for name, each in zip(TESTS, sizes, strict=True) if each <= self.rules.tolerance)
         met = self.ended == "met"
         reason = MET if met else self._reason(error)
-        x, residuals = frozen_float(self.x), frozen_float(self.residuals)
-        gains = frozen_float(self.gains)
+        x, residuals, gains = (frozen_float(each) for each in (self.x, self.residuals, self.gains))
         found = History(x, residuals, met, reason, error, tests, self.ended, self.size, gains, self._scale)
         if not met or not self.done or self._length == 0.0:
             return found
@@ -142,14 +143,15 @@ class Column:
 
     def _step(self) -> Steps:
         """One iteration."""
-        if self._still >= _STILL or self.done >= self.rules.most:
+        if self._still >= _STILL or self.rules.exhausted(self.residuals, self.size):
             self.ended = "stagnation" if self._still >= _STILL else "most iterations"
             return
         Ap = yield "A", self.p
         curvature, along = float(self.p @ Ap), float(self.p @ self.r)
-        if not curvature > 0.0:
-            self.ended = "matrix not finite" if np.isnan(curvature) else "indefinite matrix"
-            return
+        if self._curvatures.add(curvature, self.pp):
+            self.ended = failure(self.p, Ap, (yield "|A|", self.p))
+            if self.ended:
+                return
         step = along / curvature  # p·r is z·r, and if M is poor the step that takes most from ‖e‖_A
         self._length = step
         self._added = self._added + step * self.p
@@ -189,22 +191,13 @@ class Column:
             self.ended = "matrix not finite"
 
     def _note_progress(self) -> Steps:
-        """b − A x has become another than that of the recursion: has x come nearer than it was?
-
-        Where rounding lets neither size nor bound fall they go up and down: in the end the best x is taken.
-        """
-        now, least = (self.size, self._bound()), self._replaced
-        idle = all(new > 0.5 * old for new, old in zip(now, least, strict=True))
-        self._idle = self._idle + 1 if idle else 0
+        """b − A x has become another than that of the recursion: give up if x has come no nearer."""
+        self._stuck = self._restarts.add((self.size, self.x, self.r), self._bound())
         self._estimate()
-        self._stuck = self._idle >= _IDLE
         if not (self._stuck or self._small(_LUCK)):
             self._stuck = yield from is_rounding(self.r, self.x, self.b)
-        self._replaced = (min(now[0], least[0]), min(now[1], least[1]))
-        if self._best is None or now[0] < least[0]:
-            self._best = (self.x, self.r)
-        elif self._stuck:
-            (self.x, self.r), self.size = self._best, least[0]
+        if self._stuck and self._restarts.best[1] is not self.x:
+            self.size, self.x, self.r = self._restarts.best
             self.residuals[-1] = two_norm(self.r)
             yield from self._precondition()
             self._begin()
@@ -262,7 +255,7 @@ class Column:
             yield from self._compare()
             if self.rules.probe and self._certain < self.done and self._small():
                 self._certain = 2 * self.done
-                least = yield from probed(len(self.b), _MORE + 2 * self.done)
+                least = yield from probed(len(self.b), self.done)
                 if not least > 0.0:
                     self.ended = "indefinite preconditioner"
                     return
@@ -283,6 +276,13 @@ class Column:
         self._ritz.refresh()
         self._scale = self.energy(self.x)
         self._error = size_ratio(self._bound(), self._scale)
+
+    def _fall_back(self, least: Iterate) -> Steps:
+        """Return to the iterate of least residual, as later ones may follow a null vector of A."""
+        if not least[0] >= self.size:
+            (self.size, self.x, self.r), self._true = least, False
+        if self.ended == "singular matrix" and (yield from is_rounding(self.r, self.x, self.b)):
+            self.ended = "stagnation"  # the load is in the range of A as far as it can be
 
     def _settle(self) -> Steps:
         """b − A x for an iterate at which the iteration was ended, and the error if that is known."""

@@ -21,6 +21,7 @@ Ended = Literal[
     "met",
     "most iterations",
     "indefinite matrix",
+    "singular matrix",
     "indefinite preconditioner",
     "loss of conjugacy",
     "preconditioner not finite",
