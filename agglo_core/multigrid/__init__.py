@@ -28,6 +28,7 @@ from agglo_core.multigrid.smoothed import smoothed_prolongation
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
 from agglo_core.multigrid.transfers import parents
+from agglo_core.problems.row_scales import lifted, row_measure
 
 __all__ = [
     "COARSE_SOLVERS",
@@ -64,11 +65,13 @@ __all__ = [
     "injection",
     "joined_patches",
     "largest_eigenvalue",
+    "lifted",
     "parents",
     "part",
     "pcg",
     "pcg_columns",
     "pointwise",
+    "row_measure",
     "smoothed_near_null",
     "smoothed_prolongation",
     "smoother_setup",

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
 
-from agglo_core.arrays import Float, plain_array
+from agglo_core.arrays import Float, frozen_float, plain_array
 from agglo_core.errors import OptionError
 from agglo_core.multigrid.block_product import swift
 from agglo_core.multigrid.krylov_column import Column
 from agglo_core.multigrid.krylov_rules import Beta, Request, Rules, Steps, Stop
 from agglo_core.problems.backward_error import limit_told, magnitudes
 from agglo_core.problems.iteration_history import History, iterated
-from agglo_core.problems.sizes import Measure, energy_of_solution, relative_to
+from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure
+from agglo_core.problems.sizes import Measure, energy_of_solution
 from agglo_core.progress import Tell, to_nobody
 
 __all__ = ["pcg", "pcg_columns"]
@@ -31,6 +33,7 @@ def pcg(
     beta: Beta = "flexible",
     stop: Stop = "energy",
     probe: bool = True,
+    pace: float | None = None,
     measure: Measure | None = None,
     energy: Measure | None = None,
     tell: Tell = to_nobody,
@@ -61,8 +64,12 @@ def pcg(
         Whether to look once, before converged is said, for eigenvalues of M A that b does not show, from a
         random vector. That takes as many steps as lose four digits of its z·r, some three to five if M is
         good; it is not needed where M is known to be good.
+    pace : float, optional
+        Iterations that the residual may need in all, if it goes on to fall as in the first five: a slower
+        iteration ends there, as if five were ``most``. For an M whose quality is unknown.
     measure : callable, optional
-        Of residuals; by default ‖r‖ / ‖b‖.
+        Of residuals; by default ‖r‖ / ‖b‖ or, if rows of A differ in size by a hundred and more,
+        :func:`~agglo_core.problems.row_scales.row_measure`.
     energy : callable, optional
         Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
     tell : callable, optional
@@ -71,8 +78,10 @@ def pcg(
     Returns
     -------
     History
-        With the last iterate, converged or not: its energy error is the smallest. ``ended`` names what broke
-        down; where ``preconditioner_failed``, one in double precision may go on from ``x``.
+        With the last iterate, converged or not: its energy error is the smallest. After a breakdown it is the
+        iterate of least residual. ``ended`` names what broke down; where ``preconditioner_failed``, one in
+        double precision may go on from ``x``. A matrix on which an iteration finds a null vector is reported
+        as singular, and b as not in its range.
 
     Raises
     ------
@@ -87,6 +96,11 @@ def pcg(
     taken to fall by once more what it has fallen by; the tests have to be passed again after a tenth more
     iterations, and with what the probe finds, so that slow modes show.
 
+    Values that are imposed by large numbers on the diagonal of A are taken out of the system first
+    (:func:`~agglo_core.problems.row_scales.lifted`), unless ``measure`` or ``energy`` is given: residuals and
+    energies are then those of the other unknowns. Without that these numbers times the values imposed make up
+    all of ‖b‖ and of ‖x‖_A, and nothing is said of the other unknowns.
+
     Examples
     --------
     >>> from scipy import sparse
@@ -99,10 +113,14 @@ def pcg(
     whole = _numbers("b", b)
     if whole.ndim != 1:
         raise OptionError(f"b must be one right-hand side (n,), given the shape {whole.shape}: pcg_columns")
-    rules = _rules(tolerance, most, beta, stop, probe)
+    rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(len(whole)) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
-    column = Column(whole, start, rules, measure or relative_to(whole), energy or energy_of_solution(whole))
+    if measure is None and energy is None:
+        return _lifted_columns(A, whole[:, None], M, start[:, None], rules, tell)[0]
+    column = Column(
+        whole, start, rules, measure or row_measure(A, whole), energy or energy_of_solution(whole)
+    )
     _iterate(A, M, [column], tell)
     return limit_told(column.history(), A, whole)
 
@@ -118,6 +136,7 @@ def pcg_columns(
     beta: Beta = "flexible",
     stop: Stop = "energy",
     probe: bool = True,
+    pace: float | None = None,
     tell: Tell = to_nobody,
 ) -> tuple[History, ...]:
     """:func:`pcg` for several right-hand sides ``b (n, k)``, from ``x0 (n, k)``: a history of each column.
@@ -138,15 +157,29 @@ def pcg_columns(
     whole = _numbers("b", b)
     if whole.ndim != 2:
         raise OptionError(f"b must be right-hand sides (n, k), given the shape {whole.shape}")
-    rules = _rules(tolerance, most, beta, stop, probe)
+    rules = _rules(tolerance, most, beta, stop, probe, pace)
     start = np.zeros(whole.shape) if x0 is None else _numbers("x0", x0)
     _require_fit(A, M, whole, start)
+    return _lifted_columns(A, whole, M, start, rules, tell)
+
+
+def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
+    """Iterate on what is left of A x = b ``(n, k)`` without the values imposed by penalties."""
+    rows = penalised_rows(A)
+    offset, load = lifted(A, b, rows)
+    start = x0 - offset
+    start[rows] = 0.0  # x0 − offset would be rounding there, times the penalty
     columns = [
-        Column(each, x, rules, relative_to(each), energy_of_solution(each))
-        for each, x in zip(np.ascontiguousarray(whole.T), np.ascontiguousarray(start.T), strict=True)
+        Column(each, y, rules, row_measure(A, each), energy_of_solution(each))
+        for each, y in zip(np.ascontiguousarray(load.T), np.ascontiguousarray(start.T), strict=True)
     ]
     _iterate(A, M, columns, tell)
-    return tuple(limit_told(column.history(), A, column.b) for column in columns)
+    histories = [limit_told(column.history(), A, column.b) for column in columns]
+    if not len(rows):
+        return tuple(histories)
+    return tuple(
+        replace(each, x=frozen_float(own + each.x)) for each, own in zip(histories, offset.T, strict=True)
+    )
 
 
 def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
@@ -200,7 +233,7 @@ def _returned(name: str, value: Any, vector: Float) -> Float:
     return found
 
 
-def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool) -> Rules:
+def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool, pace: float | None) -> Rules:
     if not 0.0 < tolerance < 1.0:
         raise OptionError(f"tolerance must be above 0 and below 1, given {tolerance!r}")
     if most < 0:
@@ -208,7 +241,9 @@ def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool) -> 
     for name, given, known in (("beta", beta, get_args(Beta)), ("stop", stop, get_args(Stop))):
         if given not in known:
             raise OptionError(f"{name} is one of {', '.join(known)}; given {given!r}")
-    return Rules(tolerance, most, beta, stop, probe)
+    if pace is not None and not pace > 0.0:
+        raise OptionError(f"pace must be above 0, given {pace!r}")
+    return Rules(tolerance, most, beta, stop, probe, pace)
 
 
 def _numbers(name: str, given: Any) -> Float:

@@ -13,7 +13,7 @@ from agglo_core.mesh import Mesh
 from agglo_core.problems.conjugate_gradients import conjugate_gradients
 from agglo_core.problems.discretisation import Discretisation
 from agglo_core.problems.problem import Problem
-from agglo_core.problems.sizes import relative_to
+from agglo_core.problems.row_scales import row_measure
 from agglo_core.problems.solution import Solution
 from agglo_core.progress import Listener, phase
 
@@ -63,7 +63,7 @@ def report(
     dofs = [A.shape[0] for A in matrices]
     sizes = zip(_parts(mesh, solution, dofs), dofs, map(_entries, matrices), strict=True)
     rest, b = _solved(solution)
-    measure = how.residual_measure(problem, mesh, b) if how else relative_to(b)
+    measure = how.residual_measure(problem, mesh, b) if how else row_measure(solution.A, b)
     with phase(progress, "measuring", "errors"):
         norms = how.errors(problem, mesh, solution.x) if how else {}
         load = how.load(problem, mesh, solution.b) if how else solution.b

@@ -25,6 +25,7 @@ from agglo_core.authoring import (
     agglomerate,
     frozen_float,
     frozen_int,
+    multigrid,
     symmetric_system,
 )
 from agglo_petsc.label_levels import exponents, monomial
@@ -128,7 +129,9 @@ def _given(problem: Linear, hierarchy: Hierarchy, levels: int | None) -> PosedSy
     near, factor = problem.near_null, _factor(b)
     B = None if near is None else frozen_float(np.asarray(near, np.float64).reshape(len(b), -1))
     labels = _chosen(hierarchy, levels) if hierarchy.levels else []
-    return PosedSystem(matrix, frozen_float(factor * b), factor, offsets, None, labels, B, None)
+    scaled = frozen_float(factor * b)
+    measure = multigrid.row_measure(matrix, scaled)
+    return PosedSystem(matrix, scaled, factor, offsets, measure, labels, B, None)
 
 
 def _own_mesh(hierarchy: Hierarchy) -> Mesh:

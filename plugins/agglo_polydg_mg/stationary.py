@@ -44,7 +44,8 @@ def stationary(
     Two things have to be ``tolerance`` or less: what ``measure`` says of b − A x, by default ‖b − A x‖ / ‖b‖;
     then the energy error as :class:`~agglo_polydg_mg.corrections.Corrections` see it, over the energy norm
     of x. This takes one more step, which is not counted if x is right. A matrix that is found not to be
-    positive definite ends the iteration, with the reason.
+    positive definite ends the iteration, with the reason. After that, or once it diverges, an iterate that is
+    worse than 0 is replaced by that of least residual, whose number is the length of the history.
     """
     run = _Run(A, b, step, tolerance, measure or ResidualMeasure(b))
     while not run.reason and (run.small or run.done < max_iterations):
@@ -63,7 +64,7 @@ class _Run:
     def __init__(self, A: Any, b: Float, step: Step, tolerance: float, measure: ResidualMeasure) -> None:
         self.A, self.b, self.step, self.tolerance, self.measure = A, b, step, tolerance, measure
         self.residuals: list[float] = []
-        self.corrections, self.reason = Corrections(), ""
+        self.corrections, self.reason, self.least = Corrections(), "", (np.inf, b, 0)
         self.go_on(np.zeros(len(b)), b)
         if not b.any():
             self.error, self.reason = 0.0, MET
@@ -79,6 +80,8 @@ class _Run:
         self.residuals.append(float(np.linalg.norm(r)))
         self.size = self.measure(r)
         self.small = self.size <= self.tolerance
+        if self.size < self.least[0]:
+            self.least = self.size, x, len(self.residuals)
         if not self.residuals[-1] <= _DIVERGED * self.residuals[0]:
             self.reason = f"diverged: residual {self.residuals[-1]:.1e} after {self.done} iterations"
 
@@ -101,6 +104,9 @@ class _Run:
         passed = (self.small, self.error <= self.tolerance)
         beside = f", energy error about {self.error:.1e}" if self.small else ""
         failed = f"relative residual {self.size:.1e}{beside} after {self.done} iterations"
+        if self.reason and not self.residuals[-1] <= self.residuals[0]:
+            _, self.x, count = self.least
+            self.residuals = self.residuals[:count]
         return History(
             frozen_float(self.x),
             frozen_float(self.residuals),
