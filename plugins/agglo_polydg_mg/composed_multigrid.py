@@ -183,9 +183,10 @@ class ComposedMultigrid:
         spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
         parts = self.parts_for(problem)
         try:
-            return self._cycle(parts, self._stack(parts, spaces, labels))
+            M = self._cycle(parts, self._stack(parts, spaces, labels))
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+        return spaces.fine.preconditioner(M)
 
     def _stack(
         self,

@@ -131,16 +131,17 @@ class Direct:
             solves = BACKENDS[chosen_backend(self.backend)](fine.A)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"the matrix has no inverse to precondition with: {failure}") from failure
-        return LinearOperator(
+        inverse = LinearOperator(
             fine.A.shape, matvec=solves, rmatvec=solves, matmat=solves, rmatmat=solves, dtype=np.float64
         )
+        return fine.preconditioner(inverse)
 
 
 def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> History:
     """Solve, then add corrections for b − A x until residual and error are small, at most ``most`` times."""
     b = fine.b
     x, residuals = np.zeros(len(b)), [two_norm(b)]
-    size, error, energy = (np.inf, np.inf, True) if b.any() else (0.0, 0.0, True)
+    size, error, energy = (fine.measure(b), np.inf, True) if b.any() else (0.0, 0.0, True)
     correction = solves(b)
     while not (size <= tolerance and error <= tolerance) and len(residuals) <= most + 1:
         better = x + correction

@@ -28,7 +28,7 @@ from agglo_core.authoring import (
 )
 from agglo_polydg_mg.advice import advice_of_multigrid
 from agglo_polydg_mg.recipes import Wishes
-from agglo_polydg_mg.scaling import factor_for, unscaled
+from agglo_polydg_mg.scaling import factor_for, matrix_factor, unscaled, unscaled_matrix
 from agglo_polydg_mg.stationary import unsolved
 from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import chosen_levels
@@ -65,9 +65,13 @@ class LinearTask:
             )
         used = np.flatnonzero(np.diff(offsets) != 0)
         self._equal = len(used) == cells and len(set(np.diff(offsets).tolist())) == 1
-        self.system = System(
+        given = System(
             problem.A, problem.b, np.append(offsets[used], offsets[-1]), None, _columns(problem.near_null)
         )
+        self.system, self._given, self._matrix_factor = given, given.A, matrix_factor(given.A)
+        if self._matrix_factor != 1.0:
+            parts = given.b, given.block_offsets, None, given.near_null
+            self.system = System.trusted(self._matrix_factor * given.A, *parts)
         if wishes.recipe == "agglomerates" and not hierarchy.levels:
             raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
         self._classical = self.system.width == 1 and _positive(self.system.near_null)
@@ -82,7 +86,7 @@ class LinearTask:
 
     @property
     def A(self) -> Any:
-        """The matrix ``(n, n)``."""
+        """The matrix ``(n, n)``, times a power of two."""
         return self.system.A
 
     @property
@@ -143,12 +147,22 @@ class LinearTask:
             smoother=multigrid.blockwise,
         )
 
+    def preconditioner(self, M: LinearOperator) -> LinearOperator:
+        """The preconditioner for the matrix of the problem that a cycle is."""
+        return M if self._matrix_factor == 1.0 else self._matrix_factor * M
+
     def parts(self, stack: Any) -> tuple[int | None, ...]:
         """Agglomerates of each level: None of all but the first, which may come of the matrix alone."""
         return self._cells, *(None for _ in stack.levels[1:])
 
     def iterate(
-        self, M: LinearOperator, tolerance: float, most: int, before: Sequence[History] | None, tell: Tell
+        self,
+        M: LinearOperator,
+        tolerance: float,
+        most: int,
+        before: Sequence[History] | None,
+        tell: Tell,
+        pace: float | None = None,
     ) -> list[History]:
         """Conjugate gradients, each column from where it ended before: histories of all columns."""
         found = list(before or ())
@@ -163,6 +177,7 @@ class LinearTask:
             most=most,
             stop="both",
             probe=False,
+            pace=pace,
             tell=tell,
         )
         if not found:
@@ -183,7 +198,10 @@ class LinearTask:
         tolerance: float,
     ) -> Solution:
         """The solution that histories lead to; see :class:`~agglo_core.problems.Solution` on columns."""
-        columns = [unscaled(each.x, f) for each, f in zip(histories, self._factors, strict=True)]
+        back = 1.0 / self._matrix_factor
+        columns = [
+            unscaled(unscaled(each.x, f), back) for each, f in zip(histories, self._factors, strict=True)
+        ]
         last = max(range(len(histories)), key=lambda j: _badness(histories[j]))
         converged = all(each.converged for each in histories)
         worst, errors = histories[last], [each.energy_error for each in histories]
@@ -192,9 +210,9 @@ class LinearTask:
             residuals[-1] = two_norm(self._b[:, last] - self.system.A @ worst.x)
         return Solution(
             x=frozen_float(np.stack(columns, axis=1).reshape(self.system.b.shape)),
-            A=self.system.A,
+            A=self._given,
             b=self.system.b,
-            operators=operators,
+            operators=[(unscaled_matrix(A, self._matrix_factor), P) for A, P in operators],
             residuals=frozen_float(residuals / self._factors[last]),
             converged=converged,
             reason=worst.reason,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
     Diffusion,
@@ -33,7 +34,7 @@ from agglo_polydg_mg.basis import Basis
 from agglo_polydg_mg.box_transfer import project_between
 from agglo_polydg_mg.polydg import PolyDG, corrections
 from agglo_polydg_mg.residual_measure import ResidualMeasure
-from agglo_polydg_mg.scaling import data_size, factor_for, times, unscaled
+from agglo_polydg_mg.scaling import data_size, factor_for, matrix_factor, times, unscaled, unscaled_matrix
 from agglo_polydg_mg.stopwatch import Stopwatch
 from agglo_polydg_mg.transfer import block_matrix, l2_projection
 from agglo_polydg_mg.unit_forms import UnitForms
@@ -45,7 +46,8 @@ class FineSystem(NamedTuple):
     """System on the mesh: matrix, right-hand side ``(n,)``, unknowns of a cell, measure of residuals.
 
     ``offset (n,)`` is what was taken out of the solution of A x = ``full``, if anything: b = full − A offset.
-    All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow.
+    All are ``factor`` times those of the problem, a power of two, 1 where no squares under- or overflow; the
+    matrix is ``matrix_factor`` times that of the problem, and x the quotient of both times the solution.
     ``sigma (n_faces,)`` is the penalty of the jumps, of what is discretised here; ``meaning`` is what
     unknowns are, and on which mesh.
     """
@@ -59,22 +61,23 @@ class FineSystem(NamedTuple):
     factor: float = 1.0
     sigma: Float | None = None
     meaning: tuple[PolyDG, Mesh] | None = None
+    matrix_factor: float = 1.0
 
     def solution(
         self, history: History, operators: list[tuple[Any, Any]], watch: Stopwatch, tolerance: float
     ) -> Solution:
         """The solution of A x = full that a history on A x = b leads to; ``watch`` has timed its phases."""
-        x = rest = unscaled(history.x, self.factor)
+        x = rest = self._solution_of_problem(history.x)
         lifting = None
         if self.offset is not None:
-            offset = unscaled(self.offset, self.factor)
+            offset = self._solution_of_problem(self.offset)
             x, lifting = frozen_float(offset + rest), Lifting(offset, rest, unscaled(self.b, self.factor))
         how, mesh = self.meaning or (None, None)
         return Solution(
             x=x,
-            A=self.A,
+            A=unscaled_matrix(self.A, self.matrix_factor),
             b=unscaled(self.full, self.factor),
-            operators=operators,
+            operators=[(unscaled_matrix(A, self.matrix_factor), P) for A, P in operators],
             residuals=frozen_float(history.residuals / self.factor),
             converged=history.converged,
             reason=history.reason,
@@ -91,6 +94,13 @@ class FineSystem(NamedTuple):
             discretisation=how,
             mesh=mesh,
         )
+
+    def preconditioner(self, M: LinearOperator) -> LinearOperator:
+        """The preconditioner for the matrix of the problem that one for ``A`` is."""
+        return M if self.matrix_factor == 1.0 else self.matrix_factor * M
+
+    def _solution_of_problem(self, x: Float) -> Float:
+        return unscaled(unscaled(x, self.factor), 1.0 / self.matrix_factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +177,21 @@ def _finite(values: Float) -> bool:
 def _given(problem: Linear, n: int) -> FineSystem:
     width = _width(problem, n)
     matrix, full = symmetric_system(problem)
-    factor = factor_for(float(np.abs(full).max(initial=0.0)))
-    b = frozen_float(factor * full)
-    return FineSystem(block_matrix(matrix, width), b, width, ResidualMeasure(b), b, None, factor)
+    factor, factor_of_matrix = factor_for(float(np.abs(full).max(initial=0.0))), matrix_factor(matrix)
+    matrix, b = matrix if factor_of_matrix == 1.0 else factor_of_matrix * matrix, frozen_float(factor * full)
+    offset, load = multigrid.lifted(matrix, b)
+    offset_or_none = offset if offset.any() else None
+    measure = ResidualMeasure(load, rows=multigrid.row_measure(matrix, load))
+    return FineSystem(
+        block_matrix(matrix, width),
+        load,
+        width,
+        measure,
+        b,
+        offset_or_none,
+        factor,
+        matrix_factor=factor_of_matrix,
+    )
 
 
 def own_mesh(hierarchy: Hierarchy) -> Mesh:

@@ -129,4 +129,4 @@ class PolyDGMultigrid:
             M = multigrid.cycle(task.stack(), task.cycle)
         except np.linalg.LinAlgError as failure:
             raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
-        return task.numbering.operator(M) if isinstance(task, DiffusionTask) else M
+        return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)

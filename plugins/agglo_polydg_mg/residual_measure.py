@@ -32,12 +32,16 @@ class ResidualMeasure:
         b without the terms of Dirichlet data; None if there are none.
     norm : callable, optional
         Energy norm of a solution with the jumps from its Dirichlet data; None if there are none.
+    rows : callable, optional
+        Measure of residuals of a linear system in place of these
+        (:func:`~agglo_core.problems.row_scales.row_measure`).
     """
 
     b: Float
     kappa: Float | None = None
     load: Float | None = None
     norm: Callable[[Float], float] | None = None
+    rows: Callable[[Float], float] | None = None
 
     def energy(self, x: Float) -> float:
         """What the energy norm of the error of ``x (n,)`` is compared with: the energy norm of x."""
@@ -54,6 +58,8 @@ class ResidualMeasure:
 
     def __call__(self, r: Float) -> float:
         """Relative size; 0 where r and b are 0."""
+        if self.rows is not None:
+            return self.rows(r)
         plain, scaled = self._sizes
         size = relative_size(r, plain)
         return size if self.kappa is None else max(size, relative_size(r / self.kappa, scaled))

@@ -1,26 +1,41 @@
-"""Right-hand sides whose squares are beyond what floating-point numbers hold, brought near 1."""
+"""Powers of two that bring right-hand sides and matrices near 1, so that squares can be computed."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from agglo_core.authoring import Diffusion, Field, Float, Mesh, OptionError, frozen_float
 
-__all__ = ["data_size", "factor_for", "times", "unscaled"]
+__all__ = ["data_size", "factor_for", "matrix_factor", "times", "unscaled", "unscaled_matrix"]
 
 _MODERATE = 1e100
+_MODERATE_MATRIX = 1e10
+"""Narrower, as levels may be in single precision."""
 _DIGITS = 1e-10
 
 
-def factor_for(size: float) -> float:
-    """A power of two that brings numbers of a size near 1; 1 itself if their squares do no harm."""
-    if size == 0.0 or 1.0 / _MODERATE <= size <= _MODERATE:
+def factor_for(size: float, moderate: float = _MODERATE) -> float:
+    """A power of two that brings numbers of a size near 1; 1 itself if the size is moderate."""
+    if size == 0.0 or 1.0 / moderate <= size <= moderate:
         return 1.0
     return math.ldexp(1.0, max(-1000, min(1000, -math.frexp(size)[1])))
+
+
+def matrix_factor(A: Any) -> float:
+    """A power of two that brings the diagonal entries of a matrix near 1; 1 itself if most are moderate."""
+    return factor_for(float(np.median(np.abs(A.diagonal()))), _MODERATE_MATRIX)
+
+
+def unscaled_matrix(A: Any, factor: float) -> Any:
+    """``A / factor`` in double precision, or A itself for a factor of 1."""
+    if factor == 1.0:
+        return A
+    return (A.astype(np.float64) if A.dtype == np.float32 else A) * (1.0 / factor)
 
 
 def times(problem: Diffusion, factor: float) -> Diffusion:
