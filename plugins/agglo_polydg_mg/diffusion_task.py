@@ -194,7 +194,13 @@ class DiffusionTask:
         return cells, *(int(each.labels.max()) + 1 for each in below)
 
     def iterate(
-        self, M: LinearOperator, tolerance: float, most: int, before: Sequence[History] | None, tell: Tell
+        self,
+        M: LinearOperator,
+        tolerance: float,
+        most: int,
+        before: Sequence[History] | None,
+        tell: Tell,
+        pace: float | None = None,
     ) -> list[History]:
         """Conjugate gradients, from where others ended if there are any: the history of the only column."""
         measure = self.fine.measure
@@ -207,6 +213,7 @@ class DiffusionTask:
             most=most,
             stop="both",
             probe=False,
+            pace=pace,
             measure=measure,
             energy=measure.energy,
             tell=tell,

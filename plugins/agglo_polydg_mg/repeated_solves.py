@@ -36,7 +36,8 @@ __all__ = ["RepeatedSolves", "Task", "task_for"]
 Task = DiffusionTask | LinearTask
 
 _MORE: Final = 1.5
-"""Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0."""
+"""Levels are renewed once a solve takes more than so many times the iterations of fresh ones from 0, and
+within a solve whose first iterations promise that."""
 _FAR_MORE: Final = 3.0
 """A solve that takes more than so many times those goes on with fresh levels."""
 
@@ -70,8 +71,10 @@ class RepeatedSolves:
     matrix changes, but never accuracy: convergence is judged by the matrix at hand. Each solve starts from
     the combination of the last eight solutions that has the smallest error
     (:func:`~agglo_polydg_mg.earlier_solutions.best_combination`). Levels are renewed for the next solve after
-    one that took over 1.5 times the iterations that fresh levels take from 0, and within a solve that takes
-    over 3 times as many; that solve goes on from where it is. Levels of another number of unknowns are never
+    one that took over 1.5 times the iterations that fresh levels take from 0. They are renewed within a solve
+    whose first five iterations promise as many, or that takes over 3 times as many; that solve goes on from
+    where it is, and the next one makes levels of its own: after another such solve the next two, and so on,
+    twice as many each time until kept levels serve again. Levels of another number of unknowns are never
     used. From the second system on, what a κ of one number in each cell only scales is kept
     (:class:`~agglo_polydg_mg.unit_forms.UnitForms`): about twice the memory of the matrix, 2 GiB at most.
     ``operators`` of a Solution are those of the levels in use, of an earlier system perhaps, as its
@@ -107,6 +110,9 @@ class RepeatedSolves:
         self._tolerance, self._most = tolerance, most
         self._kept: Any = None
         self._usual: float | None = None  # iterations from 0 with fresh levels
+        self._pause = self._paused = (
+            0  # solves with levels of their own after kept levels failed, and those left
+        )
         self._before: list[int] = []  # iterations with others, when they were made
         self._earlier: list[list[Float]] = []
         self._units: UnitForms | None = None
@@ -157,13 +163,18 @@ class RepeatedSolves:
     def _histories(self, task: Task, watch: Stopwatch, progress: Listener | None) -> list[History]:
         """Iterate with the levels there are, then as far as needed with fresh ones, then with others."""
         histories = self._started(task, watch)
+        if self._paused:
+            self._paused, self._kept = self._paused - 1, None
         if self._kept is not None:
-            most = self._most
+            most, pace = self._most, None
             if self._usual is not None:
                 most = min(most, math.ceil(_FAR_MORE * self._usual))
-            histories = self._iterate(task, most, histories, watch, progress)
+                pace = _MORE * self._usual + 1.0
+            histories = self._iterate(task, most, histories, watch, progress, pace)
             if _finished(histories, self._most):
+                self._pause = 0
                 return histories
+            self._pause = self._paused = max(1, 2 * self._pause)
         task.forget_plan()
         self._renew(task, histories, watch, progress, "setting up the levels")
         histories = self._iterate(task, self._most, histories, watch, progress)
@@ -210,12 +221,13 @@ class RepeatedSolves:
         before: list[History] | None,
         watch: Stopwatch,
         progress: Listener | None,
+        pace: float | None = None,
     ) -> list[History]:
         """Histories of all columns, at most so many iterations together with those done before."""
         left = most - max((each.iterations for each in before or () if not each.final), default=0)
         M = multigrid.cycle(self._kept, task.cycle)
         with watch("solve"), phase(progress, "solving") as tell:
-            found = task.iterate(M, self._tolerance, left, before, tell)
+            found = task.iterate(M, self._tolerance, left, before, tell, pace)
         return found if before is None else [_joined(*each) for each in zip(before, found, strict=True)]
 
     def _judge(self, histories: list[History]) -> None:
@@ -231,7 +243,7 @@ class RepeatedSolves:
             digits = _digits(residuals)
             wanted = max(digits, -math.log10(self._tolerance))
             self._usual = (len(residuals) - 1) * wanted / digits if digits > 0.0 else None
-        elif slowest.iterations > _MORE * self._usual + 1:
+        elif slowest.iterations > _MORE * self._usual + 1.0:
             self._kept = None
 
 

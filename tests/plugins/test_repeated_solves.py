@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from agglo_core import Hierarchy, Mesh, samples
+from agglo_core import Hierarchy, Mesh, OptionError, samples
 from agglo_core.arrays import frozen_float, frozen_index
 from agglo_core.multigrid import pcg
 from agglo_core.problems import Diffusion
@@ -146,3 +146,51 @@ def test_a_step_that_repeats_the_last_one_takes_next_to_nothing() -> None:
     first, again = (steps.solve(Diffusion(source=8.0)) for _ in range(2))
     assert again.iterations <= 2 < first.iterations
     assert again.converged
+
+
+def front(mesh: Mesh, at: float) -> Diffusion:
+    return Diffusion(kappa=np.where(mesh.cell_centroids[:, 0] < at, 1e4, 1.0), source=1.0)
+
+
+@pytest.mark.parametrize("mesh", [samples.voronoi(400, seed=45), samples.tetrahedra(3)], ids=["2-D", "3-D"])
+def test_levels_of_an_earlier_front_are_given_up_at_once(mesh: Mesh) -> None:
+    solver = PolyDGMultigrid(tolerance=1e-8)
+    steps, fresh, kept = solver.repeated(bare(mesh)), [], []
+    for k in range(6):
+        problem = front(mesh, 0.2 + 0.1 * k)
+        it = steps.solve(problem)
+        exact = spsolve(it.A.tocsc(), it.b)
+        assert it.converged
+        assert np.abs(it.x - exact).max() <= 1e-6 * np.abs(exact).max()
+        assert len(it.residuals) == it.iterations + 1
+        kept.append(it.iterations)
+        fresh.append(solver.solve(problem, bare(mesh)).iterations)
+    assert max(np.subtract(kept, fresh)) <= 8
+    assert sum(kept) <= sum(fresh) + 3 * 8  # three retreats, as levels of their own follow each
+
+
+def test_levels_are_kept_again_once_a_front_stands() -> None:
+    mesh = samples.voronoi(400, seed=46)
+    steps = PolyDGMultigrid(tolerance=1e-8).repeated(bare(mesh))
+    places = [0.2, 0.5, 0.5, 0.5, 0.5, 0.5]
+    counts = []
+    for at in places:
+        steps.solve(front(mesh, at))
+        counts.append(steps.setups)
+    assert counts == [1, 2, 3, 3, 3, 3]  # one solve after the retreat has levels of its own
+
+
+def test_the_pace_ends_a_slow_iteration() -> None:
+    """Plain conjugate gradients take far more than 30 iterations, with the inverse they take few."""
+    A = np.diag(np.geomspace(1.0, 1e4, 50)) + 0.1
+    b = np.ones(50)
+    slow = pcg(A, b, tolerance=1e-8, pace=30)
+    assert (slow.converged, slow.iterations, slow.ended) == (False, 5, "most iterations")
+    whole = pcg(A, b, tolerance=1e-8)
+    assert whole.converged
+    assert whole.iterations > 30
+    assert np.array_equal(pcg(A, b, tolerance=1e-8, most=5).x, slow.x)
+    swift = pcg(A, b, np.linalg.inv(1.1 * A), tolerance=1e-8, pace=30)
+    assert swift.converged
+    with pytest.raises(OptionError, match="pace must be above 0"):
+        pcg(A, b, pace=0.0)
