@@ -98,8 +98,14 @@ def backend(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.fixture
 def _nothing_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for package in ("pypardiso", "sksparse"):
-        monkeypatch.setitem(sys.modules, package, None)
+    _uninstall(monkeypatch, "pypardiso", "sksparse")
+
+
+def _uninstall(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
+    """Make imports of packages fail, those of modules that are imported already, too."""
+    for name in packages:
+        for module in [name, *(each for each in sys.modules if each.startswith(f"{name}."))]:
+            monkeypatch.setitem(sys.modules, module, None)
 
 
 def definite(n: int, seed: int = 0) -> sparse.csr_array:
@@ -206,8 +212,7 @@ def test_what_is_not_installed_is_named() -> None:
 
 def test_the_fastest_that_is_installed_is_taken(backend: str, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = {"pardiso": "pypardiso", "cholmod": "sksparse", "superlu": ""}[backend]
-    for package in {"pypardiso", "sksparse"} - {kept}:
-        monkeypatch.setitem(sys.modules, package, None)
+    _uninstall(monkeypatch, *({"pypardiso", "sksparse"} - {kept}))
     assert chosen_backend("auto") == backend
 
 

@@ -88,7 +88,8 @@ def test_the_number_of_levels_does_not_matter(grid: str, bisector: str) -> None:
 def test_nor_does_it_with_six_levels() -> None:
     hierarchy = agglomerate(samples.voronoi(1000, seed=1), n_parts=(250, 64, 16, 4, 1))
     solvers = [default().build("solver", "polydg_mg_paper", levels=n) for n in range(2, 7)]
-    assert len({solver.solve(CONSTANT, hierarchy).iterations for solver in solvers}) == 1
+    counts = [solver.solve(CONSTANT, hierarchy).iterations for solver in solvers]
+    assert max(counts) - min(counts) <= 1
 
 
 @pytest.mark.parametrize(
