@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.kernels.compiling import helper
-from agglo_core.kernels.piece_shares import shift_cut
+from agglo_core.kernels.piece_shares import holds_share, shift_cut
 from agglo_core.kernels.piece_splits import (
     cells_beside,
     is_connected,
@@ -96,14 +96,14 @@ def tag_sides(graph, cells, lo, hi, heights, bar, unit, extent, tag, near, sums)
 
 @helper(allocates=True)
 def _sides(cut, own, graph, cells, lo, hi, extent, share, tag, marks, sums, floor, room, stamp):
-    """Cut a piece, move the cut if the ``share`` is not 1/2, and refine the sides.
+    """Cut a piece, move the cut if it is off a ``share`` below 1/2, and refine the sides.
 
     Returns the cells along the cut, and the next stamp.
     """
     indptr, indices, interface, centroids, measures, _, _, _ = graph
     size, count, axis = sums
     edge = cut(graph, cells, lo, hi, extent, own, tag, marks, room[0], sums)
-    if share < 0.5:
+    if share < 0.5 and not holds_share(size, share):
         edge = shift_cut(graph, cells, lo, hi, tag, share, room[0], sums)
     left, right = side_tags(lo, hi)
     edge = cells_beside(indptr, indices, tag, left, right, room[0], edge)

@@ -9,11 +9,12 @@ from agglo_core.kernels.median_splits import SHARE, stable_sort, untied
 from agglo_core.kernels.piece_refinement import sort_by_keys
 from agglo_core.kernels.piece_splits import side_tags
 
-__all__ = ["order_room", "shift_cut", "shifted_sides", "split_in_order", "tag_upper"]
+__all__ = ["holds_share", "order_room", "shift_cut", "shifted_sides", "split_in_order", "tag_upper"]
 
 _TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
 _BINS = 256
 _FEW = 64  # values that are sorted
+_NEAR = 0.051  # of a share: cuts so near to it stay where they are
 
 
 @helper(allocates=True)
@@ -183,6 +184,13 @@ def tag_upper(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
     return m
 
 
+@helper
+def holds_share(size, share):
+    """Return whether the lighter of two sides holds a share of the mass, or nearly so."""
+    whole, lighter = size[0] + size[1], min(size[0], size[1])
+    return whole > 0.0 and abs(lighter / whole - share) <= _NEAR * share
+
+
 @helper(allocates=True)
 def _line_between(centroids, weight, cells, lo, hi, tag, line):
     """Write the line from the centroid of the left side of a piece to that of the right side.
@@ -257,20 +265,24 @@ def shift_cut(graph, cells, lo, hi, tag, share, near, sums):
 
 @kernel
 def shifted_sides(offsets, centroids, mass, sides, shares):
-    """Sides ``(n,)`` of blocks once each cut is moved: see ``shift_cut``."""
+    """Sides ``(n,)`` of blocks once each cut is moved that is off its share: see ``shift_cut``."""
     n, largest = len(sides), np.int64(0)
     for b in range(len(shares)):
         largest = max(largest, offsets[b + 1] - offsets[b])
     cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
     near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
-    sums = np.empty(2), np.empty(2, np.int64), np.empty(3)
+    size = np.empty(2)
+    sums = size, np.empty(2, np.int64), np.empty(3)
     graph = (offsets, cells, mass, centroids, mass, mass, reach, (1.0, 1.0, 1.0))
     for b in range(len(shares)):
         lo, hi = offsets[b], offsets[b + 1]
         left, right = side_tags(lo, hi)
+        size[0], size[1] = 0.0, 0.0
         for i in range(lo, hi):
             cells[i], tag[i] = i, right if sides[i] else left
-        shift_cut(graph, cells, lo, hi, tag, shares[b], near, sums)
+            size[sides[i]] += mass[i]
+        if not holds_share(size, shares[b]):
+            shift_cut(graph, cells, lo, hi, tag, shares[b], near, sums)
     moved = np.empty(n, np.int64)
     for i in range(n):
         moved[i] = tag[i] & 1

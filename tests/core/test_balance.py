@@ -99,7 +99,7 @@ def test_weights_given_to_a_run_are_evened_out(case: str) -> None:
     mesh = samples.voronoi(1200, seed=1)
     people = np.random.default_rng(0).lognormal(3.0, 1.0, mesh.n_cells)
     hierarchy = agglo.agglomerate(mesh, **{"n_parts": 12, "weights": people} | DISTRICTS[case])
-    assert heaviest(hierarchy.levels[0], people) < 1.04
+    assert heaviest(hierarchy.levels[0], people) < 1.06
     assert hierarchy.statistics["imbalance"] == [pytest.approx(heaviest(hierarchy.levels[0], people))]
 
 
@@ -118,7 +118,7 @@ def test_weights_of_the_graph_hold_where_the_run_has_none() -> None:
     people = np.random.default_rng(0).lognormal(3.0, 1.0, mesh.n_cells)
     graph = replace(mesh.graph, weights=people)
     size = (("balance", {"size": "weights"}),)
-    assert heaviest(agglo.agglomerate(graph, n_parts=12, post_refiners=size).levels[0], people) < 1.04
+    assert heaviest(agglo.agglomerate(graph, n_parts=12, post_refiners=size).levels[0], people) < 1.06
 
 
 def test_metis_balances_measures_where_the_run_does() -> None:
