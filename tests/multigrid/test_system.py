@@ -207,7 +207,7 @@ def test_a_matrix_of_integers_is_not_reordered_in_place() -> None:
 def test_masked_values_and_ragged_rows_are_refused() -> None:
     with pytest.raises(OptionError, match="b has masked entries"):
         System(A, np.ma.masked_equal(np.arange(6), 2))
-    with pytest.raises(OptionError, match="A must hold real numbers"):
+    with pytest.raises(OptionError, match="A must be an array of numbers"):
         System([[1.0, 2.0], [3.0]], [1.0, 2.0])
 
 
