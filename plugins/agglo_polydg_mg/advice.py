@@ -1,7 +1,7 @@
-"""Which of polydg_mg and direct takes less time: what each says of the other in ``Solution.advice``.
+"""Advice of polydg_mg and direct on which of them takes less time, in ``Solution.advice``.
 
 The sizes are those at which both took the same CPU time, as ``tests/benchmarks/break_even.py`` measures it on
-one processor in two dimensions; they are told as entries of the matrix, by which all degrees agree within a
+one processor in two dimensions. They are given as entries of the matrix, by which all degrees agree within a
 factor of two. They are rounded, and no advice is given near them.
 """
 
@@ -36,9 +36,10 @@ class _Range:
 
 _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
-        ("pardiso", "cells"): _Range(0.0, 0.0, 3e5),
-        ("pardiso", "groups"): _Range(0.0, 0.0, 2e6),
-        ("superlu", "cells"): _Range(0.0, 5e4, 1.5e5),
+        ("pardiso", "cells"): _Range(0.0, 1.3e5, 3e5),
+        ("pardiso", "groups"): _Range(0.0, 4e5, 1e6),
+        ("pardiso", "linear"): _Range(0.0, 5e4, float("inf")),
+        ("superlu", "cells"): _Range(0.0, 9e4, 2e5),
         ("superlu", "groups"): _Range(0.0, 1e5, 5e5),
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
     }
@@ -46,7 +47,7 @@ _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
 """For one right-hand side. Linear systems may be of any kind, so that none is sent to multigrid."""
 _SEVERAL: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
-        ("pardiso", "linear"): _Range(8e4, 4e5, float("inf")),
+        ("pardiso", "linear"): _Range(0.0, 4e5, float("inf")),
         ("superlu", "linear"): _Range(0.0, 4e5, float("inf")),
     }
 )

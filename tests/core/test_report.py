@@ -41,7 +41,7 @@ def _quarters(n: int) -> np.ndarray:
 
 def _hierarchy(mesh: Mesh, *levels: np.ndarray) -> Hierarchy:
     targets = [{"parts": int(labels.max()) + 1} for labels in levels]
-    return Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
+    return Hierarchy(mesh, mesh.graph, levels, targets, nested=len(levels) == 1)
 
 
 def test_default_metrics_on_quarters_of_a_square() -> None:

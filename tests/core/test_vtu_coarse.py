@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,8 @@ OLD = Path(__file__).parent / "version_0_1"
 def hierarchy_of(mesh: Mesh, *levels: Any) -> Hierarchy:
     given = [np.asarray(labels, np.int64) for labels in levels]
     targets = [{"parts": int(labels.max()) + 1} for labels in given]
-    return Hierarchy(mesh, mesh.graph, given, targets, True, {})
+    nested = all(len(np.unique(np.stack(pair), axis=1)[0]) == pair[0].max() + 1 for pair in pairwise(given))
+    return Hierarchy(mesh, mesh.graph, given, targets, nested, {})
 
 
 def corner_sets(mesh: Mesh) -> list[Any]:
