@@ -36,10 +36,10 @@ class _Range:
 
 _ONE: Final[Mapping[tuple[str, Kind], _Range]] = MappingProxyType(
     {
-        ("pardiso", "cells"): _Range(0.0, 1.3e5, 3e5),
+        ("pardiso", "cells"): _Range(0.0, 6e4, 2e5),
         ("pardiso", "groups"): _Range(0.0, 4e5, 1e6),
         ("pardiso", "linear"): _Range(0.0, 5e4, float("inf")),
-        ("superlu", "cells"): _Range(0.0, 9e4, 2e5),
+        ("superlu", "cells"): _Range(0.0, 5e4, 1.5e5),
         ("superlu", "groups"): _Range(0.0, 1e5, 5e5),
         ("superlu", "linear"): _Range(0.0, 1e5, float("inf")),
     }
