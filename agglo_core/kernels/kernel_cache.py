@@ -24,8 +24,9 @@ INSTALLED = Path(__file__).with_name("compiled")
 
 _log = logging.getLogger("agglo")
 _HERE = Path(__file__).parent
-_IMPORT = re.compile(r"^[ \t]*(?:from|import)\b(?:[^\n(]*\([^)]*\)|[^\n]*)", re.MULTILINE)
-_OFFER = re.compile(r"^(?:def (\w+)|(\w+)(?:: [^=\n]+)? = )", re.MULTILINE)
+_CORE = Path(__file__).parents[1]
+_IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+_ANY_IMPORT = re.compile(r"^[ \t]*from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 class _Nowhere:
@@ -135,41 +136,66 @@ def _warn_unwritable() -> None:
 def source_stamp(file: Path) -> str:
     """Hash of :func:`sources` and of the version of numpy, whose routines are compiled into kernels too."""
     digest = sha256(np.__version__.encode())
-    for source in sorted(sources(file), key=lambda each: (each.parent.name, each.name)):
-        digest.update(source.name.encode())
+    for source in sorted(sources(file), key=_place_in_package):
+        digest.update(_place_in_package(source).encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()
 
 
 def sources(file: Path) -> set[Path]:
-    """Files from which the kernels in ``file`` are compiled: itself and what it imports, directly or not.
+    """Find the files from which the kernels in ``file`` are compiled.
 
-    Sought are files of the same folder, and of this one, by the words of the import statements: names of
-    modules, and names that a file here defines, which plugins import from elsewhere. Too many do no harm.
+    These are the file itself and what it imports at the top level, directly or not, from the core or from
+    its own package. Files that hold no kernels may be among them: too many do no harm.
     """
     found: set[Path] = set()
     ahead = {file} if file.is_file() else set()
     while ahead:
         source = ahead.pop()
         found.add(source)
-        words = _words_of_imports(source)
-        near = {other for other in source.parent.glob("*.py") if other.stem in words}
-        ours = {} if source.parent == _HERE else _offers()
-        ahead |= (near | {other for other, names in ours.items() if names & words}) - found
+        ahead |= _imported(source) - found
     return found
 
 
-@cache
-def _words_of_imports(source: Path) -> frozenset[str]:
-    statements = _IMPORT.findall(source.read_text(encoding="utf-8"))
-    return frozenset(word for each in statements for word in re.findall(r"\w+", each))
+def _package_of(source: Path) -> Path:
+    """Folder of the outermost package that holds a file."""
+    folder = source.parent
+    while (folder.parent / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
+def _place_in_package(source: Path) -> str:
+    """Path of a file from its outermost package on: the same wherever it is installed."""
+    return source.relative_to(_package_of(source).parent).as_posix()
 
 
 @cache
-def _offers() -> dict[Path, frozenset[str]]:
-    """Files of this folder, each with its own name and those it defines."""
-    texts = {file: file.read_text(encoding="utf-8") for file in _HERE.glob("*.py")}
-    return {
-        file: frozenset({file.stem, *"".join(f" {a}{b}" for a, b in _OFFER.findall(text)).split()})
-        for file, text in texts.items()
-    }
+def _imported(source: Path) -> frozenset[Path]:
+    """Files of the core and of the package of ``source`` that its import statements name."""
+    top = _package_of(source)
+    beside = top.parent if (top / "__init__.py").is_file() else top  # modules that belong to no package
+    files: set[Path] = set()
+    for module, names in _import_statements(source):
+        folder = _CORE.parent if module.partition(".")[0] == _CORE.name else beside
+        files = files.union(*(_files_of(folder.joinpath(*module.split(".")), name) for name in names))
+    return frozenset(files)
+
+
+def _files_of(path: Path, name: str) -> set[Path]:
+    """Files for ``from module import name``: a submodule, or the module and where it has the name from."""
+    if (path / f"{name}.py").is_file():
+        return {path / f"{name}.py"}
+    if path == _CORE / "authoring":  # which imports what plugins need when it is used
+        homes = [module for module, names in _import_statements(path.with_suffix(".py")) if name in names]
+        return {file for home in homes for file in _files_of(_CORE.joinpath(*home.split(".")[1:]), name)}
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return {candidate for candidate in candidates if candidate.is_file()}
+
+
+@cache
+def _import_statements(source: Path) -> list[tuple[str, list[str]]]:
+    """Modules and names of ``from module import names``: those at the top level, or all of ``authoring``."""
+    pattern = _ANY_IMPORT if source == _CORE / "authoring.py" else _IMPORT
+    statements = pattern.findall(source.read_text(encoding="utf-8"))
+    return [(module, re.findall(r"(\w+)(?: as \w+)?", names)) for module, names in statements]
