@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -37,28 +35,19 @@ __all__ = [
 
 
 def bisector_for(member: Member, target: Target) -> Member:
-    """The bisector for this target; the same one if the target makes no difference to it."""
-    methods = [name for name in ("for_target", "aim") if callable(getattr(member.tool, name, None))]
-    if not methods:
+    """Return the bisector for this target: the same one if the target makes no difference to it."""
+    if not callable(getattr(member.tool, "for_target", None)):
         return member
-    if methods[0] == "aim":
-        _warn_of_old_name(f"{type(member.tool).__module__}.{type(member.tool).__qualname__}")
     with attributed(member.title):
-        adapted = getattr(member.tool, methods[0])(target)
+        adapted = member.tool.for_target(target)
     if adapted is member.tool:
         return member
     if isinstance(adapted, type) or not isinstance(adapted, LevelBisector | Bisector):
         raise PluginError(
-            f"{member.title}: {methods[0]} returned {shown(adapted)}, "
+            f"{member.title}: for_target returned {shown(adapted)}, "
             "expected an object with bisect_level or bisect"
         )
     return Member(adapted, member.title)
-
-
-@cache  # once for each class
-def _warn_of_old_name(class_name: str) -> None:
-    message = f"{class_name}: the method aim(target) is now called for_target(target): rename it"
-    warnings.warn(message, DeprecationWarning, stacklevel=2)
 
 
 def checked_sides(member: Member, level: Graph, seeds: UInt64) -> Int:

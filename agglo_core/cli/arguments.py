@@ -44,7 +44,6 @@ from agglo_core.cli.specs import (
     numbers,
     parse_spec,
     refuse_duplicates,
-    refuse_twins,
     split_specs,
 )
 from agglo_core.registry.options import parse_value
@@ -67,7 +66,6 @@ __all__ = [
     "read_bisectors",
     "read_methods",
     "refuse_duplicates",
-    "refuse_twins",
     "split_specs",
     "threads_option",
 ]

@@ -17,8 +17,6 @@ from agglo_core.cli.arguments import (
     choice,
     load_mesh,
     metrics_option,
-    read_bisectors,
-    read_methods,
     refuse_duplicates,
 )
 from agglo_core.cli.completing import meshes, names
@@ -60,8 +58,6 @@ class _Plan:
 @click.command(cls=OwnCommand, short_help="Compare bisectors and methods on a mesh.")
 @click.argument("source", metavar="MESH|SAMPLE", shell_complete=meshes)
 @agglomeration_options(bisector="several", method="several")
-@click.option("--bisectors", "more_bisectors", multiple=True, callback=read_bisectors, hidden=True)
-@click.option("--methods", "more_methods", callback=read_methods, hidden=True)
 @metrics_option
 @click.option(
     "--solve",
@@ -91,8 +87,6 @@ def compare(
     bisectors: Sequence[str],
     methods: Sequence[str],
     agglomeration: Mapping[str, Any],
-    more_bisectors: Sequence[str],
-    more_methods: Sequence[str],
     metrics: list[Any] | None,
     solver: str | None,
     problem: str | None,
@@ -109,10 +103,9 @@ def compare(
     """
     if quiet:
         quieten()
-    specs, words = [*bisectors, *more_bisectors], [*methods, *more_methods]
-    refuse_duplicates("--bisector", specs)
-    refuse_duplicates("--method", words)
-    plans = _plans(specs or all_bisectors(), words or [_configured_method(agglomeration)])
+    refuse_duplicates("--bisector", bisectors)
+    refuse_duplicates("--method", methods)
+    plans = _plans(bisectors or all_bisectors(), methods or [_configured_method(agglomeration)])
     if problem is not None and solver is None:
         raise click.UsageError("--problem is for --solve, which is not given")
     tool = None if solver is None else built_solver(solver, {}, "--solve")
@@ -167,7 +160,7 @@ def _configured_method(given: Mapping[str, Any]) -> str:
     return Pipeline.from_toml(given["config"]).method
 
 
-def _plans(specs: list[str], methods: list[str]) -> list[_Plan]:
+def _plans(specs: Sequence[str], methods: Sequence[str]) -> list[_Plan]:
     """All combinations, bisector by bisector; components are built once, so that options are checked."""
     plans = []
     for spec in specs:

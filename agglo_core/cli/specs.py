@@ -29,7 +29,6 @@ __all__ = [
     "numbers",
     "parse_spec",
     "refuse_duplicates",
-    "refuse_twins",
     "split_specs",
 ]
 
@@ -180,10 +179,6 @@ def refuse_duplicates(flag: str, specs: Sequence[str]) -> None:
     twice = sorted({spec for spec in specs if specs.count(spec) > 1})
     if twice:
         raise click.UsageError(f"{flag} {', '.join(twice)} is given twice")
-
-
-refuse_twins = refuse_duplicates
-"""The name of this function in version 0.1."""
 
 
 def numbers(

@@ -43,7 +43,7 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
 
 def for_target(tool: Any, target: Target) -> Any:
     """The bisector for a target; Broken if it is none. A target may be refused by an AggloError."""
-    told = (getattr(tool, "for_target", None) or tool.aim)(target)
+    told = tool.for_target(target)
     bisects = any(callable(getattr(told, name, None)) for name in ("bisect_level", "bisect"))
     if not bisects or isinstance(told, type):
         raise Broken(

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
+from agglo_core.lazy_names import names_in_stub
+
 __all__ = ["INSTALLED", "KernelCache", "source_stamp", "sources"]
 
 INSTALLED = Path(__file__).with_name("compiled")
@@ -26,7 +28,6 @@ _log = logging.getLogger("agglo")
 _HERE = Path(__file__).parent
 _CORE = Path(__file__).parents[1]
 _IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
-_ANY_IMPORT = re.compile(r"^[ \t]*from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
 
 
 class _Nowhere:
@@ -187,15 +188,14 @@ def _files_of(path: Path, name: str) -> set[Path]:
     if (path / f"{name}.py").is_file():
         return {path / f"{name}.py"}
     if path == _CORE / "authoring":  # which imports what plugins need when it is used
-        homes = [module for module, names in _import_statements(path.with_suffix(".py")) if name in names]
-        return {file for home in homes for file in _files_of(_CORE.joinpath(*home.split(".")[1:]), name)}
+        module, name = names_in_stub(path.with_suffix(".pyi")).get(name, (_CORE.name, name))
+        return _files_of(_CORE.parent.joinpath(*module.split(".")), name)
     candidates = (path.with_suffix(".py"), path / "__init__.py")
     return {candidate for candidate in candidates if candidate.is_file()}
 
 
 @cache
 def _import_statements(source: Path) -> list[tuple[str, list[str]]]:
-    """Modules and names of ``from module import names``: those at the top level, or all of ``authoring``."""
-    pattern = _ANY_IMPORT if source == _CORE / "authoring.py" else _IMPORT
-    statements = pattern.findall(source.read_text(encoding="utf-8"))
+    """Modules and names of the statements ``from module import names`` at the top level."""
+    statements = _IMPORT.findall(source.read_text(encoding="utf-8"))
     return [(module, re.findall(r"(\w+)(?: as \w+)?", names)) for module, names in statements]

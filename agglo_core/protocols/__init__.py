@@ -12,7 +12,6 @@ from __future__ import annotations
 from agglo_core.protocols.on_constraints import Admitting, Completing, Constraint, Forbidding
 from agglo_core.protocols.on_files import Format, HierarchyFormat, WritableFormat
 from agglo_core.protocols.on_graphs import (
-    Aiming,
     Bisector,
     ConnectivityFixer,
     LevelBisector,
@@ -28,7 +27,6 @@ from agglo_core.protocols.on_quality import IncrementalMetric, QualityMetric, Se
 
 __all__ = [
     "Admitting",
-    "Aiming",
     "Bisector",
     "Completing",
     "ConnectivityFixer",

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from agglo_core.graph import Graph
 
 __all__ = [
-    "Aiming",
     "Bisector",
     "ConnectivityFixer",
     "LevelBisector",
@@ -149,24 +148,6 @@ class TargetAware(Protocol):
 
         Called before pieces are split. Nested sizes are then met one after the other, the coarsest first.
         """
-
-
-@runtime_checkable
-class Aiming(Protocol):
-    """The form of :class:`TargetAware` in version 0.1, which is deprecated and still works.
-
-    Examples
-    --------
-    >>> from agglo_core.protocols import Aiming
-    >>> class Unmoved:
-    ...     def aim(self, target):
-    ...         return self
-    >>> isinstance(Unmoved(), Aiming)
-    True
-    """
-
-    def aim(self, target: Target) -> LevelBisector | Bisector:
-        """Do what ``for_target`` does."""
 
 
 @runtime_checkable

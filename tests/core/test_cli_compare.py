@@ -46,7 +46,7 @@ def test_lists_of_components_are_split() -> None:
 
 
 def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
-    ask = ["--bisectors", "inertial,kmeans", "--methods", "kway,recursive", "--parts", "16,4", "--json"]
+    ask = ["--bisector", "inertial,kmeans", "--method", "kway,recursive", "--parts", "16,4", "--json"]
     code, out, _ = agglo("compare", "squares:n=8", *ask)
     assert code == 0
     data = json.loads(out)
@@ -67,7 +67,7 @@ def test_combinations_come_in_the_order_asked_for(agglo: Agglo) -> None:
 
 def test_the_table_names_what_is_missing(agglo: Agglo) -> None:
     code, out, _ = agglo(
-        "compare", "squares:n=8", "--bisectors", "inertial,kmeans", "--methods", "kway,recursive"
+        "compare", "squares:n=8", "--bisector", "inertial,kmeans", "--method", "kway,recursive"
     )
     assert code == 0
     assert "inertial kway" in out
@@ -99,7 +99,7 @@ def test_the_mean_diameter_over_the_size_stands_beside_the_number_of_parts_where
 
 
 def test_diameters_are_compared_with_the_size_asked_for(agglo: Agglo) -> None:
-    code, out, _ = agglo("compare", "squares:n=8", "--bisectors", "kmeans", "--h-star", "0.5", "--json")
+    code, out, _ = agglo("compare", "squares:n=8", "--bisector", "kmeans", "--h-star", "0.5", "--json")
     assert code == 0
     (level,) = json.loads(out)["runs"][0]["levels"]
     assert level["parts"] == 16  # quarters of a side: the halves would be too large
@@ -107,14 +107,14 @@ def test_diameters_are_compared_with_the_size_asked_for(agglo: Agglo) -> None:
 
 
 def test_one_failing_run_is_a_line(agglo: Agglo, stubborn: None) -> None:
-    ask = ["squares:n=8", "--bisectors", "stubborn,kmeans", "--report", "out.html"]
+    ask = ["squares:n=8", "--bisector", "stubborn,kmeans", "--report", "out.html"]
     code, out, _ = agglo("compare", *ask)
     assert code == 3
     assert "too many cells for me" in out
     assert "too many cells for me" in Path("out.html").read_text()
     runs = json.loads(agglo("compare", *ask, "--json").out)["runs"]
     assert [run["error"] is None for run in runs] == [False, True]
-    code, out, err = agglo("compare", "squares:n=8", "--bisectors", "stubborn", "--report", "other.html")
+    code, out, err = agglo("compare", "squares:n=8", "--bisector", "stubborn", "--report", "other.html")
     assert (code, out) == (2, "")
     assert "no run came to an end" in err
     assert not Path("other.html").exists()
@@ -122,13 +122,13 @@ def test_one_failing_run_is_a_line(agglo: Agglo, stubborn: None) -> None:
 
 def test_runs_are_weighed_in_a_picture(agglo: Agglo, stubborn: None) -> None:
     pytest.importorskip("matplotlib")
-    ask = ["squares:n=8", "--bisectors", "stubborn,kmeans,inertial", "--parts", "4", "--pareto", "out.svg"]
+    ask = ["squares:n=8", "--bisector", "stubborn,kmeans,inertial", "--parts", "4", "--pareto", "out.svg"]
     code, out, _ = agglo("compare", *ask)
     assert code == 3
     assert "wrote out.svg" in out
     text = Path("out.svg").read_text()
     assert "not shown: stubborn" in text
-    code, out, _ = agglo("compare", "boxes:n=3", "--bisectors", "kmeans,inertial", "--pareto", "solid.png")
+    code, out, _ = agglo("compare", "boxes:n=3", "--bisector", "kmeans,inertial", "--pareto", "solid.png")
     assert (code, "wrote solid.png" in out) == (0, True)
     assert Path("solid.png").read_bytes().startswith(b"\x89PNG")
     code, _, err = agglo("compare", "squares:n=4", "--metrics", "interface", "--pareto", "none.png")
@@ -151,22 +151,22 @@ def test_run_writes_a_report(agglo: Agglo) -> None:
 WRONG: dict[str, tuple[list[str], str]] = {
     "no such sample": (["compare", "sqares"], "neither a file"),
     "an unknown bisector": (
-        ["compare", "squares:n=4", "--bisectors", "kmeans,kmean"],
+        ["compare", "squares:n=4", "--bisector", "kmeans,kmean"],
         "did you mean 'kmeans'?",
     ),
     "an unknown option": (
-        ["compare", "squares:n=4", "--bisectors", "kmeans:no_such=1"],
+        ["compare", "squares:n=4", "--bisector", "kmeans:no_such=1"],
         "no option 'no_such'",
     ),
-    "one bisector twice": (["compare", "squares:n=4", "--bisectors", "kmeans,kmeans"], "given twice"),
-    "an unknown method": (["compare", "squares:n=4", "--methods", "direct"], "'direct' is none of recursive"),
+    "one bisector twice": (["compare", "squares:n=4", "--bisector", "kmeans,kmeans"], "given twice"),
+    "an unknown method": (["compare", "squares:n=4", "--method", "direct"], "'direct' is none of recursive"),
     "no bisector that can": (
-        ["compare", "squares:n=4", "--bisectors", "inertial", "--methods", "kway"],
+        ["compare", "squares:n=4", "--bisector", "inertial", "--method", "kway"],
         "no k-way partition",
     ),
     "two targets": (["compare", "squares:n=4", "--parts", "2", "--h-star", "1"], "--h-star and --parts"),
-    "a negative size": (["compare", "squares:n=4", "--bisectors", "kmeans", "--h-star", "-1"], "-1"),
-    "more parts than cells": (["compare", "squares:n=2", "--bisectors", "kmeans", "--parts", "5"], "5"),
+    "a negative size": (["compare", "squares:n=4", "--bisector", "kmeans", "--h-star", "-1"], "-1"),
+    "more parts than cells": (["compare", "squares:n=2", "--bisector", "kmeans", "--parts", "5"], "5"),
     "not a web page": (["compare", "squares:n=4", "--report", "out.vtu"], "reports end in .html"),
     "not a picture": (["compare", "squares:n=4", "--pareto", "out.html"], "pictures end in"),
     "no folder for the picture": (["compare", "squares:n=4", "--pareto", "absent/out.png"], "absent"),

@@ -107,19 +107,6 @@ def test_metrics_that_solids_lack_are_refused_before_the_run(agglo: Agglo) -> No
     assert agglo("run", "boxes:n=2", "--parts", "2", "--metrics", "UF,cut,balance").code == 0
 
 
-def test_the_old_words_of_compare_still_count(agglo: Agglo) -> None:
-    old = ["--bisectors", "coordinate,inertial", "--methods", "recursive"]
-    new = ["--bisector", "coordinate", "--bisector", "inertial", "--method", "recursive"]
-    answers = [
-        json.loads(agglo("compare", "squares:n=4", *ask, "--parts", "4", "--json").out) for ask in (old, new)
-    ]
-    runs = [[(run["bisector"], run["method"], run["levels"]) for run in each["runs"]] for each in answers]
-    assert runs[0] == runs[1]
-    shown = agglo("compare", "--help").out
-    assert "--bisectors" not in shown
-    assert "--methods" not in shown
-
-
 @pytest.mark.parametrize("command", ["run", "compare"])
 def test_a_run_from_a_file_and_from_options_are_the_same(agglo: Agglo, command: str) -> None:
     Path("run.toml").write_text(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import groupby
 
 import numpy as np
@@ -64,33 +63,3 @@ def test_for_target_must_return_a_bisector(answer):
 
     with pytest.raises(PluginError, match=r"bisector Lost: for_target returned .*bisect_level or bisect"):
         agglo.agglomerate(GRID, bisector=Lost([]), n_parts=2)
-
-
-def test_the_old_name_aim_goes_on_working_and_warns_once_for_each_class():
-    def old_style():
-        class Old:
-            def __init__(self, used, target=None):
-                self.used, self.target = used, target
-
-            def aim(self, target):
-                return Old(self.used, target)
-
-            def bisect(self, graph, rng):
-                self.used.append(self.target)
-                return halves(graph)
-
-        Old.__qualname__ = f"Old{id(Old)}"
-        return Old
-
-    used, one, other = [], old_style(), old_style()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for tool in (one(used), one(used), other(used)):
-            agglo.agglomerate(GRID, bisector=tool, n_parts=(4, 2))
-    assert {each.category for each in caught} == {DeprecationWarning}
-    messages = [str(each.message) for each in caught if "aim(target)" in str(each.message)]
-    assert len(messages) == 2
-    for message, tool in zip(messages, (one, other), strict=True):
-        assert message.startswith(f"{tool.__module__}.{tool.__qualname__}")
-        assert "for_target(target)" in message
-    assert set(used) == {agglo.Target(parts=2), agglo.Target(parts=4)}

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from numba import int64
 
-from agglo_core import authoring
 from agglo_core.kernels import kernel, kernel_cache
 from agglo_core.kernels.ahead_of_time import compile_listed, listed
 from agglo_core.kernels.kernel_cache import KernelCache, source_stamp, sources
+from agglo_core.lazy_names import names_in_stub
 
 ROOT = Path(__file__).parents[2]
 
@@ -162,8 +162,7 @@ def test_machine_code_of_other_sources_is_removed(tmp_path: Path, monkeypatch: p
 def home(module: str, name: str) -> str:
     """Name of the module that a statement ``from module import name`` leads to."""
     if module == "agglo_core.authoring":
-        folder = authoring._HOME.get(name) or f"{authoring._MODULES[name]}{name}"
-        return f"agglo_core.{folder}"
+        module, name = names_in_stub(ROOT / "agglo_core" / "authoring.pyi")[name]
     return f"{module}.{name}" if f"{module}.{name}" in sys.modules else module
 
 

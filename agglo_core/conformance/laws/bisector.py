@@ -44,7 +44,7 @@ def one_sided(graph: Graph, sides: NDArray[Any]) -> Int:
 
 def told(subject: Subject) -> bool:
     """Whether it is a bisector that wants to know the target."""
-    return _bisects(subject) and (subject.has("for_target") or subject.has("aim"))
+    return _bisects(subject) and subject.has("for_target")
 
 
 def _bisects(subject: Subject) -> bool:

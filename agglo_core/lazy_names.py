@@ -1,0 +1,48 @@
+"""Names of a module that are imported when they are first used, listed once, in its stub file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType
+
+__all__ = ["import_name", "names_in_stub"]
+
+_STATEMENT = re.compile(r"^from ([\w.]+) import (?:\(([^)]*)\)|(.*))", re.MULTILINE)
+_NAME = re.compile(r"(\w+) as \w+")
+_ALIAS = re.compile(r"^(\w+) = (\w+)", re.MULTILINE)
+
+
+@cache
+def names_in_stub(file: Path) -> Mapping[str, tuple[str, str]]:
+    """Return the module and the name there of each name that a ``.pyi`` file imports.
+
+    The stub holds statements ``from module import name as name``, which type checkers take for public, and
+    ``alias = name`` for names that are called otherwise where they are defined.
+    """
+    text = file.read_text(encoding="utf-8")
+    statements = [(module, many or one) for module, many, one in _STATEMENT.findall(text)]
+    homes = {name: (module, name) for module, names in statements for name in _NAME.findall(names)}
+    return MappingProxyType(homes | {alias: homes[name] for alias, name in _ALIAS.findall(text)})
+
+
+def import_name(importer: str, file: Path, name: str) -> object:
+    """Import what the stub ``file`` of the module ``importer`` lists under a name.
+
+    Raises
+    ------
+    AttributeError
+        If the stub has no such name.
+    """
+    names = names_in_stub(file)
+    if name not in names:
+        raise AttributeError(f"module {importer!r} has no attribute {name!r}")
+    module, original = names[name]
+    if module != importer:
+        home = import_module(module)
+        if hasattr(home, original):
+            return getattr(home, original)
+    return import_module(f"{module}.{original}")  # a module
