@@ -92,10 +92,10 @@ def patch(n: int = 6) -> Mesh:
 MINE = [
     Component("bisector", "one_sided", f"{HERE}:OneSided", fallback="straight"),
     Component("bisector", "strips", f"{HERE}:Strips"),
-    Component("bisector", "straight", "agglo_core.components.geometric:InertialBisection"),
+    Component("bisector", "straight", "agglo_core.split.geometric:InertialBisection"),
     Component("refiner", "asks", f"{HERE}:Asks"),
-    Component("refiner", "downhill", "agglo_core.components.descent:DescentRefiner"),
-    Component("fixer", "joins", "agglo_core.components.fixers:ConnectivityFixer"),
+    Component("refiner", "downhill", "agglo_core.refine.descent:DescentRefiner"),
+    Component("fixer", "joins", "agglo_core.refine.connectivity:ConnectivityFixer"),
     Component("metric", "crowd", f"{HERE}:Crowd"),
     Component("format", "tiny", f"{HERE}:Tiny"),
     Component("sample", "patch", f"{HERE}:patch"),

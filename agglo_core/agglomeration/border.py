@@ -250,7 +250,7 @@ def one_sided_blocks(level: Graph, sides: Int) -> Int:
 
 def broken_blocks(graph: Graph, labels: Int) -> Int:
     """Blocks with a part that is not connected."""
-    from agglo_core.kernels import graphs
+    from agglo_core.compiled import graphs
 
     if graph.n_blocks == 1:
         return frozen_int([] if parts_connected(graph.indptr, graph.indices, labels) else [0])
@@ -260,6 +260,6 @@ def broken_blocks(graph: Graph, labels: Int) -> Int:
 
 def broken_halves(graph: Graph, sides: Int) -> Int:
     """Blocks with a side that is not connected, the blocks themselves being connected."""
-    from agglo_core.kernels import halves
+    from agglo_core.agglomeration import halves
 
     return frozen_int(np.flatnonzero(halves.broken_halves(graph.offsets, graph.indptr, graph.indices, sides)))

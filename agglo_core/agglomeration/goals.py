@@ -195,7 +195,7 @@ def resolve_goals(
 
 
 def _sums(measures: Float, order: Int, offsets: Int) -> Float:
-    from agglo_core.kernels.sums import slice_sums
+    from agglo_core.compiled.sums import slice_sums
 
     sums: Float = slice_sums(measures, order, offsets)
     return sums

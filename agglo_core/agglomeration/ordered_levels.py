@@ -39,7 +39,7 @@ def ordered_levels(
 
 def _by_first_cell(labels: Int, order: Int) -> Int:
     """Labels of the cells ``order``, given for each of its places and numbered by first cell."""
-    from agglo_core.kernels.graphs import numbered_as_met
+    from agglo_core.compiled.graphs import numbered_as_met
 
     given = np.empty(len(order), np.int32)
     given[order] = labels.astype(np.int32)  # as it is, each label would be converted by itself
@@ -48,7 +48,7 @@ def _by_first_cell(labels: Int, order: Int) -> Int:
 
 def _with_points_as_met(graph: Graph) -> Graph:
     """The graph with its points in the order in which the cells have them: near in memory, too."""
-    from agglo_core.kernels.graphs import numbered_as_met
+    from agglo_core.compiled.graphs import numbered_as_met
 
     vertices, points = numbered_as_met(graph.vertices, len(graph.points))
     made = trusted_copy(graph, vertices=frozen_index(vertices), points=graph.points.take(points, axis=0))

@@ -22,8 +22,8 @@ from agglo_core.agglomeration.recursion import warn_of_large_cells
 from agglo_core.agglomeration.rules import Rules, imbalance
 from agglo_core.agglomeration.run import Run
 from agglo_core.agglomeration.run_file import RunFile
-from agglo_core.agglomeration.stretching import in_metric
 from agglo_core.arrays import Int, frozen_int, trusted
+from agglo_core.constraints.metric import in_metric
 from agglo_core.errors import OptionError
 from agglo_core.graph import Graph
 from agglo_core.hierarchy import Hierarchy

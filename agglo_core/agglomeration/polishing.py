@@ -73,7 +73,7 @@ def merge_parts(graph: Graph, blocks: Int, labels: Int, limit: float, tell: Tell
     The larger the share of its parts' boundary that becomes interior, the rounder a union is. In each round
     every part proposes its best neighbour; mutual proposals merge.
     """
-    from agglo_core.kernels.merging import merged_parts
+    from agglo_core.agglomeration.merging_kernels import merged_parts
 
     labels = by_first_cell(labels)
     parts = graph.coarsen(labels)

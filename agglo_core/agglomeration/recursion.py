@@ -19,9 +19,9 @@ from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.run import Run, splitmix
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
 from agglo_core.graph import Graph
-from agglo_core.graph.side_shares import side_shares
 from agglo_core.hierarchy import Tree
 from agglo_core.progress import Tell, phase
+from agglo_core.split.side_shares import side_shares
 
 __all__ = ["grow", "recursive_levels", "warn_of_large_cells"]
 
@@ -160,7 +160,7 @@ def _taken(order: Int, offsets: Int, chosen: Int) -> tuple[Int, Int]:
 
 
 def _children(level: Graph, sides: Int) -> tuple[Int, Int]:
-    from agglo_core.kernels.graphs import child_order
+    from agglo_core.compiled.graphs import child_order
 
     order, offsets = child_order(level.offsets, sides)
     return frozen_int(order), frozen_int(offsets)

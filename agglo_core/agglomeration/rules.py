@@ -187,7 +187,7 @@ def imbalance(mass: Float | None, labels: Int) -> float:
 
 
 def _component(name: str) -> Callable[..., Any]:
-    return made_by(f"agglo_core.components.{name}")
+    return made_by(f"agglo_core.constraints.{name}")
 
 
 def _regions(given: Names | ArrayLike) -> Any:

@@ -29,10 +29,10 @@ from agglo_core.agglomeration.growth import Growth, GrowthToSize
 from agglo_core.arrays import Float, Int, Mask, UInt64, frozen_int, splitmix
 from agglo_core.errors import PluginError
 from agglo_core.graph import Graph
-from agglo_core.graph.side_shares import shifted
 from agglo_core.progress import Listener, Tell, labelled, noted_limits
 from agglo_core.protocols import Target
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.split.side_shares import shifted
 
 __all__ = ["Run", "Statistics", "Timed", "splitmix"]
 

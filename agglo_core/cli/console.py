@@ -63,7 +63,7 @@ def quieten() -> None:
 
 def explain_compilation() -> None:
     """Say on stderr why this run takes longer, once it compiles kernels."""
-    from agglo_core.kernels.first_run import watch_compilation
+    from agglo_core.compiled.first_run import watch_compilation
 
     note = "note: compiling numerical kernels, once on this machine (up to a minute)"
     click.get_current_context().with_resource(watch_compilation(lambda: say(note)))

@@ -35,7 +35,7 @@ class Result:
 
     Examples
     --------
-    >>> from agglo_core.components.geometric import InertialBisection
+    >>> from agglo_core.split.geometric import InertialBisection
     >>> from agglo_core.conformance import check
     >>> first = check(InertialBisection())[0]
     >>> first.law, first.passed, first.message

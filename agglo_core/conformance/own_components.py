@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from agglo_core import components
+from agglo_core import builtin
 from agglo_core.registry import Registry
 
 __all__ = ["own_components"]
@@ -14,5 +14,5 @@ __all__ = ["own_components"]
 def own_components() -> Registry:
     """A registry of the core's own components and nothing else."""
     registry = Registry()
-    registry.register(components, "defaults", distribution="agglo")
+    registry.register(builtin, "defaults", distribution="agglo")
     return registry

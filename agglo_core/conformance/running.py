@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from agglo_core import components
+from agglo_core import builtin
 from agglo_core.agglomeration.border import bisect_by_block
 from agglo_core.arrays import UInt64
 from agglo_core.conformance import small_meshes
@@ -119,7 +119,7 @@ def _registered(record: Record, name: str, registry: Registry) -> bool:
 def _with(record: Record) -> Registry:
     """agglo's own components and the declared one, which nobody has registered."""
     registry = Registry()
-    registry.register(components, "defaults", distribution="agglo")
+    registry.register(builtin, "defaults", distribution="agglo")
     declared = [] if record.component is None else [record.component]
     registry.register(_Declares(declared), record.plugin, distribution=record.distribution)
     return registry

@@ -17,8 +17,8 @@ from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.constraints import forbidden_by
 from agglo_core.agglomeration.rules import BOUNDS, Rules
 from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
-from agglo_core.components.barriers import Barriers
-from agglo_core.components.bounds import Bounds
+from agglo_core.constraints.barriers import Barriers
+from agglo_core.constraints.bounds import Bounds
 from agglo_core.distributed.cells import Cells, agreed
 from agglo_core.distributed.communication import Ranks
 from agglo_core.errors import OptionError

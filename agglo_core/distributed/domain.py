@@ -132,7 +132,7 @@ class Domain:
 
     def to_send(self) -> Domain:
         """The domain with the points of its own cells alone."""
-        from agglo_core.kernels.graphs import numbered_as_met
+        from agglo_core.compiled.graphs import numbered_as_met
 
         vertices, points = numbered_as_met(self.graph.vertices, len(self.graph.points))
         points = self.graph.points.take(points, axis=0)
@@ -180,7 +180,7 @@ def joined(
 
 def _joined_graphs(graphs: list[Graph], places: list[Int], order: Int, inside: Links, ends: Int) -> Graph:
     """The graph of all nodes; links ``inside``, with ``ends (e, 2)``, become edges unless barred."""
-    from agglo_core.kernels.graphs import take_rows
+    from agglo_core.compiled.graphs import take_rows
 
     n, open_ = len(order), ~inside.barred
     rows = [np.repeat(where, np.diff(g.indptr)) for where, g in zip(places, graphs, strict=True)]

@@ -16,7 +16,7 @@ from agglo_core.agglomeration.ordered_levels import ordered_levels
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.run import Run
 from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
-from agglo_core.components.barriers import Barriers
+from agglo_core.constraints.barriers import Barriers
 from agglo_core.distributed.distributed_rules import Kept
 from agglo_core.distributed.domain import Domain
 from agglo_core.registry.attribution import Member

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from agglo_core.arrays import Float, Int
-from agglo_core.components.metrics import UniformityFactor
 from agglo_core.distributed.distributed_mesh import DistributedMesh
 from agglo_core.errors import OptionError
 from agglo_core.measure.selection import Metric, built_metrics
 from agglo_core.registry import Registry
 from agglo_core.registry.attribution import Member, attributed
+from agglo_core.shapes.metrics import UniformityFactor
 
 __all__ = ["means"]
 

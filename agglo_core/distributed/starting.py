@@ -9,8 +9,8 @@ import numpy as np
 
 from agglo_core.agglomeration import Pipeline
 from agglo_core.agglomeration.goals import CountGoal, Goal
-from agglo_core.agglomeration.stretching import in_metric
 from agglo_core.arrays import Int, frozen_int
+from agglo_core.constraints.metric import in_metric
 from agglo_core.distributed.blocks_by_coordinates import coordinate_blocks, halvings, rank_of_block
 from agglo_core.distributed.cells import Cells
 from agglo_core.distributed.distributed_mesh import DistributedMesh

@@ -226,7 +226,7 @@ class BlockGraph(FieldState, Loaded):
 
     def components(self, labels: ArrayLike | None = None) -> Int:
         """Connected component of each node ``(n,)``, within ``labels`` if given; numbered by first node."""
-        from agglo_core.kernels.graphs import components
+        from agglo_core.compiled.graphs import components
 
         parts = frozen_int(np.zeros(self.n, np.int64) if labels is None else labels)
         if labels is None:
@@ -247,7 +247,7 @@ def _permuted(
 
     Large arrays are made by numpy, which asks for large pages: they cost less than what kernels make.
     """
-    from agglo_core.kernels.graphs import permute_graph
+    from agglo_core.compiled.graphs import permute_graph
 
     whole = len(order) == len(indptr) - 1
     room = len(indices) if whole else int((indptr[order + 1] - indptr[order]).sum())
@@ -260,7 +260,7 @@ def _permuted(
 
 def _rows_of(whole: BlockGraph, nodes: Int) -> dict[str, Any]:
     """Vertices of some nodes of a graph."""
-    from agglo_core.kernels.graphs import take_rows
+    from agglo_core.compiled.graphs import take_rows
 
     vertex_offsets, vertices = take_rows(whole.vertex_offsets, whole.vertices, nodes)
     return {"vertex_offsets": frozen_int(vertex_offsets), "vertices": frozen_index(vertices)}

@@ -52,7 +52,7 @@ def broken_parts(indptr: Int, indices: Index, labels: Int | Index, asked: Mask) 
     >>> broken_parts(graph.indptr, graph.indices, np.array([0, 1, 1, 0]), np.array([True, False]))
     array([ True, False])
     """
-    from agglo_core.kernels import part_faults
+    from agglo_core.compiled import part_faults
 
     given = frozen_index(labels)
 

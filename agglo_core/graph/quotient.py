@@ -33,7 +33,7 @@ def quotient(labels: Int, fine: BlockGraph) -> Quotient:
 
     Neighbours and vertices of an agglomerate come in ascending order.
     """
-    from agglo_core.kernels.coarse_graphs import quotient_edges, union_of_rows
+    from agglo_core.graph.coarse_graphs import quotient_edges, union_of_rows
 
     k, part = int(labels.max()) + 1, frozen_index(labels)
 

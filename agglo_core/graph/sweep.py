@@ -54,7 +54,7 @@ def sweep(level: Graph, scores: ArrayLike) -> Int:
     >>> sweep(strip, strip.centroids[:, 0])
     array([0, 0, 0, 1, 1, 1])
     """
-    from agglo_core.kernels.thresholds import sweep_level
+    from agglo_core.compiled.thresholds import sweep_level
 
     columns = exact_cast(plain_array(scores, "scores", OptionError), np.float64, "scores", OptionError)
     columns = columns[:, None] if columns.ndim == 1 else columns

@@ -21,7 +21,7 @@ def best_nodes(
     forest: Forest, graph: Graph, indicator: ArrayLike | None, n_parts: int, objective: str, grade: int | None
 ) -> Int:
     """Nodes of the best cut of at most ``n_parts``; arguments are those of ``Hierarchy.cut``."""
-    from agglo_core.kernels.tree_cuts import refine_largest
+    from agglo_core.hierarchy.tree_cuts import refine_largest
 
     if objective not in OBJECTIVES:
         raise OptionError(f"objective must be one of {', '.join(OBJECTIVES)}; given {objective!r}")
@@ -39,7 +39,7 @@ def best_nodes(
 
 def graded(forest: Forest, graph: Graph, nodes: Int, grade: int) -> Int:
     """The coarsest refinement of a cut in which the levels of neighbours differ by at most ``grade``."""
-    from agglo_core.kernels.tree_cuts import make_graded
+    from agglo_core.hierarchy.tree_cuts import make_graded
 
     at = np.empty(graph.n, np.int64)
     ordered = nodes[np.argsort(forest.start[nodes])]
@@ -57,7 +57,7 @@ def check_grade(grade: int | None) -> None:
 
 
 def _least_squares(forest: Forest, value: Float, n_parts: int, grade: int | None) -> Int:
-    from agglo_core.kernels.tree_sums import least_cut
+    from agglo_core.hierarchy.tree_sums import least_cut
 
     if grade is not None:
         raise OptionError("a grade goes with objective='largest': the least sum of a graded cut is not known")

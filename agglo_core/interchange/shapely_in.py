@@ -221,7 +221,7 @@ def _faces(rings: _Rings, points: Float, items: NDArray[np.object_]) -> tuple[In
     """Face vertices, face cells, and how many pairs of cells overlap at an edge."""
     import shapely
 
-    from agglo_core.kernels.faces import match_half_edges
+    from agglo_core.mesh.kernels.faces import match_half_edges
 
     face_vertices, face_rings, double, (a, b, *sharing) = match_half_edges(
         rings.offsets, rings.vertices, len(points)

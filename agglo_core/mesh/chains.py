@@ -39,7 +39,7 @@ class Chains(NamedTuple):
 
     def thin(self, points: Float, limits: Float, chains: Int, keep: Mask) -> None:
         """Mark the vertices that chains need, so that all stay within ``limits (n,)`` of what is left."""
-        from agglo_core.kernels.edge_chains import thinned
+        from agglo_core.mesh.kernels.edge_chains import thinned
 
         thinned(points, self.offsets, self.vertices, frozen_float(limits), frozen_int(chains), keep)
 
@@ -62,6 +62,6 @@ def ends_at(ends: Int, n_points: int) -> tuple[Mask, Int]:
 
 def chains_of(points: Float, ends: Int, joint: Mask, at: Int) -> Chains:
     """Chains of edges ``(E, 2)`` that go on at the vertices ``joint``, whose two edges are ``at``."""
-    from agglo_core.kernels.edge_chains import walk_chains
+    from agglo_core.mesh.kernels.edge_chains import walk_chains
 
     return Chains(*map(frozen_int, walk_chains(points, ends, joint, at)))

@@ -169,7 +169,7 @@ class Derived:
         """Cells that share faces with each cell, as CSR, and the measure of what is shared."""
         if self.dim == 2:
             return self._plane.neighbours
-        from agglo_core.kernels.graphs import dual_graph
+        from agglo_core.compiled.graphs import dual_graph
 
         indptr, indices, interface, boundary = dual_graph(
             *self.cell_faces, self.face_cells, self.face_measures

@@ -33,7 +33,7 @@ def diameters_of(offsets: Int, cells: Int, vertex_offsets: Int, vertices: Index,
     >>> diameters_of(np.array([0, 1, 4]), np.arange(4), *shape).round(3)  # a cell, and the three others
     array([0.707, 1.414])
     """
-    from agglo_core.kernels.geometry import block_diameters
+    from agglo_core.compiled.geometry import block_diameters
 
     def found(start: int, stop: int) -> Float:
         own: Float = block_diameters(offsets[start : stop + 1], cells, vertex_offsets, vertices, points)
@@ -59,7 +59,7 @@ def compared_diameters(
     >>> found <= 1.0
     array([ True, False])
     """
-    from agglo_core.kernels.geometry import compare_diameters
+    from agglo_core.compiled.geometry import compare_diameters
 
     def found(start: int, stop: int) -> Float:
         own = offsets[start : stop + 1]
@@ -85,8 +85,8 @@ def wide_parts(
     >>> wide_parts(labels, asked, 1.0, graph.vertex_offsets, graph.vertices, graph.points)
     array([False,  True])
     """
-    from agglo_core.kernels.graphs import listed_blocks
-    from agglo_core.kernels.part_faults import extend_parts
+    from agglo_core.compiled.graphs import listed_blocks
+    from agglo_core.compiled.part_faults import extend_parts
 
     def bounds(start: int, stop: int) -> Float:
         own = np.empty((len(asked), 8))
@@ -129,7 +129,7 @@ def _wider(
     limit: float,
 ) -> Mask:
     """Whether blocks with ``centres (blocks, 2)`` in their middle are wider than ``limit``."""
-    from agglo_core.kernels.widths import wide_blocks
+    from agglo_core.compiled.widths import wide_blocks
 
     def found(start: int, stop: int) -> Mask:
         own = offsets[start : stop + 1], cells, vertex_offsets, vertices, points, centres[start:stop]

@@ -135,7 +135,7 @@ def turns_as_listed(first: Int, second: Int, own: Mask, turns: Int, ranks: Int) 
     ranks : (8, 8) int
         The face of the element that begins with two corners, or −1.
     """
-    from agglo_core.kernels.solid_cells import first_turns
+    from agglo_core.mesh.kernels.solid_cells import first_turns
 
     places = frozen_int(np.argsort(turns, axis=1))
     return frozen_int(first_turns(first, second, own, places, ranks))

@@ -46,7 +46,7 @@ def _heads(offsets: Int, vertices: Int) -> Int:
 
 def _merged(mesh: Derived, tags: Mapping[str, Int]) -> _Loops:
     """Patches as loops, where they are such, and all other faces."""
-    from agglo_core.kernels.patch_loops import outlines
+    from agglo_core.mesh.kernels.patch_loops import outlines
 
     face = np.repeat(np.arange(mesh.n_faces), np.diff(mesh.face_offsets))
     tails, heads = mesh.face_vertices, _heads(mesh.face_offsets, mesh.face_vertices)

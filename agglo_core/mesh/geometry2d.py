@@ -39,7 +39,7 @@ class PlaneCells(NamedTuple):
 
 def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -> PlaneCells:
     """Geometry of the cells of a 2-D mesh, whose arrays these are."""
-    from agglo_core.kernels import plane_cells as kernels
+    from agglo_core.mesh.kernels import plane_cells as kernels
 
     offsets, edges = _half_edges(face_pairs, face_cells, n_cells)
     count = int(offsets[-1])
@@ -79,7 +79,7 @@ def plane_cells(points: Float, face_pairs: Int, face_cells: Int, n_cells: int) -
 
 def _half_edges(face_pairs: Int, face_cells: Int, n_cells: int) -> tuple[Int, NDArray[np.int32]]:
     """Where the half-edges of each cell start; and all: tail, head, cell beyond, whether it owns the face."""
-    from agglo_core.kernels.plane_cells import half_edges
+    from agglo_core.mesh.kernels.plane_cells import half_edges
 
     edges = np.empty((2 * len(face_cells), 4), np.int32)
 

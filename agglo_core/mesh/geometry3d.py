@@ -12,7 +12,7 @@ __all__ = ["face_moments", "polyhedron_moments", "polyhedron_vertices", "pyramid
 
 def face_moments(points: Float, offsets: Int, vertices: Int) -> tuple[Float, Float]:
     """Area vectors and centroids of polygonal faces ``(F, 3)``, by fans of triangles."""
-    from agglo_core.kernels.face_loops import loop_moments
+    from agglo_core.mesh.kernels.face_loops import loop_moments
 
     found = over_ranges(
         lambda start, stop: loop_moments(points, offsets[start : stop + 1], vertices), len(offsets) - 1
@@ -53,7 +53,7 @@ def polyhedron_vertices(
     face_offsets: Int, face_vertices: Int, offsets: Int, faces: Int, n_points: int
 ) -> tuple[Int, Index]:
     """Distinct vertices of each cell as CSR; cell c has ``faces[offsets[c]:offsets[c + 1]]``."""
-    from agglo_core.kernels.solid_cells import vertices_of_solids
+    from agglo_core.mesh.kernels.solid_cells import vertices_of_solids
 
     ends, vertices = vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points)
     return frozen_int(ends), frozen_index(vertices)

@@ -36,7 +36,7 @@ class Loops(NamedTuple):
 
 def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
     """Faces of each cell as CSR, in ascending order."""
-    from agglo_core.kernels.faces import cell_faces
+    from agglo_core.mesh.kernels.faces import cell_faces
 
     faces = np.empty(len(face_cells) + np.count_nonzero(face_cells[:, 1] >= 0), np.int64)
 
@@ -49,7 +49,7 @@ def faces_of_cells(face_cells: Int, n_cells: int) -> tuple[Int, Int]:
 
 def loops_of_cells(points: Float, offsets: Int, faces: Int, face_pairs: Int, face_cells: Int) -> Loops:
     """Loops of the cells of a 2-D mesh, whose arrays these are."""
-    from agglo_core.kernels.faces import chain_loops
+    from agglo_core.mesh.kernels.faces import chain_loops
 
     vertices = np.empty(len(faces), np.int64)
 

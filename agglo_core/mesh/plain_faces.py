@@ -28,7 +28,7 @@ def plain_faces(offsets: Int, vertices: Int, n_points: int) -> tuple[Int, Int] |
 
 def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
     """Cell beyond each half-edge: −1 outside, −2 at the later of two."""
-    from agglo_core.kernels.pairing import BITS, pair_half_edges, to_buckets
+    from agglo_core.mesh.kernels.pairing import BITS, pair_half_edges, to_buckets
 
     buckets = ((n_points - 1) >> BITS) + 1
     edges, beyond = np.empty((len(vertices), 4), np.int32), np.empty(len(vertices), np.int32)
@@ -45,7 +45,7 @@ def _beyond(offsets: Int, vertices: Int, n_points: int) -> Index | None:
 
 def _numbered(offsets: Int, vertices: Int, beyond: Index) -> tuple[Int, Int]:
     """Face vertices and face cells."""
-    from agglo_core.kernels.pairing import number_faces
+    from agglo_core.mesh.kernels.pairing import number_faces
 
     spans = ranges(len(offsets) - 1)
 

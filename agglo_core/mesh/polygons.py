@@ -174,7 +174,7 @@ def _oriented(
     points: Float, offsets: Int, vertices: Int, weak: bool, drop_flat: bool
 ) -> tuple[Int, Int, Int, int, int]:
     """Cells that have an area, their loops counter-clockwise, how many were simplified, how many reversed."""
-    from agglo_core.kernels.polygon_faults import check_polygons
+    from agglo_core.mesh.kernels.polygon_faults import check_polygons
 
     local, simplified = frozen_float(points - box_centre(points)), 0
     own = frozen_int(np.arange(len(offsets) - 1))
@@ -211,7 +211,7 @@ def _faces(
 
     Messages name points and cells by the numbers ``used`` and ``own``.
     """
-    from agglo_core.kernels.faces import match_half_edges
+    from agglo_core.mesh.kernels.faces import match_half_edges
 
     plain = plain_faces(offsets, vertices, len(used))
     if plain is not None:

@@ -110,7 +110,7 @@ def _simple(solids: Polyhedra, n_points: int) -> tuple[Polyhedra, int]:
 
     Raises MeshError for a face that meets a vertex again later.
     """
-    from agglo_core.kernels.face_loops import repeated_points
+    from agglo_core.mesh.kernels.face_loops import repeated_points
 
     if not repeated_points(solids.loop_offsets, solids.vertices, n_points).any():
         return solids, 0
@@ -160,7 +160,7 @@ def _check_counts(solids: Polyhedra, own: Int | None = None) -> None:
 
 def _match(cell_of: Int, loop_offsets: Int, vertices: Int, used: Int) -> tuple[Int, Int]:
     """Half-faces paired by vertex set: owner half-face of each face, and its partner or −1."""
-    from agglo_core.kernels.solid_cells import pair_half_faces
+    from agglo_core.mesh.kernels.solid_cells import pair_half_faces
 
     found = pair_half_faces(loop_offsets, vertices, len(used))
     owner = np.flatnonzero(found >= -1)

@@ -33,7 +33,7 @@ def renumbered_arrays(mesh: Derived, cells: ArrayLike) -> Renumbered:
     MeshError
         If ``cells (n_cells,)`` does not hold each number once.
     """
-    from agglo_core.kernels.graphs import numbered_as_met, take_rows
+    from agglo_core.compiled.graphs import numbered_as_met, take_rows
 
     order, number = _numbers(cells, mesh.n_cells)
     offsets, own = mesh.cell_faces

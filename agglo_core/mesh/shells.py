@@ -70,7 +70,7 @@ def outward_signs(
     alone. In all other cells the faces that share an edge are oriented alike, and each shell outward if an
     even number of other shells of the cell encloses it, else inward: it bounds a cavity.
     """
-    from agglo_core.kernels.solid_cells import surfaces
+    from agglo_core.mesh.kernels.solid_cells import surfaces
 
     offsets = frozen_int(np.concatenate(([0], np.cumsum(np.bincount(cell_of)))))
     area, gap, least, most, total, *middle = surfaces(offsets, vector, centre).T

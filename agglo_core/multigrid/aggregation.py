@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.coarse_solve import direct_solver
 from agglo_core.multigrid.csr_galerkin import csr_galerkin, product_entries
+from agglo_core.multigrid.kernels.aggregates import greedy_aggregates, split_labels
 from agglo_core.multigrid.level_smoothers import GaussSeidel
 from agglo_core.multigrid.matrix_checks import checked_system
 from agglo_core.multigrid.prolongation import Couplings, smoothed, tentative

@@ -8,8 +8,8 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import frozen_float, frozen_index
-from agglo_core.kernels.block_products import block_columns, block_products
-from agglo_core.kernels.block_sweeps import UNROLLED
+from agglo_core.multigrid.kernels.block_products import block_columns, block_products
+from agglo_core.multigrid.kernels.block_sweeps import UNROLLED
 
 __all__ = ["block_galerkin", "block_matmat", "have_kernels"]
 

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.block_sweeps import (
+from agglo_core.multigrid.kernels.block_sweeps import (
     block_sweeps,
     both_products,
     clear_tiny,

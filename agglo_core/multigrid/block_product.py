@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float, frozen_index
-from agglo_core.kernels.block_sweeps import UNROLLED, block_product
+from agglo_core.multigrid.kernels.block_sweeps import UNROLLED, block_product
 
 __all__ = ["BlockProduct", "swift"]
 

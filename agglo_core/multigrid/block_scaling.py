@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
-from agglo_core.kernels.unit_blocks import scale_blocks
+from agglo_core.multigrid.kernels.unit_blocks import scale_blocks
 
 __all__ = ["Scaled", "block_scaled"]
 

@@ -11,9 +11,14 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.coarse_points import classical_weights, coarse_first, coarse_points, strong_entries
 from agglo_core.multigrid.aggregation import aggregation_stack, checked_labels
 from agglo_core.multigrid.csr_galerkin import csr_galerkin, product_entries
+from agglo_core.multigrid.kernels.coarse_points import (
+    classical_weights,
+    coarse_first,
+    coarse_points,
+    strong_entries,
+)
 from agglo_core.multigrid.matrix_checks import canonical, checked_system
 from agglo_core.multigrid.near_null import smoothed_near_null
 from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel

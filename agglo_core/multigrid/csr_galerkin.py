@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from agglo_core.arrays import frozen
-from agglo_core.kernels.galerkin_product import galerkin_product
+from agglo_core.multigrid.kernels.galerkin_product import galerkin_product
 
 __all__ = ["csr_galerkin", "product_entries"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from agglo_core.arrays import Int, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.patch_search import united
+from agglo_core.multigrid.kernels.patch_search import united
 from agglo_core.problems import Patches
 
 __all__ = ["joined_patches"]

@@ -16,11 +16,11 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.block_sweeps import clear_tiny
-from agglo_core.kernels.group_sweeps import UNROLLED, group_sweeps
-from agglo_core.kernels.patch_factors import patch_factors, patch_orders
-from agglo_core.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
 from agglo_core.multigrid.block_matrix import in_precision
+from agglo_core.multigrid.kernels.block_sweeps import clear_tiny
+from agglo_core.multigrid.kernels.group_sweeps import UNROLLED, group_sweeps
+from agglo_core.multigrid.kernels.patch_factors import patch_factors, patch_orders
+from agglo_core.multigrid.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
 from agglo_core.multigrid.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Real
 from agglo_core.problems import MultigridLevel, Patches

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Index, Int, frozen_index, frozen_int
-from agglo_core.kernels.patch_search import parts_at_vertices, without_contained
 from agglo_core.mesh import Mesh
 from agglo_core.multigrid.joined_patches import joined_patches
+from agglo_core.multigrid.kernels.patch_search import parts_at_vertices, without_contained
 from agglo_core.problems import Patches
 
 __all__ = ["vertex_patches"]

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.aggregates import couplings, local_bases, split_weak
+from agglo_core.multigrid.kernels.aggregates import couplings, local_bases, split_weak
 
 __all__ = ["Couplings", "Tentative", "smoothed", "tentative"]
 

@@ -9,7 +9,7 @@ from scipy import sparse
 
 from agglo_core.arrays import frozen
 from agglo_core.errors import OptionError
-from agglo_core.kernels.scalar_sweeps import backward_sweep, first_sweep
+from agglo_core.multigrid.kernels.scalar_sweeps import backward_sweep, first_sweep
 from agglo_core.multigrid.stack import Real
 
 __all__ = ["ScalarGaussSeidel"]

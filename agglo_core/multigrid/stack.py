@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from agglo_core.arrays import FieldState, Int, frozen
-from agglo_core.kernels.column_blocks import column_products
+from agglo_core.multigrid.kernels.column_blocks import column_products
 from agglo_core.problems import Patches
 
 __all__ = ["Level", "LevelSmoother", "LevelStack", "Real", "Solve"]

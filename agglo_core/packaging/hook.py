@@ -13,11 +13,11 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 __all__ = ["CompiledKernels"]
 
-_COMPILE = "agglo_core.kernels.ahead_of_time"
+_COMPILE = "agglo_core.compiled.ahead_of_time"
 
 
 class CompiledKernels(BuildHookInterface[Any]):
-    """Compiles kernels into ``agglo_core/kernels/compiled``; where that fails, the wheel is built without."""
+    """Compile kernels into ``agglo_core/compiled/machine_code``; a wheel is built without if that fails."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Called by hatchling before it collects files."""
@@ -36,7 +36,7 @@ class CompiledKernels(BuildHookInterface[Any]):
         found = len(list(kernels.glob("*.nbi")))
         self.app.display_info(f"{found} kernels compiled for this processor")
         if found:
-            build_data["force_include"][str(kernels)] = "agglo_core/kernels/compiled"
+            build_data["force_include"][str(kernels)] = "agglo_core/compiled/machine_code"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Called by hatchling once the wheel is written."""

@@ -12,8 +12,7 @@ from agglo_paper.grids import load
 from agglo_paper.plan import Plan
 from agglo_paper.published import band, judged, number, printed
 from agglo_paper.record import Page, Row, Table
-from agglo_paper.shape_tables import cell, notes, ratio
-from agglo_paper.shape_tables import units as shape_units
+from agglo_paper.shape_tables import cell, notes, ratio, units as shape_units
 from agglo_paper.store import Results, Unit
 from agglo_paper.work import METRICS
 

@@ -71,7 +71,7 @@ def loaded_kernels() -> list[tuple[str, str, str]]:
     """Module, name and arguments of our kernels that this process took from disk."""
     from numba.core.dispatcher import Dispatcher
 
-    from agglo_core.kernels.ahead_of_time import written
+    from agglo_core.compiled.ahead_of_time import written
 
     ours = [module for name, module in sys.modules.items() if name.startswith("agglo_")]
     kernels = {each for module in ours for each in vars(module).values() if isinstance(each, Dispatcher)}
@@ -117,7 +117,7 @@ def installed(folder: Path) -> Path:
 
 def record(runs: list[Run]) -> None:
     """Write the list: what any of the runs loaded, in the order of what it cost the others to compile."""
-    from agglo_core.kernels.ahead_of_time import LISTED
+    from agglo_core.compiled.ahead_of_time import LISTED
 
     seconds = {one.function: one.seconds for run in runs for one in run.compiled}
     loaded = {row for run in runs for row in run.loaded}

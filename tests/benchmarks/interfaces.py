@@ -23,10 +23,10 @@ import pymetis
 import agglo_core as agglo
 from agglo_core import Graph, samples
 from agglo_core.arrays import Int
-from agglo_core.components.balance import BalanceRefiner
-from agglo_core.components.fm import FMRefiner
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
+from agglo_core.refine.balance import BalanceRefiner
+from agglo_core.refine.fm import FMRefiner
 
 MESHES: dict[str, Callable[[int, int], Graph]] = {
     "triangles": lambda cells, seed: samples.random_triangles(cells // 2, seed=seed).graph,

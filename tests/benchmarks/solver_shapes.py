@@ -38,10 +38,10 @@ from scipy.sparse.linalg import spsolve
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
-from agglo_core.components import compactness
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
+from agglo_core.refine import compactness
 from agglo_core.registry import default
 from agglo_polydg_mg.assembly import discretise
 from agglo_polydg_mg.basis import Basis

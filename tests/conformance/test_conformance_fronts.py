@@ -89,7 +89,7 @@ def test_a_component_may_be_a_name_a_declaration_a_class_or_an_object() -> None:
             "cells",
             "defaults/cells",
             "metric:cells",
-            Component("metric", "cells", "agglo_core.components.metrics:Cells"),
+            Component("metric", "cells", "agglo_core.shapes.metrics:Cells"),
             NamesOfSides,
             NamesOfSides(),
         )

@@ -12,12 +12,10 @@ import pytest
 from own_names import MINE, Asks
 
 import agglo_core as agglo
-import agglo_core.components
+import agglo_core.builtin
 import agglo_core.registry.catalogue as catalogue
 import agglo_polydg_mg
 from agglo_core import AggloError, Registry, hookimpl, samples
-from agglo_core.components.descent import DescentRefiner
-from agglo_core.components.objective_choice import chosen_objective
 from agglo_core.conformance import check, conformance
 from agglo_core.conformance.subject import find, subject_of
 from agglo_core.draw import plot
@@ -26,6 +24,8 @@ from agglo_core.io import check_writable
 from agglo_core.measure import comparison, measure_levels, selection, summary
 from agglo_core.multigrid import Composition, part
 from agglo_core.problems import Diffusion, choosing
+from agglo_core.refine.descent import DescentRefiner
+from agglo_core.refine.objective_choice import chosen_objective
 from agglo_core.registry.construct import construct
 from agglo_polydg_mg.composed_multigrid import ComposedMultigrid
 from agglo_polydg_mg.paper_multigrid import PaperMultigrid
@@ -37,7 +37,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture
 def registry() -> Registry:
     whole = Registry()
-    whole.register(agglo_core.components, "defaults", distribution="agglo")
+    whole.register(agglo_core.builtin, "defaults", distribution="agglo")
     whole.register(agglo_polydg_mg, "polydg_mg", distribution="agglo")
     whole.register(SimpleNamespace(agglo_components=hookimpl(lambda: MINE)), "mine")
     needy = "vtkhdf"  # of which h5py may be missing

@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from ragged_parts import grown
 
 import agglo_core as agglo
 from agglo_core import Graph, samples
 from agglo_core.arrays import Int
-from agglo_core.components.balance import BalanceRefiner
 from agglo_core.errors import OptionError
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
+from agglo_core.refine.balance import BalanceRefiner
 
 KINDS = {
     "triangles": lambda seed: samples.random_triangles(150, seed=seed).graph,

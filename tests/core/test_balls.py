@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from solid_parts import MESHES, outer_faces, planes, prism, ragged, turned
 
 from agglo_core import samples
-from agglo_core.components.metrics import CentredCircleRatio, CircleRatio
 from agglo_core.mesh import Mesh
+from agglo_core.shapes.metrics import CentredCircleRatio, CircleRatio
 
 CR, CRC = CircleRatio(), CentredCircleRatio()
 

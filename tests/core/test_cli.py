@@ -20,8 +20,7 @@ from agglo_core.agglomeration import one_call
 from agglo_core.cli import main
 from agglo_core.cli.arguments import parse_spec
 from agglo_core.errors import MeshError, OptionError
-from agglo_core.registry import CORE_COMMANDS, Command, Component, hookimpl
-from agglo_core.registry import default as default_registry
+from agglo_core.registry import CORE_COMMANDS, Command, Component, default as default_registry, hookimpl
 
 
 @click.command()

@@ -17,8 +17,7 @@ from agglo_core.cli import main
 from agglo_core.cli.runs import attempt
 from agglo_core.cli.stopping import Terminated, stopped_by, terminations
 from agglo_core.errors import OptionError, PluginError
-from agglo_core.registry import Command, hookimpl
-from agglo_core.registry import default as default_registry
+from agglo_core.registry import Command, default as default_registry, hookimpl
 
 Fail = Callable[[BaseException], tuple[int, str]]
 

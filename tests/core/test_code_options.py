@@ -74,7 +74,7 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> Registry:
     monkeypatch.setitem(sys.modules, __name__, sys.modules[Halves.__module__])
     made = agglo.Registry()
     made.register(Plugin(), "mine")
-    made.register(importlib.import_module("agglo_core.components"), "defaults")
+    made.register(importlib.import_module("agglo_core.builtin"), "defaults")
     Record.registry = made
     return made
 

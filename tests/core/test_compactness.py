@@ -11,19 +11,18 @@ import networkx as nx
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, Mesh, OptionError, agglomerate, samples
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.cli.arguments import agglomeration_options
-from agglo_core.components import part_strips
-from agglo_core.components.compactness import CompactnessRefiner
-from agglo_core.components.part_strips import slices
-from agglo_core.components.shape_polish import directions
 from agglo_core.graph.moves import SHORTNESS
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
+from agglo_core.refine import part_strips
+from agglo_core.refine.compactness import CompactnessRefiner
+from agglo_core.refine.part_strips import slices
+from agglo_core.refine.shape_polish import directions
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)

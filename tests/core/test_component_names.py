@@ -71,7 +71,7 @@ class Halving:
             Component(kind="bisector", name="halving", target=here + "EvenOdd"),
             Component(kind="bisector", name="slices", target=here + "Slices"),
             Component(kind="bisector", name="lazy", target=here + "OneSided", fallback="halving"),
-            Component(kind="fixer", name="mend", target="agglo_core.components.fixers:ConnectivityFixer"),
+            Component(kind="fixer", name="mend", target="agglo_core.refine.connectivity:ConnectivityFixer"),
         ]
 
     @hookimpl

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import shapely
 from command_line import Agglo
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Mesh, MeshError, OptionError, agglomerate, read, read_hierarchy, samples, write
 from agglo_core.arrays import frozen_int, trusted

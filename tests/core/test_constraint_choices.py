@@ -53,8 +53,8 @@ def registry():
 
 def own_parts(**others):
     """Objects, so that a bare registry will do."""
-    from agglo_core.components.fixers import ConnectivityFixer
-    from agglo_core.components.geometric import CoordinateBisection
+    from agglo_core.refine.connectivity import ConnectivityFixer
+    from agglo_core.split.geometric import CoordinateBisection
 
     own = {"bisector": CoordinateBisection(), "refiners": (), "polish": False, "fixer": ConnectivityFixer()}
     return own | others

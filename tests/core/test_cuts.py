@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, Hierarchy, MeshError, OptionError, agglomerate, samples
 from agglo_core.hierarchy import Cut, Forest, by_first_cell

@@ -9,12 +9,12 @@ import pytest
 
 from agglo_core import Mesh, OptionError, PluginError, agglomerate, quality, samples
 from agglo_core.arrays import Float, Int, frozen_int
-from agglo_core.components.descent import DescentRefiner
 from agglo_core.conformance import check
 from agglo_core.graph import Graph, moves
 from agglo_core.graph.objectives import OBJECTIVES
-from agglo_core.kernels.articulation import cut_cells
 from agglo_core.protocols import IncrementalMetric, Target
+from agglo_core.refine.articulation import cut_cells
+from agglo_core.refine.descent import DescentRefiner
 from agglo_core.registry import Component, default, hookimpl
 
 INCREMENTAL = [name for name, each in OBJECTIVES.items() if each.changes is not None]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from agglo_core.kernels import helper
+from agglo_core.compiled import helper
 
 ROOT = Path(__file__).parents[2]
 BENCHMARK = ROOT / "tests" / "benchmarks" / "first_run.py"

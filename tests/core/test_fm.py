@@ -7,19 +7,18 @@ from typing import Any
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from ragged_parts import grown
 
 import agglo_core as agglo
 from agglo_core import Graph, samples
 from agglo_core.arrays import Float, Int
-from agglo_core.components.fm import FMRefiner
-from agglo_core.components.refiners import InterfaceRefiner
 from agglo_core.errors import OptionError
 from agglo_core.graph.objectives import OBJECTIVES
-from agglo_core.kernels.prefix_searches import search_all
 from agglo_core.protocols import Target
+from agglo_core.refine.fm import FMRefiner
+from agglo_core.refine.interface import InterfaceRefiner
+from agglo_core.refine.prefix_searches import search_all
 
 NO_SEEDS = np.zeros(1, np.uint64)
 KINDS = {

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
-from agglo_core.components.geometric import CoordinateBisection, InertialBisection
 from agglo_core.graph import Graph
 from agglo_core.graph.blocks import principal_frames, split_at_median
+from agglo_core.split.geometric import CoordinateBisection, InertialBisection
 
 BISECTORS = [CoordinateBisection(), InertialBisection()]
 

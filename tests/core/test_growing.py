@@ -10,8 +10,7 @@ from typing import Any
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, PluginError, samples
@@ -20,11 +19,11 @@ from agglo_core.agglomeration.goals import CountGoal
 from agglo_core.agglomeration.polishing import PostPass
 from agglo_core.agglomeration.recursion import recursive_levels
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.components.fixers import ConnectivityFixer
-from agglo_core.components.geometric import CoordinateBisection
-from agglo_core.kernels.repair import mend_blocks
-from agglo_core.kernels.sums import slice_sums
+from agglo_core.compiled.sums import slice_sums
 from agglo_core.progress import Progress
+from agglo_core.refine.connectivity import ConnectivityFixer
+from agglo_core.refine.repair import mend_blocks
+from agglo_core.split.geometric import CoordinateBisection
 
 SEEDS = st.integers(0, 10**6)
 

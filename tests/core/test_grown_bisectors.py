@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 from growth_checks import assert_kept, grown, length, lumpy_graph
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from toy_constraints import Line
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
+from agglo_core.compiled import kernel
 from agglo_core.graph.blocks import block_shares, principal_frames, split_at_median
-from agglo_core.kernels import kernel
-from agglo_core.kernels.ordered_frames import frames_of_blocks
-from agglo_core.kernels.piece_shares import split_in_order
 from agglo_core.registry import default
+from agglo_core.split.ordered_frames import frames_of_blocks
+from agglo_core.split.piece_shares import split_in_order
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 10**6)

@@ -6,8 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Hierarchy, Mesh, MeshError, OptionError, samples
 from agglo_core.hierarchy import Tree, by_first_cell

@@ -13,8 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from report_data import EVIL, data_of, faces_of, made, named_ring, sectors, two_and_a_failure, unpacked
 
 from agglo_core import samples

@@ -5,19 +5,18 @@ from __future__ import annotations
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, agglomerate, samples
+from agglo_core.anneal.draws import Shares
+from agglo_core.anneal.inertia_annealing import CENTRE, SIZE, Pursuit, anneal_inertia, solver_state
+from agglo_core.anneal.rounds import Ramps
+from agglo_core.anneal.solver_annealing import SolverAnnealing
+from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE
 from agglo_core.arrays import frozen_float, frozen_int
-from agglo_core.components.annealing_rounds import Ramps
-from agglo_core.components.part_sizes import FREE, Balance
-from agglo_core.components.solver_annealing import SolverAnnealing
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.graph.solver_shape import solver_factors
-from agglo_core.kernels.anneal_draws import Shares
-from agglo_core.kernels.anneal_state import COUNT, DIAMETER, MEASURE
-from agglo_core.kernels.inertia_annealing import CENTRE, SIZE, Pursuit, anneal_inertia, solver_state
+from agglo_core.refine.part_sizes import FREE, Balance
 from agglo_core.threads import using_threads
 
 SEEDS = st.integers(0, 2**63)

@@ -11,8 +11,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, Hierarchy, Mesh, MeshError, OptionError, agglomerate, quality, samples
 from agglo_core.interchange import (

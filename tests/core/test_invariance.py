@@ -12,8 +12,8 @@ from scipy.spatial import Delaunay
 import agglo_core as agglo
 from agglo_core import Mesh, Target, samples
 from agglo_core.arrays import frozen_int
-from agglo_core.components.fixers import ConnectivityFixer
-from agglo_core.components.refiners import InterfaceRefiner
+from agglo_core.refine.connectivity import ConnectivityFixer
+from agglo_core.refine.interface import InterfaceRefiner
 
 TARGETS = ({"n_parts": (8, 32)}, {"h_factor": (2.0, 4.0)})
 RIGID = ("renumbered", "rotated", "mirrored", "shifted", "far away", "scaled")

@@ -24,9 +24,9 @@ from agglo_core import (
     OptionError,
     PluginError,
     Registry,
+    components as builtin,
     hookimpl,
 )
-from agglo_core import components as builtin
 from agglo_core.errors import AggloError
 from agglo_core.io import (
     Meshlane,

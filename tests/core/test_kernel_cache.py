@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from numba import int64
 
-from agglo_core.kernels import kernel, kernel_cache
-from agglo_core.kernels.ahead_of_time import compile_listed, listed
-from agglo_core.kernels.kernel_cache import KernelCache, source_stamp, sources
+from agglo_core.compiled import kernel, kernel_cache
+from agglo_core.compiled.ahead_of_time import compile_listed, listed
+from agglo_core.compiled.kernel_cache import KernelCache, source_stamp, sources
 from agglo_core.lazy_names import names_in_stub
 
 ROOT = Path(__file__).parents[2]
@@ -200,7 +200,7 @@ def test_every_kernel_is_kept_so() -> None:
 WITHOUT = """
 import numba.core.caching
 del numba.core.caching.CompileResultCacheImpl  # the name; numba itself does not look it up again
-from agglo_core.kernels.graphs import components
+from agglo_core.compiled.graphs import components
 print(type(components._cache).__name__)
 """
 

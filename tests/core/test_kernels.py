@@ -17,22 +17,21 @@ import networkx as nx
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from scipy.spatial.distance import pdist
 
 from agglo_core import Graph, Mesh, samples
+from agglo_core.agglomeration.halves import broken_halves
 from agglo_core.arrays import frozen_float, frozen_index, frozen_int
+from agglo_core.compiled.geometry import block_diameters, compare_diameters
+from agglo_core.compiled.graphs import broken_blocks, child_order, components, take_rows
+from agglo_core.graph.curve_keys import curve_keys
 from agglo_core.graph.ordering import curve_order
-from agglo_core.kernels.curve_keys import curve_keys
-from agglo_core.kernels.faces import match_half_edges
-from agglo_core.kernels.geometry import block_diameters, compare_diameters
-from agglo_core.kernels.graphs import broken_blocks, child_order, components, take_rows
-from agglo_core.kernels.halves import broken_halves
-from agglo_core.kernels.interface import relax_interface
-from agglo_core.kernels.polygon_faults import check_polygons
-from agglo_core.kernels.repair import absorb
+from agglo_core.mesh.kernels.faces import match_half_edges
+from agglo_core.mesh.kernels.polygon_faults import check_polygons
 from agglo_core.mesh.loops import faces_of_cells
+from agglo_core.refine.interface_kernels import relax_interface
+from agglo_core.refine.repair import absorb
 from agglo_kmeans.kernel import two_means
 
 SEEDS = st.integers(0, 10**6)
@@ -531,8 +530,8 @@ def test_every_kernel_has_one_signature_in_the_plane() -> None:
 PERMUTE = """
 import numpy as np
 from agglo_core.arrays import frozen_index, frozen_int
-from agglo_core.kernels.first_run import watch_compilation
-from agglo_core.kernels.graphs import take_rows
+from agglo_core.compiled.first_run import watch_compilation
+from agglo_core.compiled.graphs import take_rows
 
 def permute():
     return take_rows(frozen_int([0, 0]), frozen_index([]), frozen_int([0]))[0].tolist()

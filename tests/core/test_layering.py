@@ -22,41 +22,47 @@ EVERYBODY = {"arrays", "errors", "files", "progress", "threads"}
 
 MAY_IMPORT = {
     "arrays": {"errors"},
+    "builtin": {"registry"},
     "errors": set(),
     "files": {"arrays", "errors"},
     "lazy_names": set(),
+    "packaging": set(),
     "progress": {"errors"},
     "registry": {"errors", "files"},
     "threads": {"errors"},
-    "kernels": EVERYBODY | {"lazy_names"},
-    "packaging": set(),
-    "mesh": EVERYBODY | {"kernels"},
-    "graph": EVERYBODY | {"kernels", "mesh"},
-    "hierarchy": EVERYBODY | {"graph", "kernels", "mesh"},
-    "problems": EVERYBODY | {"files", "hierarchy", "mesh", "registry"},
-    "multigrid": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "problems", "registry"},
+    "compiled": EVERYBODY | {"lazy_names"},
+    "mesh": EVERYBODY | {"compiled"},
+    "graph": EVERYBODY | {"compiled", "mesh"},
+    "hierarchy": EVERYBODY | {"compiled", "graph", "mesh"},
+    "problems": EVERYBODY | {"hierarchy", "mesh", "registry"},
+    "multigrid": EVERYBODY | {"compiled", "graph", "hierarchy", "mesh", "problems", "registry"},
     "protocols": EVERYBODY | {"graph", "hierarchy", "mesh", "problems"},
-    "agglomeration": EVERYBODY | {"graph", "hierarchy", "kernels", "mesh", "protocols", "registry"},
-    "components": EVERYBODY | {"graph", "kernels", "mesh", "protocols", "registry"},
+    "refine": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "registry"},
+    "split": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "refine", "registry"},
+    "anneal": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "refine", "registry", "split"},
+    "shapes": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "registry"},
+    "constraints": EVERYBODY | {"compiled", "graph", "mesh", "protocols", "refine", "registry"},
+    "agglomeration": EVERYBODY
+    | {"compiled", "constraints", "graph", "hierarchy", "mesh", "protocols", "registry", "split"},
     "samples": EVERYBODY | {"mesh", "registry"},
-    "io": EVERYBODY | {"files", "hierarchy", "mesh", "problems", "registry"},
-    "interchange": EVERYBODY | {"files", "graph", "hierarchy", "io", "kernels", "mesh"},
+    "io": EVERYBODY | {"hierarchy", "mesh", "problems", "registry"},
+    "interchange": EVERYBODY | {"compiled", "graph", "hierarchy", "io", "mesh"},
     "measure": EVERYBODY | {"graph", "hierarchy", "mesh", "protocols", "registry"},
     "draw": EVERYBODY
-    | {"graph", "hierarchy", "interchange", "io", "kernels", "measure", "mesh", "problems", "registry"},
+    | {"compiled", "graph", "hierarchy", "interchange", "io", "measure", "mesh", "problems", "registry"},
     "conformance": EVERYBODY
-    | {"agglomeration", "components", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
+    | {"agglomeration", "builtin", "graph", "hierarchy", "io", "measure", "mesh", "problems"}
     | {"protocols", "registry", "samples"},
     "distributed": EVERYBODY
-    | {"agglomeration", "components", "graph", "hierarchy", "io", "kernels", "measure", "mesh", "problems"}
-    | {"protocols", "registry"},
+    | {"agglomeration", "compiled", "constraints", "graph", "hierarchy", "io", "measure", "mesh"}
+    | {"problems", "protocols", "registry", "shapes"},
     "cli": EVERYBODY
-    | {"agglomeration", "conformance", "distributed", "draw", "hierarchy", "io", "kernels", "measure", "mesh"}
-    | {"problems", "protocols", "registry", "samples"},
+    | {"agglomeration", "compiled", "conformance", "distributed", "draw", "hierarchy", "io", "measure"}
+    | {"mesh", "problems", "protocols", "registry", "samples"},
 }
 """The folders and loose modules of the core, and those that each may import."""
 
-LOOSE = {"__init__", "__main__", "arrays", "authoring", "errors", "lazy_names", "threads"}
+LOOSE = {"__init__", "__main__", "arrays", "authoring", "builtin", "errors", "lazy_names", "threads"}
 
 
 def dotted(file: Path) -> str:

@@ -11,7 +11,12 @@ from scipy.spatial.distance import pdist
 from shapely.affinity import scale
 
 from agglo_core import samples
-from agglo_core.components.metrics import (
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.mesh import Mesh
+from agglo_core.registry import default
+from agglo_core.shapes.circle_chains import simplified
+from agglo_core.shapes.circle_edges import FIRST, HEIGHT, LAST
+from agglo_core.shapes.metrics import (
     Cells,
     CentredCircleRatio,
     CircleRatio,
@@ -23,11 +28,6 @@ from agglo_core.components.metrics import (
     UniformityFactor,
     UniformityFactor99,
 )
-from agglo_core.errors import MeshError, OptionError
-from agglo_core.kernels.circle_chains import simplified
-from agglo_core.kernels.circle_edges import FIRST, HEIGHT, LAST
-from agglo_core.mesh import Mesh
-from agglo_core.registry import default
 
 EVERY = {
     "UF": UniformityFactor(),

@@ -82,7 +82,7 @@ def hooked(
 
 def test_kernels_go_into_the_wheel(monkeypatch: pytest.MonkeyPatch) -> None:
     included, said = hooked("standard", monkeypatch, 0, 3)
-    assert list(included.values()) == ["agglo_core/kernels/compiled"]
+    assert list(included.values()) == ["agglo_core/compiled/machine_code"]
     assert said == ["3 kernels compiled for this processor"]
     assert not any(map(Path.exists, map(Path, included))), "the folder goes when the wheel is written"
 

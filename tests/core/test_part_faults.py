@@ -7,18 +7,17 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import samples
 from agglo_core.agglomeration import growing
 from agglo_core.arrays import frozen_index, frozen_int
+from agglo_core.compiled import part_faults
+from agglo_core.compiled.graphs import listed_blocks, numbered_as_met
 from agglo_core.errors import MeshError
 from agglo_core.graph.connection import broken_parts
-from agglo_core.kernels import part_faults
-from agglo_core.kernels.graphs import listed_blocks, numbered_as_met
-from agglo_core.kernels.reach import cell_radii
+from agglo_core.refine.reach import cell_radii
 
 SEEDS = st.integers(0, 2**32 - 1)
 

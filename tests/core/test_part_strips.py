@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core.arrays import frozen_int
-from agglo_core.components import part_strips
-from agglo_core.components.part_strips import slices, strip_order
-from agglo_core.kernels.part_order import places_across
-from agglo_core.kernels.shape_state import CENTRE, MASS
+from agglo_core.refine import part_strips
+from agglo_core.refine.part_order import places_across
+from agglo_core.refine.part_strips import slices, strip_order
+from agglo_core.refine.shape_state import CENTRE, MASS
 
 SEEDS = st.integers(0, 10**6)
 

@@ -8,17 +8,16 @@ import networkx as nx
 import numpy as np
 import pytest
 from growth_checks import assert_kept, grown, length, lumpy_graph
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, Mesh, OptionError, samples
 from agglo_core.arrays import frozen_int
-from agglo_core.components import piece_growth
-from agglo_core.components.fixers import ConnectivityFixer
-from agglo_core.components.refiners import InterfaceRefiner
-from agglo_core.kernels.piece_refinement import refine_sides
-from agglo_core.kernels.piece_splits import (
+from agglo_core.refine.connectivity import ConnectivityFixer
+from agglo_core.refine.interface import InterfaceRefiner
+from agglo_core.split import piece_growth
+from agglo_core.split.piece_refinement import refine_sides
+from agglo_core.split.piece_splits import (
     HEAVY,
     SAMPLED,
     cells_beside,

@@ -7,9 +7,9 @@ import pytest
 
 import agglo_core as agglo
 from agglo_core import FileError, OptionError, Pipeline, PluginError, samples
-from agglo_core.components.fixers import ConnectivityFixer
-from agglo_core.components.geometric import CoordinateBisection
-from agglo_core.components.refiners import InterfaceRefiner
+from agglo_core.refine.connectivity import ConnectivityFixer
+from agglo_core.refine.interface import InterfaceRefiner
+from agglo_core.split.geometric import CoordinateBisection
 
 MESH = samples.voronoi(60, seed=2)
 

@@ -153,9 +153,9 @@ def test_a_metric_comes_before_an_objective_of_its_name() -> None:
 def test_names_are_looked_up_in_the_registry_that_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
     registry, home = Registry(), SimpleNamespace(FirstCell=FirstCell)
     monkeypatch.setitem(sys.modules, "first_home", home)
-    import agglo_core.components
+    import agglo_core.builtin
 
-    registry.register(agglo_core.components, "defaults", distribution="agglo")
+    registry.register(agglo_core.builtin, "defaults", distribution="agglo")
     mine = Component("metric", "first", "first_home:FirstCell")
     registry.register(SimpleNamespace(agglo_components=hookimpl(lambda: [mine])), "mine")
     mesh = samples.squares(4)

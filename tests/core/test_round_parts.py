@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from toy_constraints import Regions
 
 from agglo_core import Graph, OptionError, agglomerate, quality, samples
+from agglo_core.anneal.refiner import AnnealRefiner
 from agglo_core.arrays import frozen_int
-from agglo_core.components.anneal import AnnealRefiner
-from agglo_core.components.compactness import CompactnessRefiner
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
+from agglo_core.refine.compactness import CompactnessRefiner
 from agglo_kmeans.kmeans import KMeans
 
 SEEDS = st.integers(0, 10**6)

@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.spatial import cKDTree
 
 from agglo_core import samples
-from agglo_core.components.round_shapes import InertiaRatio, IsoperimetricQuotient
 from agglo_core.mesh import Mesh
 from agglo_core.registry import default
+from agglo_core.shapes.round_shapes import InertiaRatio, IsoperimetricQuotient
 
 J, QUOTIENT = InertiaRatio(), IsoperimetricQuotient()
 

@@ -8,22 +8,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.spatial import ConvexHull, cKDTree
 
 from agglo_core import samples
-from agglo_core.components.shape_metrics import (
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.registry import default
+from agglo_core.shapes.planar_shapes import box_ratios, convex_hulls
+from agglo_core.shapes.shape_metrics import (
     BoxRatio,
     Convexity,
     EdgeRatio,
     IsoperimetricQuotient,
     StarShapedness,
 )
-from agglo_core.errors import MeshError
-from agglo_core.kernels.shapes import box_ratios, convex_hulls
-from agglo_core.mesh import Mesh
-from agglo_core.registry import default
 
 EVERY = {
     "isoperimetric": IsoperimetricQuotient(),

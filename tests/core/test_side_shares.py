@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import Graph, PluginError, samples
 from agglo_core.arrays import Int, frozen_float, frozen_int
 from agglo_core.graph.blocks import split_at_median
-from agglo_core.graph.side_shares import shifted, side_shares
+from agglo_core.split.side_shares import shifted, side_shares
 
 BISECTORS = (
     "kmeans",

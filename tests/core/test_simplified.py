@@ -7,15 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 
 from agglo_core import Diffusion, Hierarchy, Mesh, OptionError, Registry, agglomerate, read, samples, write
 from agglo_core.arrays import frozen_float, frozen_int
 from agglo_core.hierarchy import by_first_cell
-from agglo_core.kernels.cell_crossings import mark_crossings
-from agglo_core.kernels.edge_chains import thinned
-from agglo_core.kernels.patch_loops import outlines
+from agglo_core.mesh.kernels.cell_crossings import mark_crossings
+from agglo_core.mesh.kernels.edge_chains import thinned
+from agglo_core.mesh.kernels.patch_loops import outlines
 
 
 def compact(labels: np.ndarray) -> np.ndarray:

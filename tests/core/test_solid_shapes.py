@@ -12,7 +12,9 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from solid_parts import MESHES, area_vector, outer_faces, planes, prism, ragged, turned
 
 from agglo_core import samples
-from agglo_core.components.shape_metrics import (
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.shapes.shape_metrics import (
     BoxRatio,
     Convexity,
     EdgeRatio,
@@ -20,11 +22,9 @@ from agglo_core.components.shape_metrics import (
     IsoperimetricQuotient,
     StarShapedness,
 )
-from agglo_core.errors import MeshError
-from agglo_core.kernels.solid_boxes import solid_box_ratios
-from agglo_core.kernels.solid_hulls import solid_hulls
-from agglo_core.kernels.solid_triangles import face_triangles
-from agglo_core.mesh import Mesh
+from agglo_core.shapes.solid_boxes import solid_box_ratios
+from agglo_core.shapes.solid_hulls import solid_hulls
+from agglo_core.shapes.solid_triangles import face_triangles
 
 EVERY = {
     "isoperimetric": IsoperimetricQuotient(),

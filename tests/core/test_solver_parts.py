@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Graph, OptionError, agglomerate, samples
+from agglo_core.anneal.refiner import AnnealRefiner
 from agglo_core.arrays import frozen_int
-from agglo_core.components.anneal import AnnealRefiner
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.protocols import Target
 from agglo_kmeans.kmeans import KMeans

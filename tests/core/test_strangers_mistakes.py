@@ -14,7 +14,7 @@ from cell_values import CellValues
 from command_line import Agglo
 
 import agglo_core as agglo
-import agglo_core.components
+import agglo_core.builtin
 from agglo_core import AggloError, Component, PluginError, Registry, Solution, hookimpl, samples
 from agglo_core.authoring import load_mesh
 from agglo_core.conformance import check
@@ -170,7 +170,7 @@ PLUGIN = SimpleNamespace(agglo_components=hookimpl(lambda: WRONG))
 @pytest.fixture
 def registry() -> Registry:
     known = Registry()
-    known.register(agglo_core.components, "defaults", distribution="agglo")
+    known.register(agglo_core.builtin, "defaults", distribution="agglo")
     known.register(PLUGIN, "newcomer", distribution="new", version="0.3")
     return known
 

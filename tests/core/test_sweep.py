@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import agglo_core as agglo
 from agglo_core import OptionError, samples
-from agglo_core.components.straight_cuts import SweepBisection
 from agglo_core.graph.sweep import sweep
+from agglo_core.split.straight_cuts import SweepBisection
 
 
 def cost(graph, sides):
@@ -132,7 +131,7 @@ def test_cuts_cost_no_more_than_those_of_two_means():
 
 
 def test_edges_of_a_block_are_listed_once():
-    from agglo_core.kernels.thresholds import edge_room, edges_of_block
+    from agglo_core.compiled.thresholds import edge_room, edges_of_block
 
     mesh = samples.voronoi(60, 3)
     graph = mesh.graph.split(agglo.agglomerate(mesh, n_parts=4).levels[0])[0]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agglo_core import OptionError, agglomerate, samples
-from agglo_core.components.anneal import AnnealRefiner
+from agglo_core.anneal.refiner import AnnealRefiner
 from agglo_core.graph.objectives import OBJECTIVES
 from agglo_core.progress import TimeLimit, noted_limits
 from agglo_kmeans.kmeans import KMeans

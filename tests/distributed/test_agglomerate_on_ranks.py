@@ -13,7 +13,7 @@ from on_ranks import on_ranks
 
 import agglo_core as agglo
 from agglo_core import Mesh, Pipeline, samples
-from agglo_core.components.regions import Regions
+from agglo_core.constraints.regions import Regions
 from agglo_core.distributed import DistributedMesh, Ranks, agglomerate, distributed_levels
 from agglo_core.distributed.part_components import component_sizes
 

@@ -20,8 +20,7 @@ from on_ranks import on_ranks
 from scipy import sparse
 
 from agglo_core import Pipeline, read
-from agglo_core.distributed import Ranks, agglomerate
-from agglo_core.distributed import read as read_shared
+from agglo_core.distributed import Ranks, agglomerate, read as read_shared
 
 
 def refined(dim: int, n: int, depth: int) -> NDArray[np.float64]:

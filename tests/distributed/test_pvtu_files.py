@@ -13,8 +13,7 @@ from distributed.shared_meshes import MESHES, shared, write_all
 from on_ranks import on_ranks
 
 import agglo_core.distributed.own_pieces as own_pieces
-from agglo_core import FileError, read
-from agglo_core import write as write_whole
+from agglo_core import FileError, read, write as write_whole
 from agglo_core.distributed import Ranks, write
 
 

@@ -12,10 +12,8 @@ from core.test_io_pvtu import listing, squares_of
 from distributed.shared_meshes import MESHES
 from on_ranks import on_ranks
 
-from agglo_core import Mesh, samples
-from agglo_core import write as write_whole
-from agglo_core.distributed import DistributedMesh, Ranks
-from agglo_core.distributed import read as read_shared
+from agglo_core import Mesh, samples, write as write_whole
+from agglo_core.distributed import DistributedMesh, Ranks, read as read_shared
 
 Facts = dict[str, Any]
 

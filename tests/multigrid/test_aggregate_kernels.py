@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from agglo_core.arrays import frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
-from agglo_core.kernels.aggregates import greedy_aggregates, local_bases, split_labels, split_weak
 from agglo_core.multigrid import ScalarGaussSeidel
+from agglo_core.multigrid.kernels.aggregates import greedy_aggregates, local_bases, split_labels, split_weak
 from agglo_core.multigrid.matrix_checks import canonical
 from agglo_core.multigrid.prolongation import Couplings
 

@@ -12,9 +12,14 @@ from scipy.sparse.linalg import cg
 
 from agglo_core import agglomerate, samples
 from agglo_core.errors import OptionError
-from agglo_core.kernels.coarse_points import classical_weights, coarse_first, coarse_points, strong_entries
-from agglo_core.kernels.galerkin_product import galerkin_product
 from agglo_core.multigrid import CoarseFirst, classical_stack, cycle
+from agglo_core.multigrid.kernels.coarse_points import (
+    classical_weights,
+    coarse_first,
+    coarse_points,
+    strong_entries,
+)
+from agglo_core.multigrid.kernels.galerkin_product import galerkin_product
 from agglo_core.multigrid.matrix_checks import canonical
 
 pyamg = pytest.importorskip("pyamg")

@@ -174,8 +174,7 @@ def _lists(patches: Patches) -> list[list[int]]:
 
 def dolfinx_poisson() -> list[float]:
     """Linear elements on a mesh divided by DOLFINx, each rank agglomerating its own cells: iterations."""
-    from dolfinx import fem
-    from dolfinx import mesh as meshes
+    from dolfinx import fem, mesh as meshes
     from dolfinx.fem import petsc as forms
     from ufl import TestFunction, TrialFunction, dx, grad, inner
 

@@ -168,7 +168,7 @@ def test_both_sides_are_there_whatever_the_weights_say(level):
 
 @pytest.mark.parametrize("n", [20, 40, 90])
 def test_small_blocks_cost_no_more_than_four_axes(n):
-    from agglo_core.components.straight_cuts import SweepBisection
+    from agglo_core.split.straight_cuts import SweepBisection
 
     for seed in range(5):
         graph = samples.voronoi(n, seed).graph

@@ -10,7 +10,7 @@ import pytest
 import agglo_core as agglo
 from agglo_core import Graph, OptionError, samples
 from agglo_core.arrays import frozen_float
-from agglo_core.components.straight_cuts import SweepBisection
+from agglo_core.split.straight_cuts import SweepBisection
 from agglo_gnn.fast import FastGNN
 from agglo_gnn.fast_validation import cut_costs
 from agglo_gnn.spatial_kernels import PRIOR, directions

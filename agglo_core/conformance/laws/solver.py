@@ -13,8 +13,7 @@ from agglo_core.conformance.case import Case
 from agglo_core.conformance.cases import cases, laplacian, with_problem
 from agglo_core.conformance.law import law
 from agglo_core.conformance.questions import taken
-from agglo_core.conformance.solver_answers import direct, everywhere, first_case, gap
-from agglo_core.conformance.solver_answers import solve as _solve
+from agglo_core.conformance.solver_answers import direct, everywhere, first_case, gap, solve as _solve
 from agglo_core.conformance.subject import Subject
 from agglo_core.conformance.verdict import Broken, require
 from agglo_core.errors import AggloError

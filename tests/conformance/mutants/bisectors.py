@@ -9,7 +9,7 @@ import numpy as np
 from conformance.mutants.mutant import Mutant
 
 from agglo_core import Component, OptionError
-from agglo_core.components.geometric import CoordinateBisection
+from agglo_core.split.geometric import CoordinateBisection
 
 
 def halves(graph):

@@ -9,8 +9,8 @@ from conformance.mutants.bisectors import Halves, LevelHalves, halves
 from conformance.mutants.labellers import Fix, Idle
 from conformance.mutants.mutant import Mutant
 
-from agglo_core.components.descent import DescentRefiner
-from agglo_core.components.geometric import InertialBisection
+from agglo_core.refine.descent import DescentRefiner
+from agglo_core.split.geometric import InertialBisection
 
 
 class CutsAtTheOrigin(Halves):

@@ -8,8 +8,8 @@ import numpy as np
 from conformance.mutants.labellers import Idle
 from conformance.mutants.mutant import Mutant
 
-from agglo_core.components.descent import DescentRefiner
-from agglo_core.components.refiners import InterfaceRefiner
+from agglo_core.refine.descent import DescentRefiner
+from agglo_core.refine.interface import InterfaceRefiner
 
 
 class _OneMove(Idle):

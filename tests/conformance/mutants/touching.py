@@ -7,7 +7,7 @@ from conformance.mutants.bisectors import Halves, OnlyPartition
 from conformance.mutants.labellers import Fix
 from conformance.mutants.mutant import Mutant
 
-from agglo_core.components.geometric import InertialBisection
+from agglo_core.split.geometric import InertialBisection
 
 
 class GrowsOverPoints(Halves):

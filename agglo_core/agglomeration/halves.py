@@ -1,0 +1,61 @@
+"""Whether the two sides of each block are connected."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.graphs import flood
+from agglo_core.compiled.ring_search import connected
+
+__all__ = ["broken_halves"]
+
+_THIN = 4  # times the nodes along the cut: blocks of fewer are looked at as a whole
+
+
+@helper
+def _beside(start, stop, indptr, indices, sides, edge):
+    """List the nodes of a block that are beside the other side; returns how many."""
+    m = np.int64(0)
+    for i in range(start, stop):
+        own, beside = sides[i], False
+        for h in range(indptr[i], indptr[i + 1]):
+            beside |= sides[indices[h]] != own  # no branch: it would be mispredicted
+        edge[m] = i
+        m += beside
+    return m
+
+
+@kernel
+def broken_halves(offsets, indptr, indices, sides):
+    """Which of the connected blocks have a side that is not connected.
+
+    Every component of a side touches the other side: if the nodes along the cut are connected within
+    their side, the side is. So mostly nothing far from the cut is looked at.
+    """
+    n = np.int64(len(sides))
+    queue, root, marks = np.empty(n + 1, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32)
+    edge, broken, stamp = np.empty(n + 1, np.int32), np.empty(len(offsets) - 1, np.bool_), np.int64(0)
+    for b in range(len(offsets) - 1):
+        start, stop = offsets[b], offsets[b + 1]
+        m, whole = _beside(start, stop, indptr, indices, sides, edge), True
+        if _THIN * m > stop - start:
+            for i in range(start, stop):
+                root[i] = sides[i]
+            components = 0
+            for i in range(start, stop):
+                if root[i] >= 0:
+                    flood(i, indptr, indices, root, queue, 0)
+                    components += 1
+            broken[b] = components > 2
+            continue
+        for side in range(2):
+            filled, stamp = np.int64(0), stamp + 1
+            for c in range(m):
+                queue[filled] = edge[c]
+                filled += sides[edge[c]] == side
+            whole &= connected(indptr, indices, sides, side, (queue, root, marks), filled, stamp, n, n)
+        broken[b] = not whole
+    return broken

@@ -1,0 +1,1 @@
+"""Annealing of parts: for round shapes, and for solvers."""

@@ -1,0 +1,154 @@
+"""Annealing with the true circles inside parts of the plane, in place of the ratio of measure and surface."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.anneal.circles import (
+    ACROSS,
+    CENTRED,
+    MOMENT,
+    RADIUS,
+    centre_of,
+    centred_radius,
+    circle_inside,
+    outline,
+    touches,
+)
+from agglo_core.anneal.draws import drawn_loss, drawn_move, most_draws, share_seed
+from agglo_core.anneal.state import (
+    COUNT,
+    DIAMETER,
+    MEASURE,
+    exchange,
+    may_leave,
+)
+from agglo_core.anneal.widths import joined_width, left_width
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["anneal_circles"]
+
+_GROWTH = 1.3
+"""The radius of a circle does not grow by more than this factor, nearly always, when one cell joins."""
+
+_WIDEST = 0.47
+"""Nor beyond this share of the diameter."""
+
+
+@helper
+def _score(width, radius, centred, how, penalty):
+    """Score of a part; ``how``: size, evenness, weights of the two ratios."""
+    size, even, round_, central = how
+    excess = width / size - 1.0
+    ratio = 2.0 * (round_ * radius + central * centred) / width if width > 0.0 else 0.0
+    return even * min(width / size, 1.0) + ratio - (penalty * excess if excess > 0.0 else 0.0)
+
+
+@helper
+def _of_part(p, parts, circles, how, penalty):
+    return _score(parts.tally[p, DIAMETER], circles.rings[p, RADIUS], circles.rings[p, CENTRED], how, penalty)
+
+
+@helper
+def _taken(i, p, sign, parts, cells, circles):
+    """Add the cell to the sums of part p, or take it away."""
+    parts.tally[p, MEASURE] += sign * cells.measures[i]
+    parts.tally[p, COUNT] += sign
+    for a in range(2):
+        circles.rings[p, MOMENT + a] += sign * cells.measures[i] * cells.centroids[i, a]
+
+
+@helper
+def _swap(i, p, q, parts, cells, circles):
+    """Cell i goes from part p to part q: lists and sums."""
+    exchange(i, p, q, parts)
+    _taken(i, p, -1.0, parts, cells, circles)
+    _taken(i, q, 1.0, parts, cells, circles)
+
+
+@helper
+def _new_circle(p, changed, cells, parts, edges, circles):
+    """The circle of part p: the one it has unless that ``changed``, and the one about its centroid."""
+    rings = circles.rings
+    m = outline(p, parts, edges, circles)
+    guess, centre = (rings[p, ACROSS], rings[p, ACROSS + 1]), centre_of(p, parts, circles)
+    if changed:
+        return circle_inside(p, m, guess, centre, cells, parts, circles.room)
+    centred = centred_radius(m, centre, circles.room)
+    if centred > rings[p, RADIUS]:
+        return circle_inside(p, m, guess, centre, cells, parts, circles.room)
+    return rings[p, RADIUS], guess[0], guess[1], centred
+
+
+@helper
+def _write(p, width, circle, parts, circles):
+    """Part p has this width and this circle from now on."""
+    parts.tally[p, DIAMETER], parts.ends[p, 0], parts.ends[p, 1] = width
+    for a in range(4):
+        circles.rings[p, a] = circle[a]
+
+
+@helper
+def _tried(i, p, q, least, how, penalty, cells, parts, edges, circles, work, stamp):
+    """Move cell i from part p to part q unless their scores fall below ``least`` in sum; whether it moved.
+
+    Bounds come first: the circle of p does not grow, that of q only if an edge with the cell touches it.
+    """
+    rings, size, even = circles.rings, how[0], how[1]
+    joined = joined_width(i, q, cells, parts)
+    excess, most = joined[0] / size - 1.0, even + 2.0 * _WIDEST * (how[2] + how[3])
+    if excess > 0.0 and 2.0 * most - penalty * excess < least:
+        return False
+    if not may_leave(i, p, q, cells, parts, work, stamp):
+        return False
+    left = left_width(p, cells, parts, work, stamp)
+    held = rings[p, RADIUS]
+    grows = touches(i, q, rings[q, ACROSS], rings[q, ACROSS + 1], 1.01 * rings[q, RADIUS], parts, edges)
+    bound = min(_WIDEST * joined[0], _GROWTH * rings[q, RADIUS]) if grows else rings[q, RADIUS]
+    above = _score(joined[0], bound, bound, how, penalty)
+    if _score(left[0], held, held, how, penalty) + above < least:
+        parts.labels[i] = p
+        return False
+    x, y = rings[p, ACROSS] - cells.centroids[i, 0], rings[p, ACROSS + 1] - cells.centroids[i, 1]
+    shrinks = x * x + y * y < cells.radii[i] ** 2 or touches(
+        i, p, rings[p, ACROSS], rings[p, ACROSS + 1], held, parts, edges
+    )
+    _swap(i, p, q, parts, cells, circles)
+    one = _new_circle(p, shrinks, cells, parts, edges, circles)
+    score = _score(left[0], one[0], one[3], how, penalty)
+    other = one
+    if score + above >= least:
+        other = _new_circle(q, grows, cells, parts, edges, circles)
+        score += _score(joined[0], other[0], other[3], how, penalty)
+    else:
+        score = -np.inf
+    if not score >= least:
+        parts.labels[i] = p
+        _swap(i, q, p, parts, cells, circles)
+        return False
+    _write(p, left, one, parts, circles)
+    _write(q, joined, other, parts, circles)
+    return True
+
+
+@kernel(allocates=False)
+def anneal_circles(cells, edges, parts, circles, work, shares, start, stop, how, rounds, seed, stamp):
+    """Draw cells as ``anneal`` does; the ratios of circles take the place of the other one."""
+    moved, most = 0, most_draws(rounds)
+    for s in range(start, stop):
+        state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
+        mark = stamp + most * shares.starts[s]
+        for r in range(rounds.shape[1]):
+            heat, penalty = rounds[0, r], rounds[1, r]
+            for _ in range(np.int64(rounds[2, r] * count)):
+                mark += 1
+                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                if p == q:
+                    continue
+                state, loss = drawn_loss(state, heat)
+                least = _of_part(p, parts, circles, how, penalty) + _of_part(q, parts, circles, how, penalty)
+                rest = cells, parts, edges, circles, work, mark
+                moved += _tried(i, p, q, least + loss, how, penalty, *rest)
+    return moved

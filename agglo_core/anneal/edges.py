@@ -1,0 +1,113 @@
+"""The edges of cells of the plane, as far as vertices and neighbours tell."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["Edges", "cell_edges"]
+
+
+class Edges(NamedTuple):
+    """Edges of each cell (CSR): the cell beyond or −1; a corner, a vector and 1/length², ``(e, 5)``."""
+
+    offsets: Any
+    beside: Any
+    lines: Any
+
+
+@helper
+def _shared_ends(i, j, cells):
+    """The two vertices that cells i and j share which are farthest apart; −1 if there are no two."""
+    one, other, most = np.int32(-1), np.int32(-1), 0.0
+    begin, end = cells.offsets[j], cells.offsets[j + 1]
+    for g in range(cells.offsets[i], cells.offsets[i + 1]):
+        u = cells.vertices[g]
+        for a in range(begin, end):
+            if cells.vertices[a] != u:
+                continue
+            for f in range(cells.offsets[i], g):
+                v = cells.vertices[f]
+                for b in range(begin, end):
+                    if cells.vertices[b] == v:
+                        square = (cells.points[u, 0] - cells.points[v, 0]) ** 2
+                        square += (cells.points[u, 1] - cells.points[v, 1]) ** 2
+                        if square > most:
+                            most, one, other = square, u, v
+    return one, other
+
+
+@helper
+def _write_line(row, u, v, points, lines):
+    """Write the edge between two vertices; returns its length."""
+    x, y = points[v, 0] - points[u, 0], points[v, 1] - points[u, 1]
+    square = x * x + y * y
+    lines[row, 0], lines[row, 1], lines[row, 2], lines[row, 3] = points[u, 0], points[u, 1], x, y
+    lines[row, 4] = 1.0 / square if square > 0.0 else 0.0
+    return np.sqrt(square)
+
+
+@helper
+def _outer_edges(i, m, ring, cells, pairs, lines, beside, kept):
+    """Write those edges from corner to corner of a cell, as seen around it, that no other cell shares."""
+    start, count = cells.offsets[i], cells.offsets[i + 1] - cells.offsets[i]
+    for a in range(count):  # by angle about the centroid
+        v = cells.vertices[start + a]
+        angle = np.arctan2(
+            cells.points[v, 1] - cells.centroids[i, 1], cells.points[v, 0] - cells.centroids[i, 0]
+        )
+        b = a
+        while b > 0 and ring[b - 1] > angle:
+            ring[b], pairs[b, 2] = ring[b - 1], pairs[b - 1, 2]
+            b -= 1
+        ring[b], pairs[b, 2] = angle, v
+    length = 0.0
+    for a in range(count):
+        u, v = np.int32(pairs[a, 2]), np.int32(pairs[(a + 1) % count, 2])
+        inner = False
+        for b in range(kept):
+            inner |= pairs[b, 0] == u and pairs[b, 1] == v
+            inner |= pairs[b, 0] == v and pairs[b, 1] == u
+        if not inner:
+            length += _write_line(m, u, v, cells.points, lines)
+            beside[m] = -1
+            m += 1
+    return m, length
+
+
+@kernel
+def cell_edges(cells, boundary):
+    """Edges of the cells, in the plane, and by which share of its length the outline of the worst differs.
+
+    Neighbours share the edge between the two vertices farthest apart that both have: exact unless their
+    interface is bent. The boundary of a cell is made of its corners in their order about its centroid.
+    """
+    n, most = len(boundary), 1
+    for i in range(n):
+        most = max(most, cells.indptr[i + 1] - cells.indptr[i], cells.offsets[i + 1] - cells.offsets[i])
+    room = len(cells.indices) + len(cells.vertices)
+    offsets, beside, lines = np.zeros(n + 1, np.int64), np.empty(room, np.int32), np.empty((room, 5))
+    pairs, ring = np.empty((most, 3), np.int64), np.empty(most)
+    m, off, whole = 0, 0.0, 0.0
+    for i in range(n):
+        length, kept = 0.0, 0
+        for h in range(cells.indptr[i], cells.indptr[i + 1]):
+            j = cells.indices[h]
+            u, v = _shared_ends(i, j, cells)
+            if u >= 0:
+                length += _write_line(m, u, v, cells.points, lines)
+                pairs[kept, 0], pairs[kept, 1], beside[m] = u, v, j
+                kept += 1
+                m += 1
+        if boundary[i] > 0.0:
+            m, outer = _outer_edges(i, m, ring, cells, pairs, lines, beside, kept)
+            length += outer
+        off += abs(length - cells.surfaces[i])
+        whole += cells.surfaces[i]
+        offsets[i + 1] = m
+    return Edges(offsets, beside[:m].copy(), lines[:m].copy()), off / whole if whole > 0.0 else 1.0

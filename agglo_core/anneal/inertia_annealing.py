@@ -1,0 +1,161 @@
+"""Annealing for solvers: cells move at random, ever more rarely where inertia and interface grow.
+
+A move changes two parts only, and of these their weight, centre and interface, so it takes some 30 ns.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core.anneal.draws import drawn_loss, drawn_move, most_draws, share_seed
+from agglo_core.anneal.state import COUNT, DIAMETER, MEASURE, Parts, Work, exchange, may_leave
+from agglo_core.anneal.widths import joined_width, left_width, widest
+from agglo_core.compiled.compiling import ONE, helper, kernel
+
+__all__ = ["CENTRE", "SIZE", "Pursuit", "anneal_inertia", "solver_state"]
+
+SIZE, CENTRE, _COLUMNS = 1, 4, 7
+"""Columns of size and centre of a part; the weight is in that of the measure."""
+
+
+class Pursuit(NamedTuple):
+    """What counts.
+
+    Weights and sizes of the cells ``(n,)``; what inertia and interface are multiplied by; the largest width
+    of a part; its smallest and largest size, and the unit of what is too much or too little.
+    """
+
+    weights: Any
+    sizes: Any
+    inertia: Any
+    interface: Any
+    limit: Any
+    least: Any
+    most: Any
+    unit: Any
+
+
+@helper
+def _square(i, p, cells, parts):
+    """Square of the distance of cell i from the centre of part p."""
+    x = cells.centroids[i, 0] - parts.tally[p, CENTRE]
+    y = cells.centroids[i, 1] - parts.tally[p, CENTRE + 1]
+    z = cells.centroids[i, 2] - parts.tally[p, CENTRE + 2] if cells.centroids.shape[1] > 2 else 0.0
+    return x * x + y * y + z * z
+
+
+@helper
+def _off(size, pursuit):
+    """Square of what a size is beyond its bounds."""
+    off = max(max(size - pursuit.most, pursuit.least - size), 0.0) / pursuit.unit
+    return off * off
+
+
+@helper
+def _change(i, p, q, cells, parts, pursuit, penalty):
+    """What is pursued grows by so much when cell i goes from part p to part q."""
+    w, cut, i = pursuit.weights[i], 0.0, np.uint64(i)
+    left, joined = parts.tally[p, MEASURE] - w, parts.tally[q, MEASURE] + w
+    lost = _square(i, p, cells, parts) * parts.tally[p, MEASURE] / left if left > 0.0 else 0.0
+    won = _square(i, q, cells, parts) * parts.tally[q, MEASURE] / joined if joined > 0.0 else 0.0
+    for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+        label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
+        cut += length if label == p else 0.0
+        cut -= length if label == q else 0.0
+    change = pursuit.inertia * w * (won - lost) + pursuit.interface * cut
+    if penalty > 0.0:
+        one, other, size = parts.tally[p, SIZE], parts.tally[q, SIZE], pursuit.sizes[i]
+        off = (
+            _off(one - size, pursuit)
+            - _off(one, pursuit)
+            + _off(other + size, pursuit)
+            - _off(other, pursuit)
+        )
+        change += penalty * off
+    return change
+
+
+@helper
+def _take(i, p, sign, cells, parts, weights, sizes):
+    """Sums of part p once it has won (sign 1) or lost (−1) cell i."""
+    w = sign * weights[i]
+    mass = parts.tally[p, MEASURE] + w
+    step = w / mass if mass > 0.0 else 0.0
+    for a in range(cells.centroids.shape[1]):
+        parts.tally[p, CENTRE + a] += (cells.centroids[i, a] - parts.tally[p, CENTRE + a]) * step
+    parts.tally[p, MEASURE] = mass
+    parts.tally[p, SIZE] += sign * sizes[i]
+    parts.tally[p, COUNT] += sign
+
+
+@helper
+def _moved(i, p, q, cells, parts, work, pursuit, stamp):
+    """Move cell i from part p to q if p stays connected and q no wider than the limit; whether it did."""
+    limited = pursuit.limit < np.inf
+    joined = (0.0, np.int32(-1), np.int32(-1))
+    if limited:
+        joined = joined_width(i, q, cells, parts)
+        if joined[0] > pursuit.limit and joined[0] > parts.tally[q, DIAMETER]:
+            return False
+    if not may_leave(i, p, q, cells, parts, work, stamp):
+        return False
+    if limited:
+        left = left_width(p, cells, parts, work, stamp)
+        exchange(i, p, q, parts)
+        for part, width in ((p, left), (q, joined)):
+            parts.tally[part, DIAMETER], parts.ends[part, 0], parts.ends[part, 1] = width
+    _take(i, p, -1.0, cells, parts, pursuit.weights, pursuit.sizes)
+    _take(i, q, 1.0, cells, parts, pursuit.weights, pursuit.sizes)
+    return True
+
+
+@kernel(allocates=False)
+def anneal_inertia(cells, parts, work, shares, start, stop, pursuit, rounds, seed, stamp):
+    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
+
+    It may if what is pursued does not grow by more than Metropolis' rule allows. No part is emptied or
+    disconnected; none becomes wider than the limit, or than it was. Penalties are for sizes beyond their
+    bounds. The rest is as in ``anneal``.
+    """
+    moved, most = 0, most_draws(rounds)
+    for s in range(start, stop):
+        state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
+        mark = stamp + most * shares.starts[s]
+        for r in range(rounds.shape[1]):
+            for _ in range(np.int64(rounds[2, r] * count)):
+                mark += 1
+                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                if p == q:
+                    continue
+                state, loss = drawn_loss(state, rounds[0, r])
+                if _change(i, p, q, cells, parts, pursuit, rounds[1, r]) <= -loss:
+                    moved += _moved(i, p, q, cells, parts, work, pursuit, mark)
+    return moved
+
+
+@kernel
+def solver_state(cells, weights, sizes, labels, count, limited):
+    """Parts ``0..count−1`` of the cells: sums and, if widths are ``limited``, widths and lists."""
+    n, m = len(labels), (len(labels) if limited else 0)
+    own, tally, ends = np.empty(n, np.int32), np.zeros((count, _COLUMNS)), np.full((count, 2), -1, np.int32)
+    first, after, before = np.full(count, -1, np.int32), np.empty(m, np.int32), np.full(m, -1, np.int32)
+    parts = Parts(own, tally, ends, first, after, before)
+    for i in range(n - 1, -1, -1):
+        p = labels[i]
+        own[i] = p
+        _take(i, p, 1.0, cells, parts, weights, sizes)
+        if limited:
+            after[i] = first[p]
+            if first[p] >= 0:
+                before[first[p]] = i
+            first[p] = i
+    marks, seen = np.full((n, 2), -1, np.int64), np.full(len(cells.points), -1, np.int64)
+    found = np.empty(len(cells.points) + 1, np.int32)
+    room = Work(np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), marks, seen, found)
+    for p in range(count if limited else 0):
+        tally[p, DIAMETER], ends[p, 0], ends[p, 1] = widest(p, cells, parts, room, -2 - p)
+    return parts, room

@@ -1,0 +1,109 @@
+"""Annealing: cells move at random between neighbouring parts, ever more rarely where that makes parts worse.
+
+The score of a part is evenness · min(d/h, 1) + roundness · ratio − penalty · max(d/h − 1, 0): d is its
+diameter, exact, h the size, and the ratio takes the place of that of an inscribed circle or ball,
+2r/d, with r proportional to measure over surface.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.anneal.draws import drawn_loss, drawn_move, most_draws, share_seed
+from agglo_core.anneal.state import (
+    COUNT,
+    DIAMETER,
+    MEASURE,
+    SURFACE,
+    exchange,
+    may_leave,
+)
+from agglo_core.anneal.widths import joined_width, left_width
+from agglo_core.compiled.compiling import ONE, helper, kernel
+
+__all__ = ["anneal"]
+
+
+@helper
+def _score(width, measure, surface, how, penalty):
+    """Score of a part; ``how``: size, evenness, roundness, ratio of a part of unit sums."""
+    size, even, round_, unit = how
+    room, excess = surface * width, width / size - 1.0
+    ratio = min(unit * measure / room, 1.0) if room > 0.0 else 0.0
+    return even * min(width / size, 1.0) + round_ * ratio - (penalty * excess if excess > 0.0 else 0.0)
+
+
+@helper
+def _of_part(p, parts, how, penalty):
+    return _score(parts.tally[p, DIAMETER], parts.tally[p, MEASURE], parts.tally[p, SURFACE], how, penalty)
+
+
+@helper
+def _shared(i, p, q, cells, parts):
+    """Measure of the faces of cell i with parts p and q."""
+    own, there, i = 0.0, 0.0, np.uint64(i)
+    for h in range(np.uint64(cells.indptr[i]), np.uint64(cells.indptr[i + ONE])):
+        label, length = parts.labels[np.uint32(cells.indices[h])], cells.interface[h]
+        own += length if label == p else 0.0
+        there += length if label == q else 0.0
+    return own, there
+
+
+@helper
+def _put(i, p, q, widths, surfaces, cells, parts):
+    """Cell i goes from part p to part q, which have these widths and surfaces then."""
+    exchange(i, p, q, parts)
+    for part, sign, width, surface in ((p, -1.0, widths[0], surfaces[0]), (q, 1.0, widths[1], surfaces[1])):
+        parts.tally[part, MEASURE] += sign * cells.measures[i]
+        parts.tally[part, COUNT] += sign
+        parts.tally[part, DIAMETER], parts.tally[part, SURFACE] = width[0], surface
+        parts.ends[part, 0], parts.ends[part, 1] = width[1], width[2]
+
+
+@helper
+def _tried(i, p, q, least, how, penalty, cells, parts, work, stamp):
+    """Move cell i from part p to part q unless their scores fall below ``least`` in sum; whether it moved."""
+    joined = joined_width(i, q, cells, parts)
+    excess = joined[0] / how[0] - 1.0
+    if excess > 0.0 and 2.0 * (how[1] + how[2]) - penalty * excess < least:
+        return False
+    if not may_leave(i, p, q, cells, parts, work, stamp):
+        return False
+    own, there = _shared(i, p, q, cells, parts)
+    left = left_width(p, cells, parts, work, stamp)
+    measure, surface = cells.measures[i], cells.surfaces[i]
+    surfaces = parts.tally[p, SURFACE] - surface + 2.0 * own, parts.tally[q, SURFACE] + surface - 2.0 * there
+    after = _score(left[0], parts.tally[p, MEASURE] - measure, surfaces[0], how, penalty)
+    after += _score(joined[0], parts.tally[q, MEASURE] + measure, surfaces[1], how, penalty)
+    if not after >= least:
+        parts.labels[i] = p
+        return False
+    _put(i, p, q, (left, joined), surfaces, cells, parts)
+    return True
+
+
+@kernel(allocates=False)
+def anneal(cells, parts, work, shares, start, stop, how, rounds, seed, stamp):
+    """Draw cells of the shares ``start`` to ``stop`` − 1; each goes to a random neighbour's part, if it may.
+
+    ``rounds`` are temperatures, penalties, and draws for each cell ``(3, R)``. No part is emptied or
+    disconnected. Returns how many cells moved. ``stamp`` and what follows mark searches, so that the room of
+    ``part_state`` serves once: for each cell as many as draws in all rounds, and one more a round.
+    """
+    moved, most = 0, most_draws(rounds)
+    for s in range(start, stop):
+        state, count = share_seed(seed, s), shares.starts[s + 1] - shares.starts[s]
+        mark = stamp + most * shares.starts[s]
+        for r in range(rounds.shape[1]):
+            heat, penalty = rounds[0, r], rounds[1, r]
+            for _ in range(np.int64(rounds[2, r] * count)):
+                mark += 1
+                state, i, p, q = drawn_move(state, s, shares, cells, parts)
+                if p == q:
+                    continue
+                state, loss = drawn_loss(state, heat)
+                least = _of_part(p, parts, how, penalty) + _of_part(q, parts, how, penalty) + loss
+                moved += _tried(i, p, q, least, how, penalty, cells, parts, work, mark)
+    return moved

@@ -1,0 +1,141 @@
+"""How hard k-way parts are searched for, and what they are to be: for solvers, or round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from agglo_core.anneal.round_parts import round_parts
+from agglo_core.anneal.solver_parts import solver_parts
+from agglo_core.anneal.start_parts import Rival, Start, bisected_parts
+from agglo_core.arrays import Int, frozen_int, splitmix
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.progress import TimeLimit, checked_seconds
+from agglo_core.protocols import Target
+from agglo_core.refine.part_sizes import FREE, Balance, checked_size, checked_tolerance
+
+__all__ = ["PartSearch"]
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class PartSearch:
+    """A search for the parts of connected graphs.
+
+    Attributes
+    ----------
+    effort : {"fast", "good", "best"}
+    objective : {"solver", "roundness"}
+        Small moments of inertia and short interfaces, which solvers want; or round parts of even width.
+    seconds : float, optional
+        When the search for the parts of a connected graph ends, by a clock on the wall.
+    balance : Balance
+        How even sizes of parts are to be; for solvers, and numbers of parts.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import PartSearch
+    >>> PartSearch.checked("mine", "fast", "roundness").objective
+    'roundness'
+    >>> PartSearch.checked("mine", "quick", "roundness")
+    Traceback (most recent call last):
+        ...
+    agglo_core.errors.OptionError: mine: effort must be fast, good or best, given 'quick'
+    """
+
+    effort: Literal["fast", "good", "best"]
+    objective: Literal["solver", "roundness"] = "solver"
+    seconds: float | None = None
+    balance: Balance = FREE
+
+    @classmethod
+    def checked(
+        cls,
+        owner: str,
+        effort: object,
+        objective: object,
+        seconds: object = None,
+        balance: Any = None,
+        size: str | None = None,
+    ) -> PartSearch | None:
+        """The search that the options of a component ask for; None without an effort.
+
+        Raises
+        ------
+        OptionError
+            If an option is not one of those there are.
+        """
+        if effort not in (None, "fast", "good", "best"):
+            raise OptionError(f"{owner}: effort must be fast, good or best, given {effort!r}")
+        if objective not in ("solver", "roundness"):
+            raise OptionError(f"{owner}: objective must be solver or roundness, given {objective!r}")
+        limit = checked_seconds(owner, seconds)
+        even, kind = FREE, checked_size(owner, size)
+        if balance is not None:
+            even = Balance(checked_tolerance(owner, balance, "balance"), kind)
+        if effort is None and (limit is not None or objective == "roundness" or even.asked):
+            raise OptionError(f"{owner}: objective, seconds and balance are for an effort, and none is given")
+        if even.asked and objective == "roundness":
+            raise OptionError(f"{owner}: balance goes with the objective solver, not with roundness")
+        return None if effort is None else cls(effort, objective, limit, even)
+
+    def parts(
+        self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival = bisected_parts
+    ) -> Int:
+        """Labels ``(n,)`` of a connected graph of one block: connected parts that meet the target.
+
+        With a size no part but single cells is wider, and the number of parts is free; with a count there
+        are so many. What the ``rival`` finds is returned where nothing better is found. For solvers, also the
+        parts to start from compete, as far as they meet the target.
+
+        Parameters
+        ----------
+        graph : Graph
+        target : Target
+            Where it has a size its count is at most a guess.
+        seed : int
+        start : callable
+            ``start(graph, k)``: labels of about k parts, connected or not.
+        rival : callable
+            ``rival(graph, target)``: labels of connected parts that meet the target. Inertial bisections by
+            default.
+        """
+        limit = TimeLimit(self.seconds)
+        if target.h_star is not None and self.balance.asked:
+            raise OptionError("balance is for a number of parts, and a size is asked for")
+        if target.h_star is not None:
+            return self._by_component(graph, target, seed, start, rival, limit)
+        if (target.parts or 1) >= graph.n or (target.parts or 1) < 2:
+            return frozen_int(np.arange(graph.n) if (target.parts or 1) > 1 else np.zeros(graph.n))
+        return self._found(graph, target, seed, start, rival, limit)
+
+    def _found(
+        self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival, limit: TimeLimit
+    ) -> Int:
+        given = graph, target, seed, self.effort, start, rival, limit
+        return round_parts(*given) if self.objective == "roundness" else solver_parts(*given, self.balance)
+
+    def _by_component(
+        self, graph: Graph, target: Target, seed: int, start: Start, rival: Rival, limit: TimeLimit
+    ) -> Int:
+        """Labels of parts of a size; wider cells stay alone, and what they part falls apart."""
+        size = float(target.h_star or 0.0) * (1 + _ROUNDING)
+        wide = graph.part_diameters(np.arange(graph.n)) > size
+        rows = np.repeat(wide, np.diff(graph.indptr))
+        pieces, cells = graph.split(graph.without_edges(rows | wide[graph.indices]).components())
+        fits = pieces.diameters() <= size
+        seeds = splitmix(np.uint64(seed) + np.arange(pieces.n_blocks, dtype=np.uint64))
+        labels, count = np.empty(graph.n, np.int64), 0
+        for b in range(pieces.n_blocks):
+            own = slice(int(pieces.offsets[b]), int(pieces.offsets[b + 1]))
+            if fits[b] or pieces.sizes[b] == 1:
+                labels[cells[own]] = count
+            else:
+                found = self._found(pieces[b], target, int(seeds[b]), start, rival, limit)
+                labels[cells[own]] = count + found
+            count = int(labels[cells[own]].max()) + 1
+        return frozen_int(labels)

@@ -1,0 +1,85 @@
+"""Kernels compiled while a wheel is built, so that the first run finds them: those of ``ahead_of_time.txt``.
+
+python -m agglo_core.compiled.ahead_of_time FOLDER
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numba.types
+
+__all__ = ["LISTED", "Signature", "compile_listed", "listed", "written"]
+
+LISTED = Path(__file__).with_name("ahead_of_time.txt")
+_MOST_WORKERS = 16
+
+
+class Signature(NamedTuple):
+    """A kernel and the types of the arguments it is compiled for, as numba writes them."""
+
+    module: str
+    name: str
+    arguments: str
+
+    def kernel(self) -> Any:
+        """The kernel itself; importing its module compiles nothing."""
+        return getattr(import_module(self.module), self.name)
+
+    def types(self) -> tuple[Any, ...]:
+        """Numba's types of the arguments."""
+        names = {**vars(numba.types), "bool": numba.types.boolean, "named": _named_tuple}
+        found: tuple[Any, ...] = eval(self.arguments, names)  # from a file of ours
+        return found
+
+
+def written(arguments: tuple[Any, ...]) -> str:
+    """Numba's types of the arguments, as :meth:`Signature.types` reads them."""
+    texts = []
+    for each in arguments:
+        if isinstance(each, numba.types.NamedTuple | numba.types.NamedUniTuple):
+            home = each.instance_class
+            texts.append(f"named({written(each.types)}, '{home.__module__}:{home.__qualname__}')")
+        else:
+            texts.append(repr(each))
+    return f"({', '.join(texts)},)"
+
+
+def _named_tuple(types: tuple[Any, ...], home: str) -> Any:
+    module, name = home.split(":")
+    made: Any = numba.types.BaseTuple.from_types  # no annotations in numba
+    return made(types, getattr(import_module(module), name))
+
+
+def listed() -> list[Signature]:
+    """What is compiled ahead of time, the dearest first."""
+    lines = LISTED.read_text(encoding="utf-8").splitlines()
+    return [Signature(*line.split(" ", 2)) for line in lines if not line.startswith("#")]
+
+
+def compile_listed(folder: Path, signatures: Iterable[Signature]) -> list[str]:
+    """Compile in as many processes as there are processors; returns a line for each kernel that failed.
+
+    Set NUMBA_CACHE_DIR to an empty folder, as kernels that others call are kept there.
+    """
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    with ProcessPoolExecutor(min(processors, _MOST_WORKERS)) as pool:
+        waiting = {pool.submit(_compile, each, folder): each for each in signatures}
+        ended = [(waiting[each], each.exception()) for each in as_completed(waiting)]
+    return [f"{one.module}.{one.name}: {error}" for one, error in ended if error is not None]
+
+
+def _compile(signature: Signature, folder: Path) -> None:
+    kernel = signature.kernel()
+    kernel._cache.write_to(folder)
+    kernel.compile(signature.types())
+
+
+if __name__ == "__main__":
+    sys.exit("\n".join(compile_listed(Path(sys.argv[1]), listed())) or None)

@@ -1,0 +1,230 @@
+"""Diameters."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import ONE, helper, kernel
+
+__all__ = [
+    "MANY",
+    "block_diameters",
+    "box",
+    "compare_diameters",
+    "distinct_vertices",
+    "largest_distance",
+    "octagon",
+    "sort_along_x",
+    "widest_of_many",
+]
+
+_FEW = 12  # vertices up to which every pair of them is compared
+MANY = 64
+"""Vertices from which on pairs are searched for."""
+
+
+@helper
+def distinct_vertices(b, cells, vertex_offsets, vertices, points, stamp, unique, centre):
+    """Write the vertices of ``cells``, each once, to ``unique``; returns how many.
+
+    The ``centre`` of their box is written, too, unless they are few.
+    """
+    m = 0
+    for i in range(len(cells)):
+        for h in range(np.uint64(vertex_offsets[cells[i]]), np.uint64(vertex_offsets[cells[i] + 1])):
+            v = np.uint32(vertices[h])
+            if stamp[v] != b:
+                stamp[v], unique[m] = b, v
+                m += 1
+    for k in range(len(centre) if m > _FEW else 0):
+        low, high = np.inf, -np.inf
+        for i in range(m):
+            x = points[unique[i], k]
+            low, high = min(low, x), max(high, x)
+        centre[k] = 0.5 * (low + high)
+    return m
+
+
+@helper
+def _farthest(m, unique, x, points):
+    """The farthest of the vertices ``unique[:m]`` from ``x``, and the square of its distance."""
+    best, q = -1.0, unique[0]
+    for i in range(m):
+        s = 0.0
+        for k in range(len(x)):
+            s += (points[unique[i], k] - x[k]) ** 2
+        if s > best:
+            best, q = s, unique[i]
+    return best, q
+
+
+@helper
+def sort_along_x(m, unique, points):
+    """Sort the vertices ``unique[:m]`` by their first coordinate, equal ones by number (Shell's sort)."""
+    gap = m // 2
+    while gap > 0:
+        for i in range(gap, m):
+            v, j = unique[i], i
+            x = points[v, 0]
+            while j >= gap:
+                other = unique[j - gap]
+                place = points[other, 0]
+                if place < x or (place == x and other <= v):
+                    break
+                unique[j] = other
+                j -= gap
+            unique[j] = v
+        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
+
+
+@helper
+def widest_of_many(m, unique, centre, points, reach, widest):
+    """The square of the largest distance between any two of ``unique[:m]``, which is at least ``widest``.
+
+    Let r be the largest distance from the centre c, ``reach`` its square. Of a pair p, q at distance w or
+    more, q lies within √(4r² − w²) of the mirror image 2c − p (parallelogram law): on round shapes hardly
+    any vertex does. The vertices are sorted along x, and q is sought among those near the image in x.
+    """
+    sort_along_x(m, unique, points)
+    last = m - 1
+    for i in range(m):
+        image = 2.0 * centre[0] - points[unique[i], 0]
+        around = np.sqrt(max(4.0 * reach - widest, 0.0) + 1e-12 * reach)
+        while last >= 0 and points[unique[last], 0] > image + around:
+            last -= 1
+        j = min(last, i - 1)
+        while j >= 0 and points[unique[j], 0] >= image - around:
+            s = 0.0
+            for k in range(len(centre)):
+                s += (points[unique[i], k] - points[unique[j], k]) ** 2
+            widest = max(widest, s)
+            j -= 1
+    return widest
+
+
+@helper
+def largest_distance(m, unique, centre, points):
+    """Largest distance between any two of ``unique[:m]``, which get another order.
+
+    A farthest pair must lie outside the ball where distance to the centre is below
+    (lower bound) − (largest distance to the centre); only those few vertices are compared.
+    """
+    far, widest = m, 0.0
+    if m > _FEW:
+        reach, p = _farthest(m, unique, centre, points)
+        for _ in range(3):
+            best, q = _farthest(m, unique, points[p], points)
+            if best <= widest:
+                break
+            widest, p = best, q
+        inner = np.sqrt(widest) - np.sqrt(reach)
+        inner = inner * inner * (1.0 - 1e-12) if inner > 0.0 else 0.0
+        far = 0
+        for i in range(m):
+            s = 0.0
+            for k in range(len(centre)):
+                s += (points[unique[i], k] - centre[k]) ** 2
+            if s >= inner:
+                unique[far], unique[i] = unique[i], unique[far]
+                far += 1
+        if far > MANY:
+            return np.sqrt(widest_of_many(far, unique, centre, points, reach, widest))
+    for i in range(1, far):
+        widest = max(widest, _farthest(i, unique, points[unique[i]], points)[0])
+    return np.sqrt(widest)
+
+
+@helper
+def _cell_diameter(i, vertex_offsets, vertices, points):
+    """Largest distance between any two vertices of one cell that has few."""
+    last, widest = points.shape[1] - 1, 0.0
+    third = last - 1.0  # 0 in the plane; a loop over two or three takes twice the time
+    start, stop = np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])
+    for h in range(start, stop):
+        v = np.uint32(vertices[h])
+        x, y, z = points[v, 0], points[v, 1], points[v, last]
+        for g in range(start, h):
+            u = np.uint32(vertices[g])
+            a, b, c = points[u, 0] - x, points[u, 1] - y, third * (points[u, last] - z)
+            widest = max(widest, a * a + b * b + c * c)
+    return np.sqrt(widest)
+
+
+@kernel
+def block_diameters(block_offsets, cells, vertex_offsets, vertices, points):
+    """Exact largest vertex distance of each block; block b owns ``cells[offsets[b]:offsets[b + 1]]``."""
+    result = np.zeros(len(block_offsets) - 1)
+    stamp = np.full(len(points), -1, np.int64)
+    unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
+    for b in range(len(result)):
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        if len(own) == 1 and vertex_offsets[own[0] + 1] - vertex_offsets[own[0]] <= _FEW:
+            result[b] = _cell_diameter(np.uint64(own[0]), vertex_offsets, vertices, points)
+            continue
+        m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+        result[b] = largest_distance(m, unique, centre, points)
+    return result
+
+
+@helper
+def octagon(cells, vertex_offsets, vertices, points, enough, centre):
+    """Two bounds of the largest vertex distance in the plane, from extents along axes and diagonals.
+
+    Some of the four directions is within 22.5 degrees of that of the farthest pair. Both are infinite
+    as soon as the lower one is known to exceed ``enough``. Otherwise the ``centre`` of the box is written.
+    """
+    x0, y0, u0, v0 = np.inf, np.inf, np.inf, np.inf
+    x1, y1, u1, v1 = -np.inf, -np.inf, -np.inf, -np.inf
+    for k in range(len(cells)):
+        i = np.uint64(cells[k])
+        for h in range(np.uint64(vertex_offsets[i]), np.uint64(vertex_offsets[i + ONE])):
+            v = np.uint32(vertices[h])
+            x, y = points[v, 0], points[v, 1]
+            x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+            u0, u1, v0, v1 = min(u0, x + y), max(u1, x + y), min(v0, x - y), max(v1, x - y)
+        if max(x1 - x0, y1 - y0) > enough:
+            return np.inf, np.inf
+    centre[0], centre[1] = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+    lower = max(max(x1 - x0, y1 - y0), np.sqrt(0.5) * max(u1 - u0, v1 - v0))
+    return lower, lower / np.cos(np.pi / 8.0)
+
+
+@helper
+def box(cells, vertex_offsets, vertices, points, low, high):
+    """Two bounds of the largest vertex distance: the longest side and the diagonal of the bounding box."""
+    lower, upper = 0.0, 0.0
+    for k in range(len(low)):
+        low[k], high[k] = np.inf, -np.inf
+        for i in range(len(cells)):
+            for h in range(vertex_offsets[cells[i]], vertex_offsets[cells[i] + 1]):
+                low[k], high[k] = min(low[k], points[vertices[h], k]), max(high[k], points[vertices[h], k])
+        lower = max(lower, high[k] - low[k])
+        upper += (high[k] - low[k]) ** 2
+    return lower, np.sqrt(upper)
+
+
+@kernel
+def compare_diameters(block_offsets, cells, vertex_offsets, vertices, points, limits):
+    """Like ``block_diameters``, but only on the right side of each of ``limits`` (ascending).
+
+    Exact where a limit is near, a lower bound elsewhere, or infinite beyond the last one: many times
+    faster, as most blocks of a recursion are far larger than its targets.
+    """
+    result = np.zeros(len(block_offsets) - 1)
+    stamp = np.full(len(points), -1, np.int64)
+    unique, centre = np.empty(len(points), np.int64), np.empty(points.shape[1])
+    low, high = np.empty(points.shape[1]), np.empty(points.shape[1])
+    enough = limits[-1] * (1.0 + 1e-12)
+    for b in range(len(result)):
+        own = cells[block_offsets[b] : block_offsets[b + 1]]
+        if points.shape[1] == 2:
+            lower, upper = octagon(own, vertex_offsets, vertices, points, enough, centre)
+        else:
+            lower, upper = box(own, vertex_offsets, vertices, points, low, high)
+        result[b] = lower
+        for k in range(len(limits)):
+            if lower <= limits[k] * (1.0 + 1e-12) and upper >= limits[k] * (1.0 - 1e-12):
+                m = distinct_vertices(b, own, vertex_offsets, vertices, points, stamp, unique, centre)
+                result[b] = largest_distance(m, unique, centre, points)
+                break
+    return result

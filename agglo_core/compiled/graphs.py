@@ -1,0 +1,248 @@
+"""Dual graphs: from faces, renumbered, and split into connected components."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import ONE, helper, kernel
+
+__all__ = [
+    "broken_blocks",
+    "child_order",
+    "components",
+    "dual_graph",
+    "flood",
+    "join_before",
+    "listed_blocks",
+    "numbered_as_met",
+    "permute_graph",
+    "take_rows",
+]
+
+
+@kernel
+def dual_graph(offsets, faces, face_cells, face_measures):
+    """CSR of the cells that share faces, parallel faces summed, and each cell's exposed measure."""
+    n = len(offsets) - 1
+    indptr = np.zeros(n + 1, np.int64)
+    indices = np.empty(len(faces), np.int32)
+    interface = np.empty(len(faces))
+    boundary = np.zeros(n)
+    slot = np.full(n, -1, np.int64)  # where in this row a neighbour stands already
+    m = 0
+    for c in range(n):
+        row = m
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            j = face_cells[f, 0] if face_cells[f, 1] == c else face_cells[f, 1]
+            if j < 0:
+                boundary[c] += face_measures[f]
+            elif slot[j] >= row:
+                interface[slot[j]] += face_measures[f]
+            else:
+                slot[j] = m
+                indices[m] = j
+                interface[m] = face_measures[f]
+                m += 1
+        indptr[c + 1] = m
+    return indptr, indices[:m].copy(), interface[:m].copy(), boundary
+
+
+@kernel
+def permute_graph(indptr, indices, interface, order, offsets, new_indptr, new_indices, new_interface):
+    """Write the CSR of the nodes ``order``, in that order; block b of it is ``offsets[b]:offsets[b + 1]``.
+
+    Edges between blocks, and to nodes left out, are dropped. Returns how many stay, −1 if as many nodes are
+    given as there are, and one twice; else there must be room for all edges of these nodes.
+    """
+    n, missing, m = len(indptr) - 1, 0, np.uint64(0)
+    position = np.full(n, -1, np.int32)
+    for i in range(np.uint64(len(order))):
+        node = np.uint64(np.uint32(order[i]))
+        position[node] = i
+    for k in range(n):
+        missing += position[k] < 0
+    if len(order) == n and missing > 0:
+        return np.int64(-1)
+    whole = len(order) == n and len(offsets) == 2
+    new_indptr[0] = 0
+    for i in range(np.uint64(len(order) if whole else 0)):  # no edge is dropped: rows, then their places
+        node = np.uint64(np.uint32(order[i]))
+        for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
+            new_indices[m], new_interface[m] = indices[h], interface[h]
+            m += ONE
+        new_indptr[i + ONE] = m
+    for h in range(m):
+        new_indices[h] = position[np.uint32(new_indices[h])]
+    for b in range(0 if whole else len(offsets) - 1):
+        start, stop = offsets[b], offsets[b + 1]
+        for i in range(start, stop):
+            node = np.uint64(order[i])
+            for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
+                j = position[np.uint32(indices[h])]
+                new_indices[m] = j
+                new_interface[m] = interface[h]
+                m += np.uint64((start <= j) & (j < stop))  # no branch: it would be mispredicted
+            new_indptr[i + 1] = m
+    return np.int64(m)
+
+
+@kernel
+def take_rows(offsets, values, order):
+    """Rows ``order`` of a CSR without weights: new offsets and values."""
+    new_offsets = np.zeros(len(order) + 1, np.int64)
+    for i in range(len(order)):
+        row = np.uint64(order[i])
+        new_offsets[i + 1] = new_offsets[i] + offsets[row + ONE] - offsets[row]
+    taken = np.empty(new_offsets[len(order)], np.int32)
+    m = np.uint64(0)
+    for i in range(len(order)):
+        row = np.uint64(order[i])
+        for h in range(np.uint64(offsets[row]), np.uint64(offsets[row + ONE])):
+            taken[m] = values[h]
+            m += ONE
+    return new_offsets, taken
+
+
+@kernel
+def listed_blocks(labels, chosen, count):
+    """Cells of the ``chosen`` ones of ``count`` labels, in turn; and where those of each begin."""
+    place, offsets = np.full(count, len(chosen), np.int32), np.zeros(len(chosen) + 1, np.int64)
+    following, total = np.zeros(len(chosen) + 1, np.int64), 0
+    for b in range(len(chosen)):
+        place[chosen[b]] = b
+    for i in range(len(labels)):
+        following[np.uint32(place[np.uint64(labels[i])])] += 1
+    for b in range(len(chosen)):
+        own = following[b]
+        offsets[b], following[b] = total, total
+        total += own
+    offsets[len(chosen)], following[len(chosen)] = total, total
+    cells = np.empty(total + 1, np.int32)  # cells of other labels go to the last place
+    for i in range(len(labels)):
+        block = np.uint32(place[np.uint64(labels[i])])
+        cells[np.uint64(following[block])] = i
+        following[block] += block < len(chosen)
+    return cells[:total], offsets
+
+
+@kernel
+def numbered_as_met(values, count):
+    """Values below ``count`` renumbered as they first occur; and the old ones in that order."""
+    number, order = np.full(count, -1, np.int32), np.empty(count + 1, np.int64)
+    renumbered, met = np.empty(len(values), np.int32), np.uint64(0)
+    for h in range(len(values)):
+        v = np.uint32(values[h])
+        known = number[v]
+        own = np.int32(met) if known < 0 else known
+        order[met] = v  # kept only if it is new; a branch would be mispredicted
+        met += np.uint64(known < 0)
+        number[v], renumbered[h] = own, own
+    return renumbered, order[:met]
+
+
+@kernel
+def child_order(offsets, sides):
+    """Nodes with side 0 before side 1 in each block, order kept; and the offsets of the children."""
+    order = np.empty(len(sides), np.int64)
+    children = np.empty(2 * len(offsets) - 1, np.int64)
+    for b in range(len(offsets) - 1):
+        start, stop = offsets[b], offsets[b + 1]
+        ones = np.int64(0)
+        for i in range(start, stop):
+            ones += sides[i]
+        left, right = start, stop - ones
+        children[2 * b], children[2 * b + 1] = left, right
+        for i in range(start, stop):
+            order[right if sides[i] else left] = i  # no branch: it would be mispredicted half the time
+            left += 1 - sides[i]
+            right += sides[i]
+    children[-1] = offsets[-1]
+    return order, children
+
+
+@helper
+def flood(seed, indptr, indices, waiting, nodes, filled):
+    """List the nodes that ``seed`` reaches through nodes of its label; returns how many are listed then.
+
+    ``waiting`` holds labels, −1 once a node is listed. The first ``filled`` of ``nodes (n + 1,)`` are in use.
+    """
+    own, done, last = waiting[seed], np.uint64(filled), np.uint64(filled)
+    waiting[seed], nodes[last] = -1, seed
+    last += ONE
+    while done < last:
+        i = np.uint64(np.uint32(nodes[done]))
+        done += ONE
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+            j = np.uint32(indices[h])
+            found = waiting[j] == own
+            nodes[last] = j  # kept only if found; a branch would be mispredicted half the time
+            waiting[j] = -1 if found else waiting[j]
+            last += np.uint64(found)
+    return np.int64(last)
+
+
+@kernel
+def components(indptr, indices, labels):
+    """Connected components of equal labels (none negative), in the order of their first nodes.
+
+    Returns the nodes component by component, and where each component starts.
+    """
+    n = len(indptr) - 1
+    waiting = labels.copy()
+    nodes = np.empty(n + 1, np.int32)
+    offsets = np.empty(n + 1, np.int64)
+    offsets[0] = 0
+    count, filled = 0, 0
+    for seed in range(n):
+        if waiting[seed] >= 0:
+            filled = flood(seed, indptr, indices, waiting, nodes, filled)
+            count += 1
+            offsets[count] = filled
+    return nodes[:n], offsets[: count + 1].copy()
+
+
+@kernel
+def broken_blocks(offsets, indptr, indices, labels):
+    """Which blocks have a part that is not connected."""
+    n, highest = len(labels), -1
+    waiting, nodes = np.empty(n, np.int32), np.empty(n + 1, np.int32)
+    for i in range(n):  # labels.max() compiles for half a second
+        waiting[i] = labels[i]
+        highest = max(highest, labels[i])
+    seen = np.full(highest + 1, -1, np.int64)
+    broken = np.empty(len(offsets) - 1, np.bool_)
+    for b in range(len(broken)):
+        broken[b] = False
+        for seed in range(offsets[b], offsets[b + 1]):
+            own = waiting[seed]
+            if own >= 0:
+                broken[b] |= seen[own] == b  # a second component of its part
+                seen[own] = b
+                flood(seed, indptr, indices, waiting, nodes, 0)
+    return broken
+
+
+@helper
+def join_before(i, first, indptr, indices, labels, parent):
+    """Join node i with those of its label from ``first`` to i − 1 beside it, by union-find.
+
+    Returns how many components became one with it, and whether one beside it comes before the first.
+    """
+    own, root, joined, beyond = labels[i], np.int32(i), 0, False
+    parent[i] = root
+    for h in range(indptr[i], indptr[i + 1]):
+        j = indices[h]
+        before = (j < i) & (labels[j] == own)
+        beyond |= before & (j < first)
+        other = parent[j] if before & (j >= first) else root  # a branch would be mispredicted half the time
+        if other == root:
+            continue
+        while parent[other] != other:
+            other = parent[other]
+        if other != root:
+            root, child = min(root, other), max(root, other)
+            parent[child] = root
+            joined += 1
+    parent[i] = root
+    return joined, beyond

@@ -1,0 +1,201 @@
+"""Where the machine code of kernels is kept: in numba's folders, and beside this file if it was installed.
+
+No other file knows ``numba.core.caching`` from within.
+"""
+
+from __future__ import annotations
+
+import glob
+import inspect
+import logging
+import re
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+
+from agglo_core.lazy_names import names_in_stub
+
+__all__ = ["INSTALLED", "KernelCache", "source_stamp", "sources"]
+
+INSTALLED = Path(__file__).with_name("machine_code")
+"""Folder of the kernels that were compiled when the wheel was built; absent in a checkout."""
+
+_log = logging.getLogger("agglo")
+_HERE = Path(__file__).parent
+_CORE = Path(__file__).parents[1]
+_IMPORT = re.compile(r"^from ([\w.]+) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
+
+
+class _Nowhere:
+    """The last resort of numba's cache where no folder is writable: what is installed is still found."""
+
+    def __init__(self, function: Any) -> None:
+        self._line = str(function.__code__.co_firstlineno)
+
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> _Nowhere | None:
+        return cls(function) if Path(file).is_file() else None
+
+    def get_cache_path(self) -> str:
+        return str(_HERE)
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return self._line
+
+
+class _Files(CompileResultCacheImpl):
+    _locator_classes: list[type[object]] = [*CompileResultCacheImpl._locator_classes, _Nowhere]  # noqa: RUF012
+
+
+class _CacheFile(IndexDataCacheFile):
+    """Index of the machine code of one kernel, in files that are named by signature and sources.
+
+    Numba numbers these files. Of two processes that compile different signatures at once both may take the
+    same number, and the index of one then leads to the machine code of the other: a kernel for float64
+    was called with integers. A name that depends on the content alone cannot be taken twice.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Write the machine code of a signature, then the index, which is complete at every moment."""
+        if Path(self._index_path).is_file() and not self._load_index():  # type: ignore[no-untyped-call]
+            self._remove_stale()
+        digest = sha256(f"{self._version} {self._source_stamp} {key}".encode()).hexdigest()[:20]
+        name = f"{Path(self._index_name).stem}.{digest}.nbc"
+        self._save_data(name, data)  # type: ignore[no-untyped-call]
+        self._save_index({**self._load_index(), key: name})  # type: ignore[no-untyped-call]
+
+    def _remove_stale(self) -> None:
+        """Remove machine code of other sources, to which no index leads."""
+        for file in Path(self._cache_path).glob(f"{glob.escape(Path(self._index_name).stem)}.*.nbc"):
+            file.unlink(missing_ok=True)
+
+
+class KernelCache(FunctionCache):
+    """Numba's cache of one kernel, stamped by all sources it is compiled from; installed files come first.
+
+    An entry is used for the same sources, versions of numba, numpy and Python, and processor only. Numba
+    by itself looks at the file of the kernel alone, and keeps machine code although a function in another
+    file that is compiled into it has changed.
+    """
+
+    _impl_class = _Files
+
+    def __init__(self, function: Any, installed: Path = INSTALLED) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        file = Path(inspect.getfile(function))
+        self._stamp = source_stamp(file) if file.is_file() else self._impl.locator.get_source_stamp()
+        self._cache_file = self._index_in(Path(self._cache_path))
+        self._installed = self._index_in(installed)
+
+    @property
+    def cache_path(self) -> str | None:
+        """Folder of what was compiled on this machine, none where no folder is writable."""
+        return None if isinstance(self._impl.locator, _Nowhere) else self._cache_path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Machine code for a signature, or None."""
+        target_context.refresh()
+        key = self._index_key(sig, target_context.codegen())  # type: ignore[no-untyped-call]
+        data = self._installed.load(key)
+        if data is None:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        return self._impl.rebuild(target_context, data)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled, if there is where."""
+        if self.cache_path is None:
+            _warn_unwritable()
+        else:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+    def write_to(self, folder: Path) -> None:
+        """Keep what is compiled from now on in a folder that is to become :data:`INSTALLED`."""
+        self._cache_file = self._installed = self._index_in(folder)
+
+    def _index_in(self, folder: Path) -> Any:
+        package = self._py_func.__module__.rpartition(".")[0]
+        name = f"{package}.{self._impl.filename_base}"
+        return _CacheFile(str(folder), name, self._stamp)  # type: ignore[no-untyped-call]
+
+
+@cache  # once per process
+def _warn_unwritable() -> None:
+    _log.warning(
+        "no folder for compiled kernels is writable: they are compiled again in each run; "
+        "set NUMBA_CACHE_DIR to a folder that is"
+    )
+
+
+@cache  # sources do not change while a process runs
+def source_stamp(file: Path) -> str:
+    """Hash of :func:`sources` and of the version of numpy, whose routines are compiled into kernels too."""
+    digest = sha256(np.__version__.encode())
+    for source in sorted(sources(file), key=_place_in_package):
+        digest.update(_place_in_package(source).encode())
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def sources(file: Path) -> set[Path]:
+    """Find the files from which the kernels in ``file`` are compiled.
+
+    These are the file itself and what it imports at the top level, directly or not, from the core or from
+    its own package. Files that hold no kernels may be among them: too many do no harm.
+    """
+    found: set[Path] = set()
+    ahead = {file} if file.is_file() else set()
+    while ahead:
+        source = ahead.pop()
+        found.add(source)
+        ahead |= _imported(source) - found
+    return found
+
+
+def _package_of(source: Path) -> Path:
+    """Folder of the outermost package that holds a file."""
+    folder = source.parent
+    while (folder.parent / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
+def _place_in_package(source: Path) -> str:
+    """Path of a file from its outermost package on: the same wherever it is installed."""
+    return source.relative_to(_package_of(source).parent).as_posix()
+
+
+@cache
+def _imported(source: Path) -> frozenset[Path]:
+    """Files of the core and of the package of ``source`` that its import statements name."""
+    top = _package_of(source)
+    beside = top.parent if (top / "__init__.py").is_file() else top  # modules that belong to no package
+    files: set[Path] = set()
+    for module, names in _import_statements(source):
+        folder = _CORE.parent if module.partition(".")[0] == _CORE.name else beside
+        files = files.union(*(_files_of(folder.joinpath(*module.split(".")), name) for name in names))
+    return frozenset(files)
+
+
+def _files_of(path: Path, name: str) -> set[Path]:
+    """Files for ``from module import name``: a submodule, or the module and where it has the name from."""
+    if (path / f"{name}.py").is_file():
+        return {path / f"{name}.py"}
+    if path == _CORE / "authoring":  # which imports what plugins need when it is used
+        module, name = names_in_stub(path.with_suffix(".pyi")).get(name, (_CORE.name, name))
+        return _files_of(_CORE.parent.joinpath(*module.split(".")), name)
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return {candidate for candidate in candidates if candidate.is_file()}
+
+
+@cache
+def _import_statements(source: Path) -> list[tuple[str, list[str]]]:
+    """Modules and names of the statements ``from module import names`` at the top level."""
+    statements = _IMPORT.findall(source.read_text(encoding="utf-8"))
+    return [(module, re.findall(r"(\w+)(?: as \w+)?", names)) for module, names in statements]

@@ -1,0 +1,75 @@
+"""Searches from several cells at once, ring by ring, until they have met: whether cells are connected."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import ONE, helper
+
+__all__ = ["CROWD", "REACH", "connected", "keeps_whole"]
+
+REACH = np.int64(64)  # cells visited before two neighbours count as not connected around a cell
+CROWD = np.int64(256)  # neighbours from which on rings do not grow from a cell: all would read them
+
+
+@helper
+def connected(indptr, indices, labels, own, search, filled, stamp, reach, crowd):
+    """Whether the first ``filled`` cells of the queue, labelled ``own``, are connected among such cells.
+
+    Complete rings of cells are grown around all of them at once until they meet; the search ends between
+    rings, so that its outcome does not depend on the order of the cells, once more than ``reach`` cells were
+    visited, or all. Rings do not grow from cells with more than ``crowd`` neighbours.
+
+    Parameters
+    ----------
+    search : queue (n,), root (n,), marks (n, 2 or more) int, changed
+        Work arrays; the first two marks of a cell say when it was last reached, and from which of the cells.
+    stamp : int
+        Not yet in the first column of the marks.
+    """
+    queue, root, marks = search
+    for k in range(filled):
+        start = np.uint32(queue[k])
+        marks[start, 0], marks[start, 1], root[k] = stamp, k, k
+    apart, done, filled = np.int64(filled) - 1, np.uint64(0), np.uint64(filled)
+    while apart > 0 and done < filled <= np.uint64(reach):
+        ring = filled
+        while apart > 0 and done < ring:
+            node = np.uint64(np.uint32(queue[done]))
+            done += ONE
+            if indptr[node + ONE] - indptr[node] > crowd:
+                continue
+            for h in range(np.uint64(indptr[node]), np.uint64(indptr[node + ONE])):
+                j = np.uint32(indices[h])
+                if labels[j] != own:
+                    continue
+                if marks[j, 0] != stamp:
+                    marks[j, 0], marks[j, 1] = stamp, marks[node, 1]
+                    queue[filled] = j
+                    filled += ONE
+                    continue
+                one, other = np.uint32(marks[node, 1]), np.uint32(marks[j, 1])
+                while root[one] != one:
+                    one = np.uint32(root[one])
+                while root[other] != other:
+                    other = np.uint32(root[other])
+                if one != other:
+                    root[one] = other
+                    apart -= 1
+    return apart <= 0
+
+
+@helper
+def keeps_whole(indptr, indices, labels, i, search, stamp):
+    """Whether the neighbours of cell i with its label stay connected near it once it has left."""
+    own, queue, filled = labels[i], search[0], np.int64(0)
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+        j = np.uint32(indices[h])
+        queue[filled] = j  # kept only if it has the label; a branch would be mispredicted half the time
+        filled += labels[j] == own
+    if filled < 2:
+        return True
+    labels[i] = -1  # out of the way
+    whole = connected(indptr, indices, labels, own, search, filled, stamp, REACH, CROWD)
+    labels[i] = own
+    return whole

@@ -1,0 +1,254 @@
+"""Sweep rounding: of all thresholds of a score, the one that cuts each block best."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.axes import half_circle, halvings, planar_frame, turned
+from agglo_core.compiled.centring import centre_block
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = [
+    "NO_CUT",
+    "axes_block",
+    "bar_of",
+    "centre_block",
+    "edge_room",
+    "edges_of_block",
+    "scan_thresholds",
+    "sweep_axes",
+    "sweep_block",
+    "sweep_level",
+    "thresholds_between",
+    "write_sides",
+]
+
+NO_CUT = 1e300  # cost where no threshold leaves weight on both sides; finite, for differences are taken
+_BINS = 32  # an even number: the middle of a symmetric score is a threshold
+_TIE = 1e-6  # of a bin: values that close to a threshold lie below it
+_CLIP = 2.0  # standard deviations from the mean: no thresholds beyond
+_LONG = 0.5  # ratio of principal moments below which a block is long
+
+
+@helper(allocates=True)
+def edge_room(offsets, indptr):
+    """Work arrays for the edges of the largest block: ends, lengths."""
+    most = 0
+    for b in range(len(offsets) - 1):
+        most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
+    most = most // 2 + 1
+    return np.empty(most, np.int32), np.empty(most, np.int32), np.empty(most)
+
+
+@helper
+def edges_of_block(start, n, indptr, indices, interface, room):
+    """Write each edge of a block once, its ends numbered within the block; returns how many."""
+    tails, heads, lengths = room
+    count = 0
+    for i in range(n):
+        for h in range(indptr[start + i], indptr[start + i + 1]):
+            j = indices[h] - start
+            tails[count], heads[count], lengths[count] = i, j, interface[h]
+            count += j > i  # no branch: it would be mispredicted
+    return count
+
+
+@helper
+def thresholds_between(low, high, spread):
+    """Lowest threshold and thresholds per unit of scores of mean 0; 0 per unit if they are all alike.
+
+    ``spread`` is their standard deviation.
+    """
+    size, reach = max(abs(low), abs(high)), _CLIP * spread
+    low, high = max(low, -reach), min(high, reach)
+    return low, (_BINS / (high - low) if high - low > 1e-12 * size else 0.0)
+
+
+@helper(reorder_sums=True)
+def _fill_bins(n, score, low, rate, bins):
+    for i in range(n):
+        bins[i] = np.int32(min(max((score[i] - low) * rate - _TIE, 0.0), _BINS - 1.0))
+
+
+@helper
+def scan_thresholds(tally, x, y, z, share, cut, scale, inertia, weight):
+    """Cheapest threshold, and its cost: 1e300 if none leaves weight on both sides.
+
+    ``tally (32, 5)`` has for each bin its moments, its share and how much the cut grows beyond it, and is
+    cleared for the next time; the numbers are what lies below the first bin.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import scan_thresholds
+    >>> tally = np.zeros((32, 5))
+    >>> tally[0] = -0.5, 0.0, 0.0, 0.5, 1.0  # half of the weight below all thresholds, an edge
+    >>> tally[31] = 0.5, 0.0, 0.0, 0.5, -1.0  # to the other half, above them
+    >>> print(*scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale=1.0, inertia=1.0, weight=15.0))
+    4.0 0
+    """
+    best, bar, last, compact = NO_CUT, NO_CUT, 0, weight / inertia
+    for b in range(_BINS):
+        x, y, z = x + tally[b, 0], y + tally[b, 1], z + tally[b, 2]
+        share, cut = share + tally[b, 3], cut + tally[b, 4]
+        for k in range(5):
+            tally[b, k] = 0.0
+        if b == _BINS - 1:
+            break
+        both = share * (1.0 - share)  # 1 / share + 1 / (1 − share) is its inverse
+        cost = weight + (cut * scale - (x * x + y * y + z * z) * compact) / max(both, 1e-12)
+        if both > 1e-12 and cost < bar:
+            best, bar, last = cost, cost - 1e-9 * abs(cost), b
+    return best, last
+
+
+@helper
+def sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally):
+    """Best threshold of ``score[:n]`` on a block: its cost, 1e300 if there is none, and the last bin below.
+
+    ``low`` is the lowest threshold, ``rate`` thresholds per unit. ``edges`` are the work arrays that
+    ``edges_of_block`` filled and their number; ``local (3, n)`` are positions about the centre of mass,
+    ``shares`` the weights (sum 1); ``scales`` is one over the measure of a typical section, the inertia,
+    and its weight beside the cut; ``bins (n,)`` and ``tally (32, 5)`` are work arrays, the latter zeros.
+    """
+    if rate == 0.0:
+        return NO_CUT, 0
+    (tails, heads, lengths), count = edges
+    _fill_bins(n, score, low, rate, bins)
+    for i in range(n):
+        own = np.uint32(bins[i])
+        tally[own, 0] += shares[i] * local[0, i]
+        tally[own, 1] += shares[i] * local[1, i]
+        tally[own, 2] += shares[i] * local[2, i]
+        tally[own, 3] += shares[i]
+    for e in range(count):
+        a, b = bins[np.uint32(tails[e])], bins[np.uint32(heads[e])]
+        tally[np.uint32(min(a, b)), 4] += lengths[e]
+        tally[np.uint32(max(a, b)), 4] -= lengths[e]
+    scale, inertia, weight = scales
+    return scan_thresholds(tally, 0.0, 0.0, 0.0, 0.0, 0.0, scale, inertia, weight)
+
+
+@helper
+def write_sides(start, n, found, score, bins, sides):
+    """Write the sides of a block: above the best threshold, or any halving if there is none."""
+    best, last, low, rate = found
+    if best == NO_CUT:
+        for i in range(n):
+            sides[start + i] = 1 if n > 1 and 2 * i >= n else 0
+        return
+    _fill_bins(n, score, low, rate, bins)
+    for i in range(n):
+        sides[start + i] = bins[i] > last
+
+
+@helper(reorder_sums=True)
+def _project(n, a, b, x, y, score):
+    """Fill ``score = a x + b y``; returns its extremes."""
+    low, high = a * x[0] + b * y[0], a * x[0] + b * y[0]
+    for i in range(n):
+        score[i] = a * x[i] + b * y[i]
+        low, high = min(low, score[i]), max(high, score[i])
+    return low, high
+
+
+@helper
+def axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally):
+    """Cheapest cut of a planar block across its principal axis, or axes turned from it by ``turns``.
+
+    Long blocks are not cut lengthwise: where the ratio of moments is below 0.5, axes more than 25° off are
+    left out. Then the best axis so far is turned by each angle of ``finer``, both ways. Returns the
+    cost, the last bin below, the lowest threshold and thresholds per unit, and the best axis; leaves the
+    coordinates along it in ``score``.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import axes_block, half_circle, halvings
+    >>> local, shares = np.zeros((3, 4)), np.full(4, 0.25)
+    >>> local[0] = -1.5, -0.5, 0.5, 1.5  # a row of four, each with an edge to the next
+    >>> edges = (np.array([0, 1, 2]), np.array([1, 2, 3]), np.ones(3)), 3
+    >>> angles, work = (half_circle(2), halvings(2, 0)), (np.empty(4), np.empty(4, int), np.zeros((32, 5)))
+    >>> best, *axis = axes_block(4, edges, local, shares, (0.5, 1.25, 15.0), *angles, *work)
+    >>> print(*best, *axis)
+    5.0 10 -1.5 10.666666666666666 1.0 0.0
+    """
+    cos, sin, xx, xy, yy = planar_frame(n, local[0], local[1], shares)
+    mean, radius = 0.5 * (xx + yy), np.sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    long = mean - radius < _LONG * (mean + radius)
+    best, p, q = (NO_CUT, 0, 0.0, 0.0), cos, sin
+    for c in range(len(turns) + 2 * len(finer)):
+        f = (c - len(turns)) // 2
+        if f < 0 and long and abs(turns[c, 0]) < 0.9:
+            continue
+        if f < 0:
+            a, b = turned(cos, sin, turns[c, 0], turns[c, 1])
+        elif (c - len(turns)) % 2 == 0:
+            cos, sin = p, q
+            a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
+        else:
+            a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
+        low, high = _project(n, a, b, local[0], local[1], score)
+        low, rate = thresholds_between(low, high, np.sqrt(a * a * xx + 2.0 * a * b * xy + b * b * yy))
+        cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
+        if cost < best[0] - 1e-9 * abs(best[0]):
+            best, p, q = (cost, last, low, rate), a, b
+    _project(n, p, q, local[0], local[1], score)
+    return best, p, q
+
+
+@helper
+def bar_of(found):
+    """The score above which cells lie on the right of the best threshold; infinite if there is none."""
+    best, last, low, rate = found
+    return low + (last + 1.0 + _TIE) / rate if best < NO_CUT else np.inf
+
+
+@helper
+def _centred(start, n, column, shares, score):
+    """Fill ``score`` with the column less its mean; returns its extremes and standard deviation."""
+    low, high, mean, square = column[start], column[start], 0.0, 0.0
+    for i in range(n):
+        low, high = min(low, column[start + i]), max(high, column[start + i])
+        mean += shares[i] * column[start + i]
+    for i in range(n):
+        score[i] = column[start + i] - mean
+        square += shares[i] * score[i] ** 2
+    return low - mean, high - mean, np.sqrt(square)
+
+
+@kernel
+def sweep_level(offsets, indptr, indices, interface, centroids, weights, measures, scores):
+    """Side of each node: the cheapest threshold over all columns of ``scores (n, C)``, block by block."""
+    largest = np.diff(offsets).max()
+    local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
+    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
+    sides = np.empty(len(weights), np.int64)
+    for b in range(len(offsets) - 1):
+        start, n = offsets[b], offsets[b + 1] - offsets[b]
+        scales = centre_block(start, n, centroids, weights, measures, local, shares)
+        edges = room, edges_of_block(start, n, indptr, indices, interface, room)
+        best, column = (NO_CUT, 0, 0.0, 0.0), 0
+        for c in range(scores.shape[1]):
+            low, high, spread = _centred(start, n, scores[:, c], shares, score)
+            low, rate = thresholds_between(low, high, spread)
+            cost, last = sweep_block(n, low, rate, score, edges, local, shares, scales, bins, tally)
+            if cost < best[0] - 1e-9 * abs(best[0]):
+                best, column = (cost, last, low, rate), c
+        _centred(start, n, scores[:, column], shares, score)
+        write_sides(start, n, best, score, bins, sides)
+    return sides
+
+
+@kernel
+def sweep_axes(offsets, indptr, indices, interface, centroids, weights, measures, count):
+    """Side of each node in the plane: the cheapest threshold along ``count`` axes."""
+    largest = np.diff(offsets).max()
+    local, shares, score = np.empty((3, largest)), np.empty(largest), np.empty(largest)
+    bins, tally, room = np.empty(largest, np.int32), np.zeros((_BINS, 5)), edge_room(offsets, indptr)
+    sides, turns, finer = np.empty(len(weights), np.int64), half_circle(count), halvings(count, 0)
+    for b in range(len(offsets) - 1):
+        start, n = offsets[b], offsets[b + 1] - offsets[b]
+        scales = centre_block(start, n, centroids, weights, measures, local, shares)
+        edges = room, edges_of_block(start, n, indptr, indices, interface, room)
+        best, _, _ = axes_block(n, edges, local, shares, scales, turns, finer, score, bins, tally)
+        write_sides(start, n, best, score, bins, sides)
+    return sides

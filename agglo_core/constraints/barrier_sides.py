@@ -1,0 +1,53 @@
+"""The two sides of barriers inside parts, continued beyond their tips."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+
+__all__ = ["barrier_sides"]
+
+
+@kernel
+def barrier_sides(indptr, indices, labels, first, across):
+    """Side 0 or 1 of each node; nodes of parts without a barrier inside are on side 0.
+
+    Node i has a barrier between itself and the nodes ``across[first[i]:first[i + 1]]`` of its part. Those
+    are put on the other side where that has not been decided before, neighbours that also touch a barrier on
+    the same one; then the sides grow, a layer of neighbours at a time.
+    """
+    n = len(labels)
+    sides, queue, count = np.full(n, -1, np.int64), np.empty(n, np.int64), 0
+    for seed in range(n):
+        if first[seed] == first[seed + 1] or sides[seed] >= 0:
+            continue
+        sides[seed], queue[count] = 0, seed
+        done, count = count, count + 1
+        while done < count:
+            i = queue[done]
+            done += 1
+            for k in range(first[i], first[i + 1]):
+                j = across[k]
+                if sides[j] < 0:
+                    sides[j], queue[count] = 1 - sides[i], j
+                    count += 1
+            for k in range(indptr[i], indptr[i + 1]):
+                j = indices[k]
+                if sides[j] < 0 and labels[j] == labels[i] and first[j] < first[j + 1]:
+                    sides[j], queue[count] = sides[i], j
+                    count += 1
+    done = 0
+    while done < count:
+        i = queue[done]
+        done += 1
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            if sides[j] < 0 and labels[j] == labels[i]:
+                sides[j], queue[count] = sides[i], j
+                count += 1
+    for i in range(n):
+        sides[i] = max(sides[i], 0)
+    return sides

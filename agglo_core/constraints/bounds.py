@@ -1,0 +1,146 @@
+"""Constraints on how much a part may hold, and must."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from copy import copy
+from numbers import Real
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.mesh.marks import weights_of
+from agglo_core.refine.part_sizes import block_sizes
+
+__all__ = ["Bounds"]
+
+_ROUNDING = 1e-9
+_NO_LIMITS = 0.0, np.inf
+
+
+class Bounds:
+    """Parts of at most so many cells, so much measure or weight, and of at least as much where it can be had.
+
+    What is too large is split until it is not, single cells excepted; what is too small joins the neighbour
+    with which it shares the longest interface, where size, count and other constraints allow.
+
+    Parameters
+    ----------
+    max_cells, min_cells : int, optional
+    max_measure, min_measure : float, optional
+    max_weight, min_weight : float, optional
+    weights : str, optional
+        Name of the cell data that are the weights; in Python also ``(n,)`` numbers.
+
+    Raises
+    ------
+    OptionError
+        If a bound is not positive, the least exceeds the most, or a bound on weights has no weights.
+    """
+
+    def __init__(
+        self,
+        max_cells: int | None = None,
+        min_cells: int | None = None,
+        max_measure: float | None = None,
+        min_measure: float | None = None,
+        max_weight: float | None = None,
+        min_weight: float | None = None,
+        weights: str | None = None,
+    ) -> None:
+        self._limits = {
+            "cells": _limits("cells", min_cells, max_cells),
+            "measure": _limits("measure", min_measure, max_measure),
+            "weight": _limits("weight", min_weight, max_weight),
+        }
+        self._weights: str | Float | None = weights
+        self._cells: Int | None = None
+        if weights is None and self._limits["weight"] != _NO_LIMITS:
+            word = "min_weight" if max_weight is None else "max_weight"
+            raise OptionError(f"{word} needs weights: the name of cell data, or a number for each cell")
+
+    def counting(self, cells: Int, weights: Float) -> Bounds:
+        """The same bounds on agglomerates: node i of a graph holds ``cells[i]`` cells of ``weights[i]``."""
+        made = copy(self)
+        made._cells, made._weights = cells, weights
+        return made
+
+    def weights(self, graph: Graph) -> Float:
+        """Weights ``(n,)`` of the cells; 0 if the bounds have none."""
+        if self._weights is None:
+            return np.broadcast_to(0.0, graph.n)
+        return weights_of(self._weights, graph.data, graph.n)
+
+    def admissible(self, graph: Graph, labels: Int) -> Mask:
+        """Which parts ``(k,)`` are not too large; single cells never are."""
+        good = np.ones(int(labels.max(initial=-1)) + 1, bool)
+        for values, (_, most) in self._bounded(graph):
+            good &= np.bincount(labels, values) <= most * (1 + _ROUNDING)
+        allowed: Mask = good | (np.bincount(labels) == 1)
+        return allowed
+
+    def incomplete(self, graph: Graph, labels: Int) -> Mask:
+        """Which parts ``(k,)`` are too small."""
+        small = np.zeros(int(labels.max(initial=-1)) + 1, bool)
+        for values, (least, _) in self._bounded(graph):
+            small |= np.bincount(labels, values) < least * (1 - _ROUNDING)
+        return small
+
+    def fewest(self, graph: Graph, components: Int) -> int:
+        """Least number of parts that can be had of cells that are connected as ``components (n,)`` say."""
+        fewest = np.ones(int(components.max()) + 1)
+        for values, (_, most) in self._bounded(graph):
+            if most < np.inf:  # larger cells stay alone
+                needed = np.bincount(components, np.minimum(values, most)) / most
+                fewest = np.maximum(fewest, np.ceil(needed - _ROUNDING))
+        return int(fewest.sum())
+
+    def evened(self, graph: Graph, labels: Int, block: Int, through: Int, whole: Graph) -> Int:
+        """Labels ``(n,)`` after cells were handed on where parts of a block ``block[p]`` break a bound.
+
+        Cell c of the ``whole`` graph, whose measures count, lies in the node ``through[c]``. What
+        cannot be mended so is left.
+        """
+        for values, limits in self._bounded(whole):
+            sizes = frozen_float(np.bincount(through, values, graph.n))
+            labels = _evened(graph, labels, block, sizes, *limits)
+        return labels
+
+    def _bounded(self, graph: Graph) -> Iterator[tuple[Float | Int, tuple[float, float]]]:
+        """Values ``(n,)`` of the nodes and limits on their sums, for each quantity that has some."""
+        for quantity, limits in self._limits.items():
+            if limits == _NO_LIMITS:
+                continue
+            if quantity == "cells":
+                yield np.broadcast_to(1.0, graph.n) if self._cells is None else self._cells, limits
+            else:
+                yield graph.measures if quantity == "measure" else self.weights(graph), limits
+
+
+def _limits(quantity: str, least: float | None, most: float | None) -> tuple[float, float]:
+    """Least and most of a quantity, 0 and infinity where they are not given."""
+    for name, value in ((f"max_{quantity}", most), (f"min_{quantity}", least)):
+        number = isinstance(value, Real) and not isinstance(value, bool)
+        if value is not None and not (number and 0 < value < np.inf):
+            raise OptionError(f"{name} must be positive and finite, given {value!r}")
+    if least is not None and most is not None and least > most:
+        raise OptionError(f"min_{quantity}, {least}, is more than max_{quantity}, {most}")
+    return least or 0.0, np.inf if most is None else most
+
+
+def _evened(graph: Graph, labels: Int, block: Int, sizes: Float, least: float, most: float) -> Int:
+    from agglo_core.refine.balance_paths import even_out
+
+    of_parts = np.bincount(labels, sizes)
+    broken = (of_parts < least * (1 - _ROUNDING)) | (of_parts > most * (1 + _ROUNDING))
+    mean, cell = block_sizes(sizes, labels, block)
+    usable = np.bincount(block, broken, len(mean)) > 0
+    usable &= (mean >= least * (1 - _ROUNDING)) & (mean <= most * (1 + _ROUNDING))
+    if not usable.any():
+        return labels
+    room = np.maximum(np.minimum(most - mean, mean - least), (1 - _ROUNDING) * cell)
+    where = graph.indptr, graph.indices, graph.centroids
+    room = frozen_float(np.where(usable, room, np.inf))
+    return frozen_int(even_out(*where, sizes, labels, block, mean, room))

@@ -1,0 +1,51 @@
+"""Keys along a space-filling curve."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["curve_keys"]
+
+
+@helper
+def _spread_by_one(x):
+    """Insert a zero bit between the 16 low bits."""
+    x = (x | (x << np.uint64(8))) & np.uint64(0x00FF00FF)
+    x = (x | (x << np.uint64(4))) & np.uint64(0x0F0F0F0F)
+    x = (x | (x << np.uint64(2))) & np.uint64(0x33333333)
+    return (x | (x << np.uint64(1))) & np.uint64(0x55555555)
+
+
+@helper
+def _spread_by_two(x):
+    """Insert two zero bits between the 10 low bits."""
+    x = (x | (x << np.uint64(16))) & np.uint64(0x030000FF)
+    x = (x | (x << np.uint64(8))) & np.uint64(0x0300F00F)
+    x = (x | (x << np.uint64(4))) & np.uint64(0x030C30C3)
+    return (x | (x << np.uint64(2))) & np.uint64(0x09249249)
+
+
+@kernel
+def curve_keys(points, keys):
+    """Write the places of points on a Morton curve, times 2^32 plus their numbers, to ``keys (n,)``.
+
+    The curve has 2^16 (2-D) or 2^10 (3-D) steps along each axis.
+    """
+    n, d = points.shape
+    low, extent, steps = np.empty(d), 0.0, 2.0**16 - 1.0 if d == 2 else 2.0**10 - 1.0
+    for c in range(d):
+        least, most = np.inf, -np.inf
+        for i in range(n):
+            least, most = min(least, points[i, c]), max(most, points[i, c])
+        low[c], extent = least, max(extent, most - least)
+    rate = steps / (extent if extent > 0.0 else 1.0)
+    for i in range(n):
+        key = np.uint64(0)
+        for c in range(d):
+            step = np.uint64((points[i, c] - low[c]) * rate)
+            key |= (_spread_by_one(step) if d == 2 else _spread_by_two(step)) << np.uint64(c)
+        keys[i] = key << np.uint64(32) | np.uint64(i)

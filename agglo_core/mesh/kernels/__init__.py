@@ -1,0 +1,1 @@
+"""Kernels of meshes: faces, loops, chains of edges, geometry of cells."""

@@ -1,0 +1,164 @@
+"""Whether plane cells, given by segments that have them on their left, overlap themselves or are inverted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["mark_crossings"]
+
+_FEW = 64  # segments among which those beside another are found by looking at each
+_FLAT = 1e-12  # of the product of two lengths: what counts as no area
+
+
+@helper
+def _side(points, a, b, c):
+    """On which side of ab the point c lies: 1 left, −1 right, 0 on the line but for rounding."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+    area = ux * vy - uy * vx
+    if abs(area) <= _FLAT * np.sqrt((ux * ux + uy * uy) * (vx * vx + vy * vy)):
+        return 0
+    return 1 if area > 0.0 else -1
+
+
+@helper
+def _same_way(points, a, b, c):
+    """Whether b and c lie in the same direction from a."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    vx, vy = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1]
+    return _side(points, a, b, c) == 0 and ux * vx + uy * vy > 0.0
+
+
+@helper
+def _between(points, a, b, c):
+    """Whether c, on the line ab, is no farther out than a and b."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    along = ux * (points[c, 0] - points[a, 0]) + uy * (points[c, 1] - points[a, 1])
+    return 0.0 <= along <= ux * ux + uy * uy
+
+
+@helper
+def _meet(points, a, b, c, d):
+    """Whether the segments ab and cd have more in common than an end of both."""
+    if (a == c and b == d) or (a == d and b == c):
+        return True
+    if a == c:
+        return _same_way(points, a, b, d)
+    if a == d:
+        return _same_way(points, a, b, c)
+    if b == c:
+        return _same_way(points, b, a, d)
+    if b == d:
+        return _same_way(points, b, a, c)
+    sides = _side(points, a, b, c), _side(points, a, b, d), _side(points, c, d, a), _side(points, c, d, b)
+    if sides[0] * sides[1] < 0 and sides[2] * sides[3] < 0:
+        return True
+    return (
+        (sides[0] == 0 and _between(points, a, b, c))
+        or (sides[1] == 0 and _between(points, a, b, d))
+        or (sides[2] == 0 and _between(points, c, d, a))
+        or (sides[3] == 0 and _between(points, c, d, b))
+    )
+
+
+@helper
+def _row(y, low, height, n_rows):
+    """Row of a height, of so many between the lowest and the highest point."""
+    return min(max(np.int64((y - low) / height * n_rows), 0), n_rows - 1) if height > 0.0 else 0
+
+
+@helper(allocates=True)
+def _in_rows(points, tails, heads, begin, end):
+    """Segments of a cell by rows that they reach into, as CSR; lowest point, and height of all rows."""
+    n = end - begin
+    n_rows = 1 if n < _FEW else np.int64(np.sqrt(n))
+    low, high = np.inf, -np.inf
+    for k in range(begin, end):
+        low, high = min(low, points[tails[k], 1]), max(high, points[tails[k], 1])
+    starts = np.zeros(n_rows + 1, np.int64)
+    members = np.empty(0, np.int64)
+    for filling in range(2):
+        for k in range(begin, end):
+            a, b = points[tails[k], 1], points[heads[k], 1]
+            first, last = _row(min(a, b), low, high - low, n_rows), _row(max(a, b), low, high - low, n_rows)
+            for row in range(first, last + 1):
+                if filling:
+                    starts[row] -= 1
+                    members[starts[row]] = k
+                else:
+                    starts[row] += 1
+        if not filling:
+            for row in range(n_rows):
+                starts[row + 1] += starts[row]
+            members = np.empty(starts[n_rows], np.int64)
+    return starts, members, low, high - low
+
+
+@helper
+def _winding(points, tails, heads, members, begin, end, own):
+    """How often the boundary winds around what is just left of its segment ``own``.
+
+    Those that a ray to the right may cross are ``members[begin:end]``.
+    """
+    a, b = tails[own], heads[own]
+    x, y = 0.5 * (points[a, 0] + points[b, 0]), 0.5 * (points[a, 1] + points[b, 1])
+    rise, below = points[b, 1] - points[a, 1], points[b, 0] < points[a, 0]
+    total = 1 if rise > 0.0 else 0  # a ray to the right crosses it
+    for m in range(begin, end):
+        k = members[m]
+        if k == own:
+            continue
+        px, py = points[tails[k], 0], points[tails[k], 1]
+        qx, qy = points[heads[k], 0], points[heads[k], 1]
+        if rise == 0.0 and below:  # what is left of the segment lies below it
+            low, high = py < y, qy < y
+        else:
+            low, high = py <= y, qy <= y
+        if low != high:
+            area = (qx - px) * (y - py) - (qy - py) * (x - px)
+            if low and area > 0.0:
+                total += 1
+            elif high and area < 0.0:
+                total -= 1
+    return total
+
+
+@helper(allocates=True)
+def _turned(points, tails, heads, begin, end):
+    """Whether the boundary of a cell does not wind once around what is left of it, everywhere."""
+    starts, members, low, height = _in_rows(points, tails, heads, begin, end)
+    for k in range(begin, end):
+        row = _row(0.5 * (points[tails[k], 1] + points[heads[k], 1]), low, height, len(starts) - 1)
+        if _winding(points, tails, heads, members, starts[row], starts[row + 1], k) != 1:
+            return True
+    return False
+
+
+@kernel
+def mark_crossings(points, offsets, tails, heads, chains, cells, bad):
+    """Mark the chains of segments that meet others of their cell, or all of a cell turned inside out.
+
+    Cell c has the segments from ``offsets[c]`` to ``offsets[c + 1]``, by ascending smallest x.
+    """
+    for c in cells:
+        begin, end = offsets[c], offsets[c + 1]
+        crossed = False
+        for i in range(begin, end):
+            a, b = tails[i], heads[i]
+            right = max(points[a, 0], points[b, 0])
+            low, high = min(points[a, 1], points[b, 1]), max(points[a, 1], points[b, 1])
+            for j in range(i + 1, end):
+                p, q = tails[j], heads[j]
+                if min(points[p, 0], points[q, 0]) > right:
+                    break
+                if min(points[p, 1], points[q, 1]) > high or max(points[p, 1], points[q, 1]) < low:
+                    continue
+                if _meet(points, a, b, p, q):
+                    bad[chains[i]] = True
+                    bad[chains[j]] = True
+                    crossed = True
+        if not crossed and _turned(points, tails, heads, begin, end):
+            for k in range(begin, end):
+                bad[chains[k]] = True

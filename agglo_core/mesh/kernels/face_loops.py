@@ -1,0 +1,63 @@
+"""Faces of solids, loops of points in space: their moments, and whether they meet a point twice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["loop_moments", "repeated_points"]
+
+
+@helper
+def _half_cross(points, a, b, c, out):
+    """Write the area vector of a triangle."""
+    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+    out[0], out[1], out[2] = (
+        0.5 * (uy * vz - uz * vy),
+        0.5 * (uz * vx - ux * vz),
+        0.5 * (ux * vy - uy * vx),
+    )
+
+
+@kernel
+def loop_moments(points, offsets, vertices):
+    """Area vectors and centroids of loops ``(n, 3)``, by fans of triangles; a line is at its first point."""
+    n = len(offsets) - 1
+    total, centre = np.zeros((n, 3)), np.zeros((n, 3))
+    part, unit = np.empty(3), np.empty(3)
+    for f in range(n):
+        a = vertices[offsets[f]]
+        for h in range(offsets[f] + 1, offsets[f + 1] - 1):
+            _half_cross(points, a, vertices[h], vertices[h + 1], part)
+            for k in range(3):
+                total[f, k] += part[k]
+        size = np.sqrt(total[f, 0] * total[f, 0] + total[f, 1] * total[f, 1] + total[f, 2] * total[f, 2])
+        if not size > 0.0:
+            for k in range(3):
+                centre[f, k] = points[a, k]
+            continue
+        for k in range(3):
+            unit[k] = total[f, k] / size
+        for h in range(offsets[f] + 1, offsets[f + 1] - 1):
+            b, c = vertices[h], vertices[h + 1]
+            _half_cross(points, a, b, c, part)
+            share = part[0] * unit[0] + part[1] * unit[1] + part[2] * unit[2]
+            for k in range(3):
+                centre[f, k] += share * (points[a, k] + points[b, k] + points[c, k]) / 3.0
+        for k in range(3):
+            centre[f, k] /= size
+    return total, centre
+
+
+@kernel
+def repeated_points(offsets, vertices, n_points):
+    """Whether each loop meets a point twice."""
+    latest = np.full(n_points, -1, np.int64)  # loop that met a point
+    repeated = np.zeros(len(offsets) - 1, np.bool_)
+    for f in range(len(repeated)):
+        for h in range(offsets[f], offsets[f + 1]):
+            repeated[f] |= latest[vertices[h]] == f
+            latest[vertices[h]] = f
+    return repeated

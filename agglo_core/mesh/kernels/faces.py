@@ -1,0 +1,185 @@
+"""From cell loops to faces, and from faces to cells: the topology kernels of a 2-D mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["cell_faces", "chain_loops", "match_half_edges"]
+
+FEW = 24  # edges among which the next one is found by looking at each
+
+
+@kernel
+def match_half_edges(offsets, vertices, n_points):
+    """Pair the directed edges of counter-clockwise cells into faces.
+
+    Returns face vertices (F, 2), face cells (F, 2), the pairs of cells (D, 2) that traverse an edge the
+    same way (they overlap; each keeps a face of its own) and the first edge met by a third cell as
+    (a, b, its three cells), else −1. An edge that one cell traverses both ways is a bridge and dropped.
+    """
+    n_half = len(vertices)
+    head = np.full(n_points, -1, np.int64)
+    link = np.empty(n_half, np.int64)
+    face_vertices = np.empty((n_half, 2), np.int64)
+    face_cells = np.empty((n_half, 2), np.int64)
+    double = np.empty((n_half, 2), np.int64)
+    n_faces, n_double = 0, 0
+    for c in range(len(offsets) - 1):
+        start, stop = offsets[c], offsets[c + 1]
+        for h in range(start, stop):
+            a = vertices[h]
+            b = vertices[h + 1] if h + 1 < stop else vertices[start]
+            low, high = min(a, b), max(a, b)
+            f, partner, rival = head[low], -1, -1
+            while f >= 0:
+                if max(face_vertices[f, 0], face_vertices[f, 1]) == high:
+                    other = max(partner, rival)
+                    second = face_cells[other, 0] if other >= 0 else face_cells[f, 1]
+                    if second >= 0:
+                        return face_vertices, face_cells, double, (a, b, face_cells[f, 0], second, c)
+                    if face_vertices[f, 0] == b:
+                        partner = f
+                    else:
+                        rival = f
+                f = link[f]
+            if partner >= 0:
+                face_cells[partner, 1] = c
+                continue
+            if rival >= 0:
+                double[n_double, 0], double[n_double, 1] = face_cells[rival, 0], c
+                n_double += 1
+            face_vertices[n_faces, 0], face_vertices[n_faces, 1] = a, b
+            face_cells[n_faces, 0], face_cells[n_faces, 1] = c, -1
+            link[n_faces] = head[low]
+            head[low] = n_faces
+            n_faces += 1
+    kept = 0
+    for f in range(n_faces):
+        if face_cells[f, 0] != face_cells[f, 1]:
+            for s in range(2):  # numba takes a second longer to compile row copies
+                face_vertices[kept, s] = face_vertices[f, s]
+                face_cells[kept, s] = face_cells[f, s]
+            kept += 1
+    return (
+        face_vertices[:kept].copy(),
+        face_cells[:kept].copy(),
+        double[:n_double].copy(),
+        (-1, -1, -1, -1, -1),
+    )
+
+
+@kernel
+def cell_faces(face_cells, first, places, faces):
+    """Write the numbers of faces ``first``, ... to their cells; where ``faces`` is empty, count them only.
+
+    The next one of cell c is written to ``faces[places[c]]``, and ``places[c]`` is counted up.
+    """
+    only_count = len(faces) == 0
+    for f in range(len(face_cells)):
+        for s in range(2):
+            c = face_cells[f, s]
+            if c >= 0:
+                if not only_count:
+                    faces[places[c]] = first + f
+                places[c] += 1
+
+
+@helper
+def _next_edge(points, start, end, first, other, used, h, seed):
+    """Edge that goes on from edge h: the leftmost one, so that the same corner of the cell is followed."""
+    g = first[end[h]]
+    if g < 0 or other[g] < 0:
+        return g
+    ux, uy = points[end[h], 0] - points[start[h], 0], points[end[h], 1] - points[start[h], 1]
+    best, best_angle = -1, -10.0
+    while g >= 0:
+        if not used[g] or g == seed:
+            vx, vy = points[end[g], 0] - points[start[g], 0], points[end[g], 1] - points[start[g], 1]
+            angle = np.arctan2(ux * vy - uy * vx, ux * vx + uy * vy)
+            if angle > best_angle:
+                best, best_angle = g, angle
+        g = other[g]
+    return best
+
+
+@helper
+def _around(start, end, size, walk):
+    """Whether the edges are one loop that meets no vertex twice: then ``walk`` is its vertices."""
+    h = 0
+    for k in range(size):
+        walk[k] = start[h]
+        v, h = end[h], 0
+        while h < size and start[h] != v:
+            h += 1
+        if h == size or h == 0:
+            return h == 0 and k == size - 1
+    return False
+
+
+@kernel
+def chain_loops(points, offsets, faces, face_vertices, face_cells, first_cell, loops):
+    """Closed loops of the cells ``first_cell``, ..., each on the left; no loop meets a vertex twice.
+
+    Cell ``first_cell + c`` has ``faces[offsets[c]:offsets[c + 1]]``. Writes vertices to ``loops``, which has
+    room for one of each face; returns loop counts per cell (n + 1,) as offsets, and vertex offsets per loop.
+    """
+    n = len(offsets) - 1
+    most = 0
+    for c in range(n):
+        most = max(most, offsets[c + 1] - offsets[c])
+    start, end = np.empty(most, np.int64), np.empty(most, np.int64)
+    other = np.empty(most, np.int64)  # the edge before that starts at the same vertex
+    used = np.empty(most, np.bool_)
+    walk = np.empty(most, np.int64)
+    first = np.empty(0, np.int64)  # latest edge of this cell that starts at a vertex
+    place = np.empty(0, np.int64)  # where in the walk a vertex stands
+    cell_loops = np.zeros(n + 1, np.int64)
+    loop_ends = np.zeros(offsets[n] - offsets[0] + 1, np.int64)
+    n_loops, filled = 0, 0
+    for c in range(n):
+        size = offsets[c + 1] - offsets[c]
+        for h in range(size):
+            f = faces[offsets[c] + h]
+            flip = 0 if face_cells[f, 0] == first_cell + c else 1
+            start[h], end[h] = face_vertices[f, flip], face_vertices[f, 1 - flip]
+            used[h] = False
+        if size <= FEW and _around(start, end, size, walk):
+            for k in range(size):
+                loops[filled + k] = walk[k]
+            filled += size
+            n_loops += 1
+            loop_ends[n_loops] = filled
+            cell_loops[c + 1] = n_loops
+            continue
+        if len(first) == 0:  # most meshes need neither
+            first, place = np.empty(len(points), np.int64), np.full(len(points), -1, np.int64)
+        for h in range(size):
+            first[start[h]] = -1
+            first[end[h]] = -1
+        for h in range(size):
+            other[h] = first[start[h]]
+            first[start[h]] = h
+        for seed in range(size):
+            h, length = seed, 0
+            while h >= 0 and (not used[h] or (h == seed and length > 0)):
+                v = start[h]
+                if place[v] >= 0:  # what was walked since the last visit is a loop of its own
+                    back = place[v]
+                    for k in range(back, length):
+                        place[walk[k]] = -1
+                        loops[filled] = walk[k]
+                        filled += 1
+                    n_loops += 1
+                    loop_ends[n_loops] = filled
+                    length = back
+                if used[h]:
+                    break
+                used[h] = True
+                place[v] = length
+                walk[length] = v
+                length += 1
+                h = _next_edge(points, start, end, first, other, used, h, seed)
+        cell_loops[c + 1] = n_loops
+    return cell_loops, loop_ends[: n_loops + 1].copy()

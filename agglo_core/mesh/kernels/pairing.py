@@ -1,0 +1,85 @@
+"""Half-edges of plane cells paired into faces, where every edge has one cell or two that fit.
+
+``match_half_edges`` says what is wrong elsewhere. Here the half-edges are first moved to buckets of
+points that fit a cache. The largest arrays are the caller's: see :mod:`agglo_core.mesh.kernels.plane_cells`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+
+__all__ = ["BITS", "number_faces", "pair_half_edges", "to_buckets"]
+
+BITS = 11
+"""Points of a bucket, as a power of two."""
+
+
+@kernel
+def to_buckets(offsets, vertices, first, places, edges):
+    """Write (lower end, upper end, half-edge, cell) of cells ``first``, ... to buckets of lower ends.
+
+    The next one in bucket b is written to ``edges[places[b]]``, and ``places[b]`` is counted up; where
+    ``edges`` is empty they are counted only. The upper end is ~upper where the half-edge starts there.
+    """
+    c, count_only = 0, len(edges) == 0
+    for h in range(offsets[0], offsets[len(offsets) - 1]):
+        c += h == offsets[c + 1]  # no loop over cells: its end would be mispredicted
+        a, b = vertices[h], vertices[h + 1 if h + 1 < offsets[c + 1] else offsets[c]]
+        low, high = min(a, b), max(a, b)
+        i = places[low >> BITS]
+        places[low >> BITS] = i + 1
+        if not count_only:
+            edges[i, 0], edges[i, 1] = low, high if a == low else ~high
+            edges[i, 2], edges[i, 3] = h, first + c
+
+
+@kernel
+def pair_half_edges(edges, bounds, first, beyond):
+    """Write the cell beyond each half-edge of counter-clockwise cells: −1 outside, −2 at the later of two.
+
+    Those of bucket ``first + k`` are ``edges[bounds[k]:bounds[k + 1]]``. Returns the number of pairs, or
+    −1 if an edge has more than two cells, two on the same side, or one cell on both sides; what is written
+    is then of no use.
+    """
+    most = 0
+    for k in range(len(bounds) - 1):
+        most = max(most, bounds[k + 1] - bounds[k])
+    head, link = np.empty(1 << BITS, np.int32), np.empty(most, np.int32)
+    pairs = 0
+    for k in range(len(bounds) - 1):
+        start = bounds[k]
+        for v in range(len(head)):
+            head[v] = -1
+        for i in range(start, bounds[k + 1]):
+            low, key = edges[i, 0] - ((first + k) << BITS), edges[i, 1]
+            j = head[low]
+            while j >= 0 and edges[j, 1] != key and edges[j, 1] != ~key:
+                j = link[j - start]
+            if j < 0:
+                beyond[edges[i, 2]] = -1
+                link[i - start] = head[low]
+                head[low] = i
+            elif edges[j, 1] == ~key and beyond[edges[j, 2]] == -1 and edges[j, 3] != edges[i, 3]:
+                beyond[edges[j, 2]], beyond[edges[i, 2]] = edges[i, 3], -2
+                pairs += 1
+            else:
+                return -1
+    return pairs
+
+
+@kernel
+def number_faces(offsets, vertices, beyond, first, face_vertices, face_cells):
+    """Write the vertices and cells of faces of cells ``first``, ..., in the order in which cells meet them.
+
+    Cell ``first + c`` has the half-edges ``offsets[c]:offsets[c + 1]``; there is room for its faces alone.
+    """
+    f, c = 0, 0
+    for h in range(offsets[0], offsets[len(offsets) - 1]):
+        c += h == offsets[c + 1]
+        if f < len(face_cells):  # what is no face is written, too, and then overwritten
+            face_vertices[f, 0] = vertices[h]
+            face_vertices[f, 1] = vertices[h + 1 if h + 1 < offsets[c + 1] else offsets[c]]
+            face_cells[f, 0], face_cells[f, 1] = first + c, beyond[h]
+        f += beyond[h] >= -1

@@ -1,0 +1,107 @@
+"""Plane cells and what they share, in one pass over their half-edges.
+
+The largest arrays are the caller's, made by numpy: it asks the system for huge pages, numba does not, and
+then filling them takes twice as long.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+
+__all__ = ["half_edges", "plane_cells"]
+
+_ROOM = 1024  # half-edges whose points are fetched at once, so that cache misses overlap
+_SHORT = 16  # edges of a cell whose neighbours are compared one by one
+
+
+@kernel
+def half_edges(face_vertices, face_cells, places, edges):
+    """Write (tail, head, cell beyond, whether the cell owns the face) of each cell's faces in their order.
+
+    The next one of cell c is written to ``edges[places[c]]``, and ``places[c]`` is counted up; where
+    ``edges`` is empty they are counted only.
+    """
+    count_only = len(edges) == 0
+    for f in range(len(face_cells)):
+        for s in range(2):
+            c = face_cells[f, s]
+            if c >= 0:
+                h = places[c]
+                places[c] = h + 1
+                if not count_only:
+                    edges[h, 0], edges[h, 1] = face_vertices[f, s], face_vertices[f, 1 - s]
+                    edges[h, 2], edges[h, 3] = face_cells[f, 1 - s], 1 - s
+
+
+@kernel
+def _moments(ends, own, start, stop):
+    """Area and centroid of a cell by the divergence theorem.
+
+    Coordinates are taken relative to a vertex of the cell, so small cells far out lose no digits.
+    """
+    side = 0 if own else 2
+    x0, y0 = ends[start, side], ends[start, side + 1]
+    a, mx, my = 0.0, 0.0, 0.0
+    for i in range(start, stop):
+        px, py = ends[i, 0] - x0, ends[i, 1] - y0
+        qx, qy = ends[i, 2] - x0, ends[i, 3] - y0
+        cross = px * qy - qx * py
+        a += cross
+        mx += (px + qx) * cross
+        my += (py + qy) * cross
+    return 0.5 * a, x0 + mx / (3.0 * a), y0 + my / (3.0 * a)
+
+
+@kernel
+def plane_cells(
+    points, offsets, edges, n_cells, area, centroid, boundary, sizes, vertices, indices, interface
+):
+    """Moments, vertices and neighbours of some cells, with half-edges ``edges[offsets[c]:offsets[c + 1]]``.
+
+    Writes the area, centroid, exposed length and number of neighbours of each, its vertices, and its
+    neighbours, one cell after the other, parallel faces summed. Returns how many neighbours that are.
+    """
+    n, start_of_all = len(offsets) - 1, offsets[0]
+    most = 0
+    for c in range(n):
+        most = max(most, offsets[c + 1] - offsets[c])
+    ends = np.empty((max(_ROOM, most), 4))
+    slot = np.full(n_cells if most > _SHORT else 0, -1, np.int64)  # where in a long row a neighbour stands
+    first, last, m = 0, 0, 0
+    for c in range(n):
+        if c == last:  # fetch the next cells
+            first = last
+            while last < n and offsets[last + 1] - offsets[first] <= len(ends):
+                last += 1
+            for h in range(offsets[first], offsets[last]):
+                i, tail, head = h - offsets[first], edges[h, 0], edges[h, 1]
+                ends[i, 0], ends[i, 1] = points[tail, 0], points[tail, 1]
+                ends[i, 2], ends[i, 3] = points[head, 0], points[head, 1]
+                vertices[h - start_of_all] = tail
+        start, stop = offsets[c] - offsets[first], offsets[c + 1] - offsets[first]
+        area[c], centroid[c, 0], centroid[c, 1] = _moments(ends, edges[offsets[c], 3], start, stop)
+        boundary[c] = 0.0
+        row = m
+        for i in range(start, stop):
+            j = edges[offsets[first] + i, 2]
+            dx, dy = ends[i, 2] - ends[i, 0], ends[i, 3] - ends[i, 1]
+            length = np.sqrt(dx * dx + dy * dy)
+            if j < 0:
+                boundary[c] += length
+                continue
+            place = -1
+            if stop - start > _SHORT:
+                place = slot[j] if slot[j] >= row else -1
+                slot[j] = m if place < 0 else place
+            else:
+                for k in range(row, m):
+                    place = k if indices[k] == j else place
+            if place >= 0:
+                interface[place] += length
+            else:
+                indices[m], interface[m] = j, length
+                m += 1
+        sizes[c] = m - row
+    return m

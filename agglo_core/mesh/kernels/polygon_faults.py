@@ -1,0 +1,129 @@
+"""What may be wrong with a polygon: repeated or touching vertices, no area, edges that cross."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.threads import over_ranges
+
+__all__ = ["check_polygons", "loop_faults", "plain_faults"]
+
+OK, REPEATED, ZERO, CROSSED, FOLDED = 0, 1, 2, 3, 4
+_BENT, _BENT_ZERO = 5, 6  # not convex: faults still to be sought; and its area is zero
+
+
+@helper
+def _crosses(points, a, b, c, d):
+    """Whether the open segments ab and cd meet, or one passes through an end of the other."""
+    ax, ay = points[a, 0], points[a, 1]
+    bx, by = points[b, 0] - ax, points[b, 1] - ay
+    cx, cy = points[c, 0] - ax, points[c, 1] - ay
+    dx, dy = points[d, 0] - ax, points[d, 1] - ay
+    s1 = bx * cy - by * cx
+    s2 = bx * dy - by * dx
+    t1 = (dx - cx) * (0.0 - cy) - (dy - cy) * (0.0 - cx)
+    t2 = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+    if s1 == 0.0 and s2 == 0.0:  # on one line: do the intervals overlap?
+        bb = bx * bx + by * by
+        pc, pd = cx * bx + cy * by, dx * bx + dy * by
+        return min(pc, pd) < bb and max(pc, pd) > 0.0 and bb > 0.0
+    return (s1 <= 0.0 <= s2 or s2 <= 0.0 <= s1) and (t1 <= 0.0 <= t2 or t2 <= 0.0 <= t1)
+
+
+@helper
+def _is_convex(points, vertices, start, stop):
+    """Whether all turns go one way and the boundary winds once (so it cannot cross itself)."""
+    sign, previous, flips = 0.0, 0.0, 0
+    p, v = vertices[stop - 2], vertices[stop - 1]
+    for i in range(start, stop):
+        w = vertices[i]
+        ux, uy = points[v, 0] - points[p, 0], points[v, 1] - points[p, 1]
+        vx, vy = points[w, 0] - points[v, 0], points[w, 1] - points[v, 1]
+        turn = ux * vy - uy * vx
+        if turn == 0.0:
+            if ux * vx + uy * vy < 0.0:
+                return False
+        elif sign * turn < 0.0:
+            return False
+        else:
+            sign = turn
+        step = vx if vx != 0.0 else vy  # its sign changes twice in one turn around
+        flips += previous * step < 0.0
+        previous = step
+        p, v = v, w
+    return flips <= 2
+
+
+@helper
+def _loop_fault(points, loop):
+    """Fault of a non-convex loop: a vertex met twice, edges that cross or fold back."""
+    m = len(loop)
+    for i in range(m):
+        for j in range(i + 1, m):
+            if loop[i] == loop[j]:
+                return REPEATED
+    for i in range(m):
+        a, b, c = loop[i - 1], loop[i], loop[(i + 1) % m]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        vx, vy = points[c, 0] - points[b, 0], points[c, 1] - points[b, 1]
+        if ux * vy - uy * vx == 0.0 and ux * vx + uy * vy < 0.0:
+            return FOLDED
+    for i in range(m):
+        a, b = loop[i - 1], loop[i]
+        for j in range(i + 1, m - 1 if i == 0 else m):  # edges (i-1, i) and (j, j+1)
+            d, e = loop[j], loop[(j + 1) % m]
+            if d != a and d != b and e != a and e != b and _crosses(points, a, b, d, e):
+                return CROSSED
+    return OK
+
+
+@kernel
+def plain_faults(points, offsets, vertices, weak):
+    """Signed area and a fault code of each polygon; of those that are not convex only that they are not."""
+    n = len(offsets) - 1
+    area = np.zeros(n)
+    fault = np.zeros(n, np.int64)
+    for c in range(n):
+        start, stop = offsets[c], offsets[c + 1]
+        x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
+        extent, dx, dy = 0.0, 0.0, 0.0
+        for i in range(start, stop):
+            w = vertices[i + 1 if i + 1 < stop else start]
+            if vertices[i] == w:
+                fault[c] = REPEATED
+            ex, ey = points[w, 0] - x0, points[w, 1] - y0
+            area[c] += 0.5 * (dx * ey - dy * ex)
+            extent = max(extent, ex * ex + ey * ey)
+            dx, dy = ex, ey
+        if fault[c] == OK:
+            bent = stop - start > 3 and not weak and not _is_convex(points, vertices, start, stop)
+            if abs(area[c]) > 1e-15 * extent:
+                fault[c] = _BENT if bent else OK
+            else:
+                fault[c] = _BENT_ZERO if bent else ZERO
+    return area, fault
+
+
+@kernel
+def loop_faults(points, offsets, vertices, cells):
+    """Fault code of each of ``cells``, polygons that are not convex."""
+    fault = np.empty(len(cells), np.int64)
+    for k in range(len(cells)):
+        fault[k] = _loop_fault(points, vertices[offsets[cells[k]] : offsets[cells[k] + 1]])
+    return fault
+
+
+def check_polygons(points: Float, offsets: Int, vertices: Int, weak: bool) -> tuple[Float, Int]:
+    """Signed area and a fault code of each polygon of 3 or more vertices (weak: it may touch itself)."""
+    found = over_ranges(
+        lambda start, stop: plain_faults(points, offsets[start : stop + 1], vertices, weak), len(offsets) - 1
+    )
+    area, fault = found[0] if len(found) == 1 else map(np.concatenate, zip(*found, strict=True))
+    bent = np.flatnonzero(fault >= _BENT)
+    if len(bent):  # the search for crossings is compiled only where a polygon needs it
+        faults = loop_faults(points, offsets, vertices, frozen_int(bent))
+        harmless = (faults == OK) | (faults == FOLDED)
+        fault[bent] = np.where(harmless & (fault[bent] == _BENT_ZERO), ZERO, faults)
+    return area, fault

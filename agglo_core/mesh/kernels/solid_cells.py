@@ -1,0 +1,142 @@
+"""Solids from their faces: vertices, closed surfaces, faces that two of them share, turns of elements."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["first_turns", "pair_half_faces", "surfaces", "vertices_of_solids"]
+
+
+@helper
+def _sort(values, start, stop):
+    """Sort ``values[start:stop]`` (Shell's sort)."""
+    gap = (stop - start) // 2
+    while gap > 0:
+        for i in range(start + gap, stop):
+            v, j = values[i], i
+            while j >= start + gap and values[j - gap] > v:
+                values[j] = values[j - gap]
+                j -= gap
+            values[j] = v
+        gap = gap // 2 if gap < 5 else (5 * gap - 1) // 11
+
+
+@kernel
+def vertices_of_solids(face_offsets, face_vertices, offsets, faces, n_points):
+    """Distinct vertices of each cell, rising, as CSR; cell c has ``faces[offsets[c]:offsets[c + 1]]``."""
+    n, room = len(offsets) - 1, 0
+    for h in range(len(faces)):
+        room += face_offsets[faces[h] + 1] - face_offsets[faces[h]]
+    ends, vertices, m = np.zeros(n + 1, np.int64), np.empty(room, np.int32), 0
+    latest = np.full(n_points, -1, np.int32)  # cell that met a point
+    for c in range(n):
+        for h in range(offsets[c], offsets[c + 1]):
+            for g in range(face_offsets[faces[h]], face_offsets[faces[h] + 1]):
+                v = face_vertices[g]
+                if latest[v] != c:
+                    latest[v], vertices[m] = c, v
+                    m += 1
+        _sort(vertices, ends[c], m)
+        ends[c + 1] = m
+    return ends, vertices[:m].copy()
+
+
+@kernel
+def surfaces(offsets, vector, centre):
+    """What the half-faces of each cell add up to; cell c has those numbered ``offsets[c]:offsets[c + 1]``.
+
+    Returns ``(n, 8)``: area; length of the sum of area vectors; of the flux through each half-face of the
+    position about the mean of their centres the least, the largest and the sum, thrice the volume; that mean.
+    """
+    found = np.empty((len(offsets) - 1, 8))
+    for c in range(len(found)):
+        x, y, z, count = 0.0, 0.0, 0.0, offsets[c + 1] - offsets[c]
+        for h in range(offsets[c], offsets[c + 1]):
+            x += centre[h, 0]
+            y += centre[h, 1]
+            z += centre[h, 2]
+        x, y, z = x / count, y / count, z / count
+        area, u, v, w, least, most, total = 0.0, 0.0, 0.0, 0.0, np.inf, -np.inf, 0.0
+        for h in range(offsets[c], offsets[c + 1]):
+            a, b, d = vector[h, 0], vector[h, 1], vector[h, 2]
+            area += np.sqrt(a * a + b * b + d * d)
+            u += a
+            v += b
+            w += d
+            flux = (centre[h, 0] - x) * a + (centre[h, 1] - y) * b + (centre[h, 2] - z) * d
+            least, most = min(least, flux), max(most, flux)
+            total += flux
+        found[c, 0], found[c, 1] = area, np.sqrt(u * u + v * v + w * w)
+        found[c, 2], found[c, 3], found[c, 4] = least, most, total
+        found[c, 5], found[c, 6], found[c, 7] = x, y, z
+    return found
+
+
+@kernel
+def pair_half_faces(offsets, vertices, n_points):
+    """For each loop that first has its vertices the later one that has the same, −1 if none, else −2.
+
+    Where three loops have the same vertices the answer is empty. Loops meet no point twice.
+    """
+    n, slots = len(offsets) - 1, 1
+    while slots < n:
+        slots *= 2
+    head, link = np.full(slots, -1, np.int64), np.empty(n, np.int64)
+    partner, stamp = np.empty(n, np.int64), np.full(n_points, -1, np.int64)
+    for f in range(n):
+        key = np.uint64(0)  # the same in whatever order the vertices come
+        for h in range(offsets[f], offsets[f + 1]):
+            x = (np.uint64(vertices[h]) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+            x = (x ^ (x >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
+            key += x ^ (x >> np.uint64(32))
+            stamp[vertices[h]] = f
+        slot = np.int64(key & np.uint64(slots - 1))
+        g = head[slot]
+        while g >= 0:
+            same = offsets[g + 1] - offsets[g] == offsets[f + 1] - offsets[f]
+            h = offsets[g]
+            while same and h < offsets[g + 1]:
+                same = stamp[vertices[h]] == f
+                h += 1
+            if same:
+                break
+            g = link[g]
+        if g < 0:
+            partner[f], link[f], head[slot] = -1, head[slot], f
+        elif partner[g] == -1:
+            partner[g], partner[f] = f, -2
+        else:
+            return partner[:0]
+    return partner
+
+
+@kernel
+def first_turns(first, second, own, places, ranks):
+    """The first turn of each cell that lists its own faces in the order of the element; −1 if none does.
+
+    Parameters
+    ----------
+    first, second : (n, F) int
+        The corners with which each face of a cell begins.
+    own : (n, F) bool
+        Whether the cell is the owner of the face; others may come in any order.
+    places : (T, 8) int
+        Where each turn puts the corners.
+    ranks : (8, 8) int
+        The face of the element that begins with two corners, or −1.
+    """
+    chosen = np.full(len(first), -1, np.int64)
+    for c in range(len(first)):
+        for t in range(len(places)):
+            highest, rises = -1, True
+            for f in range(first.shape[1]):
+                if own[c, f]:
+                    rank = ranks[places[t, first[c, f]], places[t, second[c, f]]]
+                    rises &= rank > highest
+                    highest = max(highest, rank)
+            if rises:
+                chosen[c] = t
+                break
+    return chosen

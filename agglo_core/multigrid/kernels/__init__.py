@@ -1,0 +1,1 @@
+"""Kernels of multigrid: sparse products, sweeps, patches, aggregates."""

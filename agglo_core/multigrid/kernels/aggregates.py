@@ -1,0 +1,229 @@
+"""Aggregates of the parts of a matrix: strength of couplings, greedy choice, splitting, local bases.
+
+A part is a set of consecutive unknowns. Couplings are a CSR over parts whose diagonal is kept apart.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+
+__all__ = ["couplings", "greedy_aggregates", "local_bases", "split_labels", "split_weak"]
+
+
+@kernel
+def couplings(indptr, indices, data, offsets, part_of):
+    """CSR of the couplings between parts, and the size of each part's diagonal block.
+
+    Between single unknowns a coupling is −a_ij and the size a_ii: a positive entry couples negatively.
+    Between larger parts both are Frobenius norms of blocks.
+    """
+    n = len(offsets) - 1
+    scalar = np.all(offsets[1:] - offsets[:-1] == 1)
+    graph = np.zeros(n + 1, np.int64)
+    to = np.empty(len(indices), np.int32)
+    weight = np.empty(len(indices))
+    size = np.zeros(n)
+    slot = np.full(n, -1, np.int64)
+    m = 0
+    for p in range(n):
+        start = m
+        for i in range(offsets[p], offsets[p + 1]):
+            for k in range(indptr[i], indptr[i + 1]):
+                q = part_of[indices[k]]
+                w = -data[k] if scalar else data[k] ** 2
+                if q == p:
+                    size[p] += data[k] if scalar else w
+                elif slot[q] >= start:
+                    weight[slot[q]] += w
+                else:
+                    slot[q] = m
+                    to[m] = q
+                    weight[m] = w
+                    m += 1
+        if not scalar:
+            size[p] = np.sqrt(size[p])
+            for k in range(start, m):
+                weight[k] = np.sqrt(weight[k])
+        graph[p + 1] = m
+    return graph, to[:m].copy(), weight[:m].copy(), size
+
+
+@kernel
+def greedy_aggregates(graph, to, weight, size, theta, needless):
+    """Aggregate of each part, −1 for those that need none, and the number of aggregates.
+
+    A coupling w between i and j is strong if w > θ max(s_i, s_j), and i leans on j if w > θ s_i. A part
+    that leans on none is an aggregate of its own: it may have many neighbours that lean on it. Then each
+    part whose strong neighbours are all free gathers them; what is left leans where it leans most. Parts
+    whose couplings together are at most ``needless`` times their size need no coarse unknown at all.
+    """
+    n = len(graph) - 1
+    first = np.full(n, -1, np.int64)
+    count = 0
+    for i in range(n):
+        total = 0.0
+        most = 0.0
+        for k in range(graph[i], graph[i + 1]):
+            total += abs(weight[k])
+            most = max(most, weight[k])
+        if total <= needless * size[i]:
+            first[i] = -2
+        elif most <= theta * size[i]:
+            first[i] = count
+            count += 1
+    for i in range(n):
+        if first[i] != -1:
+            continue
+        free = False
+        for k in range(graph[i], graph[i + 1]):
+            j = to[k]
+            if weight[k] > theta * max(size[i], size[j]) and first[j] != -2:
+                free = first[j] == -1
+                if not free:
+                    break
+        if free:
+            first[i] = count
+            for k in range(graph[i], graph[i + 1]):
+                j = to[k]
+                if weight[k] > theta * max(size[i], size[j]) and first[j] == -1:
+                    first[j] = count
+            count += 1
+    labels = first.copy()
+    for i in range(n):
+        if first[i] == -1:
+            most = theta * size[i]
+            for k in range(graph[i], graph[i + 1]):
+                if weight[k] > most and first[to[k]] >= 0:
+                    most = weight[k]
+                    labels[i] = first[to[k]]
+    for i in range(n):
+        if labels[i] == -1:
+            labels[i] = count
+            for k in range(graph[i], graph[i + 1]):
+                j = to[k]
+                if labels[j] == -1 and weight[k] > theta * max(size[i], size[j]):
+                    labels[j] = count
+            count += 1
+    return np.maximum(labels, -1), count
+
+
+@kernel
+def split_labels(graph, to, weight, size, theta, given):
+    """The given labels, split into what strong couplings connect; see :func:`greedy_aggregates`.
+
+    A part without a strong coupling inside its label joins the one there that it leans on most.
+    """
+    n = len(graph) - 1
+    piece = np.full(n, -1, np.int64)
+    alone = np.ones(n, np.bool_)
+    stack = np.empty(n, np.int64)
+    count = 0
+    for i in range(n):
+        if piece[i] >= 0:
+            continue
+        piece[i] = count
+        stack[0] = i
+        top = 1
+        while top:
+            top -= 1
+            p = stack[top]
+            for k in range(graph[p], graph[p + 1]):
+                q = to[k]
+                if given[q] == given[p] and weight[k] > theta * max(size[p], size[q]):
+                    alone[p] = False
+                    if piece[q] < 0:
+                        piece[q] = count
+                        stack[top] = q
+                        top += 1
+        count += 1
+    joined = piece.copy()
+    for i in range(n):
+        most = theta * size[i]
+        for k in range(graph[i], graph[i + 1]):
+            j = to[k]
+            if alone[i] and not alone[j] and given[j] == given[i] and weight[k] > most:
+                most = weight[k]
+                joined[i] = piece[j]
+    number = np.full(count, -1, np.int64)
+    count = 0
+    for i in range(n):
+        if number[joined[i]] < 0:
+            number[joined[i]] = count
+            count += 1
+        joined[i] = number[joined[i]]
+    return joined, count
+
+
+@kernel
+def split_weak(indptr, indices, data, offsets, part_of, graph, to, weight, size, least, vectors):
+    """Rows of A without its weak blocks, and what those take the vectors ``(n, k)`` to.
+
+    A block is weak if its coupling is at most ``least`` of the size of the part of its rows.
+    """
+    n = len(part_of)
+    kept = np.zeros(n + 1, indptr.dtype)
+    columns = np.empty_like(indices)
+    values = np.empty_like(data)
+    left = np.zeros(vectors.shape)
+    weak_for = np.full(len(offsets) - 1, -1, np.int64)
+    m = 0
+    for p in range(len(offsets) - 1):
+        for k in range(graph[p], graph[p + 1]):
+            if abs(weight[k]) <= least * size[p]:
+                weak_for[to[k]] = p
+        for i in range(offsets[p], offsets[p + 1]):
+            for k in range(indptr[i], indptr[i + 1]):
+                j = indices[k]
+                if weak_for[part_of[j]] == p:
+                    for c in range(vectors.shape[1]):
+                        left[i, c] += data[k] * vectors[j, c]
+                else:
+                    columns[m] = j
+                    values[m] = data[k]
+                    m += 1
+            kept[i + 1] = m
+    return kept, columns[:m].copy(), values[:m].copy(), left
+
+
+@kernel
+def local_bases(starts, rows, vectors):
+    """Orthonormal bases Q of the vectors on each aggregate, and R with Q R = B there.
+
+    The unknowns of aggregate a are ``rows[starts[a]:starts[a + 1]]``. Modified Gram–Schmidt, twice; a
+    vector that adds nothing on an aggregate gives no column there: the columns come first in Q, their
+    number is the rank.
+    """
+    k = vectors.shape[1]
+    Q = np.zeros(vectors.shape)
+    R = np.zeros((len(starts) - 1, k, k))
+    ranks = np.zeros(len(starts) - 1, np.int64)
+    for a in range(len(starts) - 1):
+        mine = rows[starts[a] : starts[a + 1]]
+        for c in range(k):
+            q = ranks[a]
+            length = 0.0
+            for i in mine:
+                Q[i, q] = vectors[i, c]
+                length += vectors[i, c] ** 2
+            for _ in range(2):
+                for o in range(q):
+                    along = 0.0
+                    for i in mine:
+                        along += Q[i, o] * Q[i, q]
+                    R[a, o, c] += along
+                    for i in mine:
+                        Q[i, q] -= along * Q[i, o]
+            rest = 0.0
+            for i in mine:
+                rest += Q[i, q] ** 2
+            if rest > 1e-16 * length:
+                R[a, q, c] = np.sqrt(rest)
+                for i in mine:
+                    Q[i, q] /= R[a, q, c]
+                ranks[a] += 1
+            else:
+                for i in mine:
+                    Q[i, q] = 0.0
+    return Q, R, ranks

@@ -1,0 +1,74 @@
+"""Products of sparse matrices in small square blocks, rows of blocks being vectors of the processor."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+from agglo_core.multigrid.kernels.block_vectors import add_product
+
+__all__ = ["block_columns", "block_products"]
+
+
+@cache
+def block_products(width: int) -> Any:
+    """Kernel of the product of two matrices in blocks of 2 to 16 unknowns, all blocks in flat arrays.
+
+    ``product(indptr, indices, places, left, transposed, graph, to, right, columns)``
+        Row i of the first matrix has the blocks ``left[places[k]]`` in columns ``indices[k]``, each
+        ``transposed`` if that is 1 and not 0; row j of the second has the blocks ``right[q]`` in columns
+        ``to[q]`` of so many. Returned are offsets, columns, in any order, and blocks.
+    """
+
+    @kernel(reorder_sums=True)
+    def product(indptr, indices, places, left, transposed, graph, to, right, columns):
+        n, square = len(indptr) - 1, width * width
+        step, stride = (1, width) if transposed else (width, 1)
+        out, last = np.zeros(n + 1, np.int32), np.full(columns, -1, np.int64)
+        for i in range(n):
+            count = 0
+            for k in range(indptr[i], indptr[i + 1]):
+                for q in range(graph[indices[k]], graph[indices[k] + 1]):
+                    if last[to[q]] < i:
+                        last[to[q]] = i
+                        count += 1
+            out[i + 1] = out[i] + count
+        found, values = np.empty(out[n], np.int32), np.zeros(out[n] * square)
+        for c in range(columns):
+            last[c] = -1
+        m = 0
+        for i in range(n):
+            for k in range(indptr[i], indptr[i + 1]):
+                at = places[k] * square
+                for q in range(graph[indices[k]], graph[indices[k] + 1]):
+                    j = to[q]
+                    if last[j] < out[i]:
+                        last[j], found[m] = m, j
+                        m += 1
+                    into = last[j] * square
+                    for a in range(width):
+                        factors = at + a * step
+                        add_product(width, left, factors, stride, right, q * square, values, into + a * width)
+        return out, found, values
+
+    return product
+
+
+@kernel
+def block_columns(indptr, indices, columns):
+    """The pattern by columns: offsets, rows, and the place of each block among those by rows."""
+    starts = np.zeros(columns + 1, np.int32)
+    for j in indices:
+        starts[j + 1] += 1
+    for j in range(columns):
+        starts[j + 1] += starts[j]
+    free = starts[:columns].copy()
+    rows, places = np.empty(len(indices), np.int32), np.empty(len(indices), np.int32)
+    for i in range(len(indptr) - 1):
+        for k in range(indptr[i], indptr[i + 1]):
+            rows[free[indices[k]]], places[free[indices[k]]] = i, k
+            free[indices[k]] += 1
+    return starts, rows, places

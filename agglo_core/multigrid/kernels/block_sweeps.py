@@ -1,0 +1,238 @@
+"""Gauss–Seidel sweeps through matrices in blocks, and the inverses of their diagonal blocks.
+
+Matrices of equal blocks are those of ``scipy.sparse.bsr_array``, blocks of unequal sizes those of a
+``csr_array`` with the offsets of its parts. Neither needs sorted indices. All are symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
+
+__all__ = [
+    "UNROLLED",
+    "block_product",
+    "block_sweeps",
+    "both_products",
+    "clear_tiny",
+    "invert_blocks",
+    "sweep_parts",
+]
+
+UNROLLED = 16
+"""Blocks of 2 to so many unknowns have kernels of their own, 1.5 to 3 times as fast; others share one."""
+
+Sweep = Callable[..., Any]
+
+
+@cache
+def block_sweeps(width: int) -> tuple[Sweep, Sweep]:
+    """Kernels ``(residual_sweep, sweep)`` for blocks of a size.
+
+    ``residual_sweep(indptr, indices, data, inverses, r, x)``
+        One sweep through the block rows in their order: x becomes better, its residual r is kept up. Block
+        (i, j) is used as the transpose of (j, i), so that one pass through the matrix does both.
+    ``sweep(indptr, indices, data, inverses, b, x, order)``
+        The same without a residual, in the order of the rows (1) or the opposite (−1).
+
+    Blocks, and the inverses of those of the diagonal, are stored one after the other in flat arrays.
+    """
+    if not 1 < width <= UNROLLED:
+        return _residual_sweep, _sweep
+
+    @kernel(reorder_sums=True)
+    def residual_sweep(indptr, indices, data, inverses, r, x):
+        step = np.empty(width, x.dtype)
+        for i in range(len(indptr) - 1):
+            own = i * width
+            for q in range(width):
+                step[q] = 0
+            add_product(width, r, own, 1, inverses, own * width, step, 0)
+            for q in range(width):
+                x[own + q] += step[q]
+                step[q] = -step[q]
+            for k in range(indptr[i], indptr[i + 1]):  # unsigned: no test whether it counts from the end
+                add_product(width, step, 0, 1, data, k * width * width, r, np.uint32(indices[k]) * width)
+            for q in range(width):
+                r[own + q] = 0  # but for rounding it is
+
+    @kernel(reorder_sums=True)
+    def sweep(indptr, indices, data, inverses, b, x, order):
+        rows, left = len(indptr) - 1, np.empty(width, x.dtype)
+        for turn in range(rows):
+            i = turn if order > 0 else rows - 1 - turn
+            own = i * width
+            for q in range(width):
+                left[q] = 0
+            first = indptr[i] if order > 0 else indptr[i + 1] - 1  # memory is read in one direction
+            for h in range(indptr[i + 1] - indptr[i]):
+                k = first + order * h
+                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, left, 0)
+            for q in range(width):
+                left[q] = b[own + q] - left[q]
+            add_product(width, left, 0, 1, inverses, own * width, x, own)
+
+    return residual_sweep, sweep
+
+
+@kernel(reorder_sums=True)
+def _residual_sweep(indptr, indices, data, inverses, r, x):
+    n = len(x) // (len(indptr) - 1)
+    step = np.empty(n, x.dtype)
+    for i in range(len(indptr) - 1):
+        own = i * n
+        for q in range(n):
+            step[q] = 0
+        for c in range(n):
+            t, row = r[own + c], (own + c) * n
+            for q in range(n):
+                step[q] += inverses[row + q] * t
+        for q in range(n):
+            x[own + q] += step[q]
+        for k in range(indptr[i], indptr[i + 1]):
+            at = np.uint32(indices[k]) * n
+            for c in range(n):
+                t, row = step[c], (k * n + c) * n
+                for q in range(n):
+                    r[at + q] -= data[row + q] * t
+        for q in range(n):
+            r[own + q] = 0
+
+
+@kernel(reorder_sums=True)
+def _sweep(indptr, indices, data, inverses, b, x, order):
+    rows = len(indptr) - 1
+    n = len(x) // rows
+    left = np.empty(n, x.dtype)
+    for turn in range(rows):
+        i = turn if order > 0 else rows - 1 - turn
+        own = i * n
+        for q in range(n):
+            left[q] = b[own + q]
+        for k in range(indptr[i], indptr[i + 1]):
+            at = np.uint32(indices[k]) * n
+            for q in range(n):
+                t, row = left[q], (k * n + q) * n
+                for c in range(n):
+                    t -= data[row + c] * x[at + c]
+                left[q] = t
+        for c in range(n):
+            t, row = left[c], (own + c) * n
+            for q in range(n):
+                x[own + q] += inverses[row + q] * t
+
+
+@cache
+def block_product(width: int) -> Any:
+    """Kernel ``(indptr, indices, data, x)`` of A x for blocks of 2 to 16 unknowns; ``data`` is flat."""
+
+    @kernel(reorder_sums=True)
+    def product(indptr, indices, data, x):
+        y = np.zeros_like(x)
+        for i in range(len(indptr) - 1):
+            for k in range(indptr[i], indptr[i + 1]):
+                add_dots(width, data, k * width * width, x, np.uint32(indices[k]) * width, y, i * width)
+        return y
+
+    return product
+
+
+@kernel(reorder_sums=True)
+def sweep_parts(indptr, indices, data, offsets, places, inverses, b, x, order):
+    """One sweep through parts of unequal sizes, in their order (1) or the opposite (−1).
+
+    Part p has the rows ``offsets[p]:offsets[p + 1]`` of a CSR matrix, and the inverse of its diagonal block
+    is stored by rows from ``inverses[places[p]]``.
+    """
+    parts = len(offsets) - 1
+    left = np.empty(len(b), x.dtype)
+    for turn in range(parts):
+        p = turn if order > 0 else parts - 1 - turn
+        first, n = offsets[p], offsets[p + 1] - offsets[p]
+        for q in range(n):
+            t = b[first + q]
+            for k in range(indptr[first + q], indptr[first + q + 1]):
+                t -= data[k] * x[indices[k]]
+            left[q] = t
+        for q in range(n):
+            t = x[first + q]
+            for c in range(n):
+                t += inverses[places[p] + q * n + c] * left[c]
+            x[first + q] = t
+
+
+@kernel
+def invert_blocks(offsets, blocks):
+    """Invert symmetric positive definite matrices, stored by rows one after the other, by Cholesky.
+
+    Matrix p has ``offsets[p + 1] - offsets[p]`` rows. Lower triangles are read, inverses take their place.
+    Returns the first matrix that is not positive definite to rounding, or −1.
+    """
+    at = 0
+    for p in range(len(offsets) - 1):
+        n = offsets[p + 1] - offsets[p]
+        a = blocks[at : at + n * n].reshape(n, n)
+        at += n * n
+        for j in range(n):
+            pivot = a[j, j]
+            least = 1e-15 * abs(pivot)
+            for k in range(j):
+                pivot -= a[j, k] * a[j, k]
+            if not (pivot > least and np.isfinite(pivot)):
+                return p
+            pivot = np.sqrt(pivot)
+            a[j, j] = pivot
+            for i in range(j + 1, n):
+                t = a[i, j]
+                for k in range(j):
+                    t -= a[i, k] * a[j, k]
+                a[i, j] = t / pivot
+        for j in range(n):  # the inverse of the triangle, in its place
+            a[j, j] = 1.0 / a[j, j]
+            for i in range(j + 1, n):
+                t = 0.0
+                for k in range(j, i):
+                    t -= a[i, k] * a[k, j]
+                a[i, j] = t / a[i, i]
+        for i in range(n):  # L⁻ᵀ L⁻¹: row i of the upper triangle needs rows from i on
+            for j in range(i, n):
+                t = 0.0
+                for k in range(j, n):
+                    t += a[k, i] * a[k, j]
+                a[i, j] = t
+        for i in range(n):
+            for j in range(i):
+                a[i, j] = a[j, i]
+    return -1
+
+
+@kernel(reorder_sums=True)
+def both_products(indptr, indices, data, v):
+    """A v and Aᵀ v, A being in blocks."""
+    n = data.shape[1]
+    straight, transposed = np.zeros(len(v)), np.zeros(len(v))
+    for i in range(len(indptr) - 1):
+        own = i * n
+        for k in range(indptr[i], indptr[i + 1]):
+            at = indices[k] * n
+            for q in range(n):
+                t, u = 0.0, v[own + q]
+                for c in range(n):
+                    t += data[k, q, c] * v[at + c]
+                    transposed[at + c] += data[k, q, c] * u
+                straight[own + q] += t
+    return straight, transposed
+
+
+@kernel
+def clear_tiny(values, least):
+    """Set to 0 what is smaller than ``least`` in magnitude."""
+    for k in range(len(values)):
+        if abs(values[k]) < least:
+            values[k] = 0

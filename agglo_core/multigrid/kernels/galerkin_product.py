@@ -1,0 +1,78 @@
+"""The coarse matrix PᵀAP of sparse matrices by rows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["galerkin_product"]
+
+
+@kernel
+def galerkin_product(indptr, indices, data, graph, to, weight, columns):
+    """CSR of PᵀAP with sorted columns, for a symmetric A and a P of so many columns."""
+    start, rows, weights = _transposed(graph, to, weight, columns)
+    half, half_to, half_values = _product(indptr, indices, data, graph, to, weight, columns)
+    out, out_to, values = _product(start, rows, weights, half, half_to, half_values, columns)
+    return _transposed(out, out_to, values, columns)  # itself, but sorted
+
+
+@helper(allocates=True)
+def _transposed(indptr, indices, data, columns):
+    """The transpose as CSR, its columns sorted."""
+    n = len(indptr) - 1
+    start = np.zeros(columns + 1, np.int32)
+    for k in range(indptr[n]):
+        start[indices[k] + 1] += 1
+    for i in range(columns):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    to = np.empty(start[columns], np.int32)
+    values = np.empty(start[columns])
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            m = fill[indices[k]]
+            to[m] = i
+            values[m] = data[k]
+            fill[indices[k]] += 1
+    return start, to, values
+
+
+@helper(allocates=True)
+def _product(indptr, indices, data, graph, to, weight, columns):
+    """The product of two CSR matrices; the columns of a row in any order, the arrays longer than needed."""
+    n = len(indptr) - 1
+    out = np.zeros(n + 1, np.int32)
+    size = 2 * len(indices) + columns
+    found = np.empty(size, np.int32)
+    values = np.empty(size)
+    slot = np.full(columns, -1, np.int32)
+    m = 0
+    for i in range(n):
+        first = m
+        if m + columns > size:  # a row may need more room than there is
+            most = 0
+            for k in range(indptr[i], indptr[i + 1]):
+                most += graph[indices[k] + 1] - graph[indices[k]]
+            if m + most > size:
+                size = 2 * size + most
+                longer = np.empty(size, np.int32)
+                longer[:m] = found[:m]
+                found = longer
+                more = np.empty(size)
+                more[:m] = values[:m]
+                values = more
+        for k in range(indptr[i], indptr[i + 1]):
+            a = data[k]
+            for q in range(graph[indices[k]], graph[indices[k] + 1]):
+                j = to[q]
+                if slot[j] >= first:
+                    values[slot[j]] += a * weight[q]
+                else:
+                    slot[j] = m
+                    found[m] = j
+                    values[m] = a * weight[q]
+                    m += 1
+        out[i + 1] = m
+    return out, found, values

@@ -1,0 +1,187 @@
+"""Patches of a mesh: the parts that meet at its vertices, each set once and none inside another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["parts_at_vertices", "united", "without_contained"]
+
+
+@kernel
+def parts_at_vertices(cell_offsets, cell_vertices, vertex_groups, labels, n_groups, n_parts, most):
+    """Distinct sets of 2..``most`` parts that meet at a group of vertices, as CSR; parts ascending."""
+    starts = np.zeros(n_groups + 1, np.int64)
+    for h in range(len(cell_vertices)):
+        starts[vertex_groups[cell_vertices[h]] + 1] += 1
+    for g in range(n_groups):
+        starts[g + 1] += starts[g]
+    around = np.empty(len(cell_vertices), np.int32)
+    cursor = starts[:-1].copy()
+    for c in range(len(cell_offsets) - 1):
+        for h in range(cell_offsets[c], cell_offsets[c + 1]):
+            g = vertex_groups[cell_vertices[h]]
+            around[cursor[g]] = labels[c]
+            cursor[g] += 1
+
+    offsets = np.zeros(n_groups + 1, np.int64)
+    parts = np.empty(len(cell_vertices), np.int32)
+    latest = np.full(n_parts, -1, np.int64)  # the last set found that begins with a part,
+    previous = np.empty(n_groups, np.int64)  # and the one before it
+    count, filled = 0, 0
+    for g in range(n_groups):
+        size = 0  # the parts around, sorted by insertion into the free end of ``parts``
+        for h in range(starts[g], starts[g + 1]):
+            part = around[h]
+            at = filled + size
+            while at > filled and parts[at - 1] > part:
+                at -= 1
+            if at > filled and parts[at - 1] == part:
+                continue
+            for k in range(filled + size, at, -1):
+                parts[k] = parts[k - 1]
+            parts[at] = part
+            size += 1
+        if size < 2 or size > most:
+            continue
+        first = parts[filled]
+        other = latest[first]
+        while other >= 0:
+            start = offsets[other]
+            same = offsets[other + 1] - start == size
+            k = 1
+            while same and k < size:
+                same = parts[start + k] == parts[filled + k]
+                k += 1
+            if same:
+                break
+            other = previous[other]
+        if other < 0:
+            previous[count] = latest[first]
+            latest[first] = count
+            count += 1
+            filled += size
+            offsets[count] = filled
+    return offsets[: count + 1].copy(), parts[:filled].copy()
+
+
+@helper
+def _before(parts, offsets, one, other):
+    """Whether a set comes before another, member by member."""
+    sizes = offsets[one + 1] - offsets[one], offsets[other + 1] - offsets[other]
+    for k in range(min(sizes[0], sizes[1])):
+        a, b = parts[offsets[one] + k], parts[offsets[other] + k]
+        if a != b:
+            return a < b
+    return sizes[0] < sizes[1]
+
+
+@kernel
+def without_contained(offsets, parts, n_parts):
+    """The sets that no larger one contains, and a set for each part in none; in ascending order."""
+    count = len(offsets) - 1
+    starts = np.zeros(n_parts + 1, np.int64)
+    for h in range(len(parts)):
+        starts[parts[h] + 1] += 1
+    for p in range(n_parts):
+        starts[p + 1] += starts[p]
+    holders = np.empty(len(parts), np.int64)
+    cursor = starts[:-1].copy()
+    for s in range(count):
+        for h in range(offsets[s], offsets[s + 1]):
+            holders[cursor[parts[h]]] = s
+            cursor[parts[h]] += 1
+
+    first_of = np.full(n_parts, -1, np.int64)  # sets that remain, linked by their smallest part
+    following = np.empty(count, np.int64)
+    kept, room = 0, 0
+    for s in range(count):
+        rare = parts[offsets[s]]
+        for h in range(offsets[s] + 1, offsets[s + 1]):
+            if starts[parts[h] + 1] - starts[parts[h]] < starts[rare + 1] - starts[rare]:
+                rare = parts[h]
+        size = offsets[s + 1] - offsets[s]
+        contained = False
+        for i in range(starts[rare], starts[rare + 1]):
+            t = holders[i]
+            if offsets[t + 1] - offsets[t] <= size:
+                continue
+            h, k = offsets[s], offsets[t]
+            while h < offsets[s + 1] and offsets[t + 1] - k >= offsets[s + 1] - h:
+                if parts[h] == parts[k]:
+                    h += 1
+                k += 1
+            if h == offsets[s + 1]:
+                contained = True
+                break
+        if contained:
+            continue
+        first = parts[offsets[s]]
+        before, after = -1, first_of[first]
+        while after >= 0 and _before(parts, offsets, after, s):
+            before, after = after, following[after]
+        following[s] = after
+        if before < 0:
+            first_of[first] = s
+        else:
+            following[before] = s
+        kept += 1
+        room += size
+
+    alone = 0
+    for p in range(n_parts):
+        alone += starts[p] == starts[p + 1]
+    new_offsets = np.zeros(kept + alone + 1, np.int64)
+    new_parts = np.empty(room + alone, np.int32)
+    kept, room = 0, 0
+    for p in range(n_parts):
+        if starts[p] == starts[p + 1]:
+            new_parts[room] = p
+            room += 1
+            kept += 1
+            new_offsets[kept] = room
+        s = first_of[p]
+        while s >= 0:
+            for h in range(offsets[s], offsets[s + 1]):
+                new_parts[room] = parts[h]
+                room += 1
+            kept += 1
+            new_offsets[kept] = room
+            s = following[s]
+    return new_offsets, new_parts
+
+
+@kernel
+def united(pairs, n_parts, most):
+    """Sets of at most ``most`` parts as CSR, made by uniting pairs in turn; by their smallest parts."""
+    above = np.arange(n_parts)  # towards the smallest part of a set
+    size = np.ones(n_parts, np.int64)
+    for h in range(len(pairs)):
+        a, b = pairs[h, 0], pairs[h, 1]
+        while above[a] != a:
+            above[a] = above[above[a]]
+            a = above[a]
+        while above[b] != b:
+            above[b] = above[above[b]]
+            b = above[b]
+        if a != b and size[a] + size[b] <= most:
+            a, b = min(a, b), max(a, b)
+            above[b] = a
+            size[a] += size[b]
+    number = np.empty(n_parts, np.int64)
+    offsets = np.zeros(n_parts + 1, np.int64)
+    count = 0
+    for p in range(n_parts):
+        if above[p] == p:
+            number[p] = count
+            count += 1
+            offsets[count] = offsets[count - 1] + size[p]
+        else:
+            number[p] = number[above[p]]
+    cursor = offsets[:count].copy()
+    parts = np.empty(n_parts, np.int32)
+    for p in range(n_parts):
+        parts[cursor[number[p]]] = p
+        cursor[number[p]] += 1
+    return offsets[: count + 1].copy(), parts

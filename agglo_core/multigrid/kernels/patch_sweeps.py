@@ -1,0 +1,177 @@
+"""Schwarz smoothing on patches of a block matrix: inverses of the patches, and sweeps through them."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.multigrid.kernels.block_vectors import add_dots, add_product
+
+__all__ = ["patch_inverses", "patch_sum", "patch_sweep"]
+
+_TINY = 1e-22  # of the largest entry: less is 0, lest single precision computes with denormal numbers
+
+
+@kernel(reorder_sums=True)
+def patch_inverses(offsets, parts, indptr, indices, data, starts, half, out):
+    """Fill ``out`` with the inverses of the patches' matrices by rows, patch i from ``starts[i]`` on.
+
+    If ``half``, only the rows of their lower halves are stored, one after the other. The blocks ``data`` of
+    the matrix must be symmetric; only those in the lower half of a patch are read. Symmetric sweeps
+    (M. Goodnight, Amer. Statist. 33, 1979) invert that half in place. Returns the first patch that is not
+    positive definite, −1 if there is none.
+    """
+    n = data.shape[1]
+    most = 0
+    for i in range(len(offsets) - 1):
+        most = max(most, (offsets[i + 1] - offsets[i]) * n)
+    room, pivots = np.empty(most * most), np.empty(most)
+    place = np.full(len(indptr) - 1, -1, np.int64)
+    for i in range(len(offsets) - 1):
+        first, size = offsets[i], offsets[i + 1] - offsets[i]
+        m = size * n
+        W = room[: m * m].reshape(m, m)
+        W[:] = 0.0
+        for a in range(size):
+            place[parts[first + a]] = a
+        for a in range(size):
+            part = parts[first + a]
+            for h in range(indptr[part], indptr[part + 1]):
+                b = place[indices[h]]
+                if 0 <= b <= a:
+                    for r in range(n):
+                        for c in range(n):
+                            W[a * n + r, b * n + c] = data[h, r, c]
+        for a in range(size):
+            place[parts[first + a]] = -1
+
+        for j in range(m):  # sweep on each pivot: what is left is −W⁻¹
+            if not W[j, j] > 0.0:
+                return i
+            scale = 1.0 / W[j, j]
+            for c in range(j):
+                pivots[c] = W[j, c]
+            for r in range(j + 1, m):
+                pivots[r] = W[r, j]
+            pivots[j] = 0.0
+            for r in range(j):
+                factor, row = pivots[r] * scale, W[r]
+                for c in range(r + 1):
+                    row[c] -= factor * pivots[c]
+            for c in range(j):
+                W[j, c] = pivots[c] * scale
+            for r in range(j + 1, m):
+                factor, row = pivots[r] * scale, W[r]
+                for c in range(r + 1):
+                    row[c] -= factor * pivots[c]
+                row[j] = factor
+            W[j, j] = -scale
+
+        least = 0.0
+        for r in range(m):
+            least = max(least, -W[r, r] * _TINY)
+        for r in range(m):
+            row, at = W[r], starts[i] + (r * (r + 1) // 2 if half else r * m)
+            for c in range(r + 1):
+                out[at + c] = -row[c] if abs(row[c]) > least else 0.0
+        for r in range(0 if half else m):
+            for c in range(r):
+                out[starts[i] + c * m + r] = out[starts[i] + r * m + c]
+    return -1
+
+
+@cache
+def patch_sweep(width: int) -> Any:
+    """Kernel ``(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x, order)``.
+
+    It solves for the unknowns of each overlapping patch in turn, those with the factors of
+    :mod:`.patch_factors`; x becomes better. Patches are taken in their order (1, 0) or the
+    opposite (−1). For the order 0 b must be the residual b − A x, and is kept up. Blocks have the size
+    ``width``, and are in flat arrays.
+    """
+
+    @kernel(reorder_sums=True)
+    def sweep(offsets, parts, starts, below, pivots, factors, indptr, indices, data, b, x, order):
+        n, block = width, width * width
+        count, most = len(offsets) - 1, 0
+        for i in range(count):
+            most = max(most, offsets[i + 1] - offsets[i])
+        rest, better = np.empty(most * n, x.dtype), np.empty(most * n, x.dtype)
+        holder = np.full(len(indptr) - 1, -1, np.int32)  # the last patch that holds a part
+        for turn in range(count):
+            i = count - 1 - turn if order < 0 else turn
+            first, size = offsets[i], offsets[i + 1] - offsets[i]
+            for a in range(size):
+                holder[np.uint32(parts[first + a])] = i  # unsigned: no test whether it counts from the end
+            for a in range(size):
+                part = np.uint32(parts[first + a])
+                for q in range(n):
+                    rest[a * n + q] = -b[part * n + q]
+                    better[a * n + q] = 0
+                if order != 0:
+                    for h in range(indptr[part], indptr[part + 1]):
+                        column = np.uint32(indices[h])
+                        if holder[column] != i:
+                            add_dots(width, data, h * block, x, column * n, rest, a * n)
+
+            for a in range(size):
+                for h in range(starts[first + a], starts[first + a + 1]):
+                    add_product(width, rest, a * n, 1, factors, h * block, rest, below[h] * n)
+                add_product(width, rest, a * n, 1, pivots, (first + a) * block, better, a * n)
+            for back in range(size):
+                a = size - 1 - back
+                for h in range(starts[first + a], starts[first + a + 1]):
+                    add_dots(width, factors, h * block, better, below[h] * n, better, a * n)
+
+            for a in range(size):  # better is the change of x, or x itself, times −1
+                part = np.uint32(parts[first + a])
+                if order != 0:
+                    for q in range(n):
+                        x[part * n + q] = -better[a * n + q]
+                    continue
+                for q in range(n):
+                    x[part * n + q] -= better[a * n + q]
+                    b[part * n + q] = 0  # but for rounding it is
+                for h in range(indptr[part], indptr[part + 1]):
+                    column = np.uint32(indices[h])
+                    if holder[column] != i:
+                        add_product(width, better, a * n, 1, data, h * block, b, column * n)
+
+    return sweep
+
+
+@helper(reorder_sums=True)
+def _multiply(inverses, start, rest, m, better):
+    """``better[:m]`` becomes the product of ``rest`` with the symmetric matrix stored by half."""
+    at = start
+    for r in range(m):
+        inverse, value = inverses[at : at + r + 1], rest[r]
+        total = inverse[r] * value
+        for c in range(r):
+            total += inverse[c] * rest[c]
+            better[c] += inverse[c] * value
+        better[r] = total
+        at += r + 1
+
+
+@kernel(reorder_sums=True)
+def patch_sum(offsets, parts, inverse_starts, inverses, weights, n, r):
+    """The sum of the solutions of all patches, inverses by half; each part is weighted before and after."""
+    most = 0
+    for i in range(len(offsets) - 1):
+        most = max(most, (offsets[i + 1] - offsets[i]) * n)
+    there, better = np.empty(most, r.dtype), np.empty(most, r.dtype)
+    x = np.zeros_like(r)
+    for i in range(len(offsets) - 1):
+        first, last = offsets[i], offsets[i + 1]
+        for a in range(first, last):
+            for c in range(n):
+                there[(a - first) * n + c] = weights[parts[a]] * r[parts[a] * n + c]
+        _multiply(inverses, inverse_starts[i], there, (last - first) * n, better)
+        for a in range(first, last):
+            for c in range(n):
+                x[parts[a] * n + c] += weights[parts[a]] * better[(a - first) * n + c]
+    return x

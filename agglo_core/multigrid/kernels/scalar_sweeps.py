@@ -1,0 +1,40 @@
+"""Sweeps over the rows of a symmetric CSR matrix: Gauss–Seidel, forward from zero and backward.
+
+Entries are numbered by unsigned integers: a signed index costs a test whether it counts from the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import kernel
+
+__all__ = ["backward_sweep", "first_sweep"]
+
+
+@kernel
+def first_sweep(indptr, indices, data, inverse, b):
+    """x = (D + L)⁻¹ b, a forward sweep from zero, and b − A x; each entry of A is read once.
+
+    Row i is used as column i: as soon as x_i is known, the residuals of the neighbours are.
+    """
+    n = len(indptr) - 1
+    x = np.empty_like(b)
+    r = b.copy()
+    for i in range(n):
+        t = r[i] * inverse[i]
+        x[i] = t
+        for k in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            r[np.uint64(indices[k])] -= data[k] * t
+        r[i] = 0  # but for rounding it is
+    return x, r
+
+
+@kernel(reorder_sums=True)
+def backward_sweep(indptr, indices, data, inverse, b, x):
+    """A backward sweep of A x = b, in place."""
+    for i in range(len(indptr) - 2, -1, -1):
+        s = b[i]
+        for k in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            s -= data[k] * x[np.uint64(indices[k])]
+        x[i] += s * inverse[i]

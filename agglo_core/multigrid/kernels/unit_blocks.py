@@ -1,0 +1,113 @@
+"""Unknowns of a block matrix scaled so that its diagonal blocks become identities."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.multigrid.kernels.block_vectors import add_product
+
+__all__ = ["scale_blocks"]
+
+
+_UNROLLED = 16
+"""Blocks of 2 to so many unknowns have kernels of their own."""
+
+
+@cache
+def scale_blocks(width: int) -> Any:
+    """Kernel ``(indptr, indices, data)`` for blocks of a size, ``data (·, n, n)``.
+
+    It returns the blocks of T A Tᵀ; T of each part, the inverse of the Cholesky factor L of its diagonal
+    block; and Lᵀ. First comes the first part whose diagonal block is missing or not positive definite, −1 if
+    there is none.
+    """
+    if not 1 < width <= _UNROLLED:
+        return _scale_blocks
+
+    @kernel(reorder_sums=True)
+    def scaled_by_rows(indptr, indices, data):
+        square, count = width * width, len(indptr) - 1
+        failed, T, LT = _factors(indptr, indices, data)
+        scaled = np.zeros(data.shape)
+        if failed >= 0:
+            return failed, T, LT, scaled
+        left, out, blocks = T.reshape(-1), scaled.reshape(-1), data.reshape(-1)
+        right, half = np.empty(count * square), np.empty(square)
+        for i in range(count):
+            for r in range(width):
+                for q in range(width):
+                    right[i * square + q * width + r] = T[i, r, q]
+        for i in range(count):
+            for h in range(indptr[i], indptr[i + 1]):
+                other = np.uint32(indices[h]) * square
+                for k in range(square):
+                    half[k] = 0.0
+                for r in range(width):
+                    row = r * width
+                    add_product(width, left, i * square + row, 1, blocks, h * square, half, row)
+                    add_product(width, half, row, 1, right, other, out, h * square + row)
+        return -1, T, LT, scaled
+
+    return scaled_by_rows
+
+
+@helper(allocates=True)
+def _factors(indptr, indices, data):
+    """The first part that fails, T and Lᵀ."""
+    n, count = data.shape[1], len(indptr) - 1
+    T, LT = np.zeros((count, n, n)), np.zeros((count, n, n))
+    for i in range(count):
+        inverse, upper = T[i], LT[i]
+        for h in range(indptr[i], indptr[i + 1]):
+            if indices[h] == i:
+                upper[:] = data[h]
+        for j in range(n):  # Cholesky by rows: upper becomes Lᵀ
+            if not upper[j, j] > 0.0:
+                return i, T, LT
+            scale = 1.0 / np.sqrt(upper[j, j])
+            for c in range(j):
+                upper[j, c] = 0.0
+            for c in range(j, n):
+                upper[j, c] *= scale
+            for r in range(j + 1, n):
+                for c in range(r, n):
+                    upper[r, c] -= upper[j, r] * upper[j, c]
+        for r in range(n):  # row r of L⁻¹ from those above
+            for k in range(r):
+                for c in range(k + 1):
+                    inverse[r, c] -= upper[k, r] * inverse[k, c]
+            for c in range(r):
+                inverse[r, c] /= upper[r, r]
+            inverse[r, r] = 1.0 / upper[r, r]
+    return -1, T, LT
+
+
+@kernel(reorder_sums=True)
+def _scale_blocks(indptr, indices, data):
+    n, count = data.shape[1], len(indptr) - 1
+    failed, T, LT = _factors(indptr, indices, data)
+    half, scaled = np.empty((n, n)), np.zeros(data.shape)
+    if failed >= 0:
+        return failed, T, LT, scaled
+    for i in range(count):
+        left = T[i]
+        for h in range(indptr[i], indptr[i + 1]):
+            right, block, out = T[indices[h]], data[h], scaled[h]
+            for r in range(n):
+                row = half[r]
+                for q in range(n):
+                    row[q] = 0.0
+                for c in range(r + 1):
+                    for q in range(n):
+                        row[q] += left[r, c] * block[c, q]
+            for r in range(n):
+                for q in range(n):
+                    value = 0.0
+                    for c in range(q + 1):
+                        value += half[r, c] * right[q, c]
+                    out[r, q] = value
+    return -1, T, LT, scaled

@@ -1,0 +1,1 @@
+"""Refiners that move cells between parts, and the fixer of connectivity, with their kernels."""

@@ -1,0 +1,266 @@
+"""Balance: cells are handed on from parts that are too large to parts that are too small.
+
+The way goes through parts beside one another, each of which takes some cells from the one before it and hands
+others on, so that the sizes of those between stay nearly as they were.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core.compiled.cell_heap import put_in, take_out
+from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.ring_search import CROWD, connected
+from agglo_core.refine.reach import part_lists
+
+__all__ = ["even_out"]
+
+_TRIES = 6  # ways looked for between parts that have a cell to spare and those that want one
+
+
+class Parts(NamedTuple):
+    """Labels, sizes and numbers of cells of parts, and their cells as lists."""
+
+    labels: Any
+    sizes: Any
+    cells: Any
+    first: Any
+    after: Any
+    before: Any
+
+
+@helper
+def _move(weights, parts, i, target):
+    """Move cell i to part ``target``."""
+    home, w = parts.labels[i], weights[i]
+    if parts.before[i] >= 0:
+        parts.after[parts.before[i]] = parts.after[i]
+    else:
+        parts.first[home] = parts.after[i]
+    if parts.after[i] >= 0:
+        parts.before[parts.after[i]] = parts.before[i]
+    parts.after[i], parts.before[i] = parts.first[target], -1
+    if parts.first[target] >= 0:
+        parts.before[parts.first[target]] = i
+    parts.first[target], parts.labels[i] = i, target
+    parts.sizes[home] -= w
+    parts.sizes[target] += w
+    parts.cells[home] -= 1
+    parts.cells[target] += 1
+
+
+@helper
+def _centre(graph, weights, parts, p, out):
+    """Centre of part p, or the sum of its centroids if it weighs nothing."""
+    centroids, total = graph[2], 0.0
+    for a in range(len(out)):
+        out[a] = 0.0
+    i = parts.first[p]
+    while i >= 0:
+        total += weights[i]
+        for a in range(len(out)):
+            out[a] += weights[i] * centroids[i, a]
+        i = parts.after[i]
+    for a in range(len(out)):
+        out[a] /= total if total > 0.0 else 1.0
+
+
+@helper
+def _beside(graph, parts, i, target):
+    """Whether cell i has a neighbour in part ``target``."""
+    found = False
+    for h in range(np.uint64(graph[0][i]), np.uint64(graph[0][i + ONE])):
+        found |= parts.labels[np.uint32(graph[1][h])] == target
+    return found
+
+
+@helper
+def _can_spare(indptr, indices, labels, i, rings, stamp):
+    """Whether the part of cell i stays connected without it, be it all the way around a ring."""
+    home, queue, filled = labels[i], rings[0], np.int64(0)
+    for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+        queue[filled] = np.uint32(indices[h])
+        filled += labels[np.uint32(indices[h])] == home
+    if filled < 2:
+        return True
+    labels[i] = -1  # out of the way
+    whole = connected(indptr, indices, labels, home, rings, filled, stamp, np.int64(len(labels)), CROWD)
+    labels[i] = home
+    return whole
+
+
+@helper
+def _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp):
+    """Move cells of about this size from ``home`` to ``target``, those first that lie most towards it.
+
+    They are noted in ``moved`` from ``done`` on; returns where it ends, the size, and the last stamp.
+    """
+    indptr, indices, centroids = graph
+    heap, keys, place, rings, centres = work[4]
+    _centre(graph, weights, parts, home, centres[0])
+    _centre(graph, weights, parts, target, centres[1])
+    size, total, i = np.int64(0), 0.0, parts.first[home]
+    for a in range(centroids.shape[1]):
+        centres[0, a] = centres[1, a] - centres[0, a]
+    while i >= 0:
+        if _beside(graph, parts, np.uint64(i), target):
+            key = 0.0
+            for a in range(centroids.shape[1]):
+                key += centres[0, a] * centroids[i, a]
+            size = put_in(heap, keys, place, size, np.int64(i), key)
+        i = parts.after[i]
+    while size > 0 and parts.cells[home] > 1:
+        cell, size = take_out(heap, keys, place, size)
+        i = np.uint64(cell)
+        if total > 0.0 and total + weights[i] > amount * (1.0 + 1e-9):
+            break
+        stamp += 1
+        if not _can_spare(indptr, indices, parts.labels, i, rings, stamp):
+            continue
+        moved[done, 0], moved[done, 1] = cell, home
+        _move(weights, parts, i, target)
+        done, total = done + 1, total + weights[i]
+        if total >= amount * (1.0 - 1e-9):
+            break
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+            j = np.uint64(np.uint32(indices[h]))
+            if parts.labels[j] == home and place[j] < 0:
+                key = 0.0
+                for a in range(centroids.shape[1]):
+                    key += centres[0, a] * centroids[j, a]
+                size = put_in(heap, keys, place, size, np.int64(j), key)
+    for k in range(size):
+        place[heap[k]] = -1
+    return done, total, stamp
+
+
+@helper
+def _way(graph, parts, bounds, start, sign, barred, work):
+    """The nearest part from ``start`` on the other side of the mean, by which parts come from; −1 if none.
+
+    ``barred`` pairs of parts are not gone between.
+    """
+    indptr, indices, _ = graph
+    block, mean = bounds[0], bounds[1]
+    queue, came, seen = work[0], work[1], work[2]
+    turn = seen[len(seen) - 1] + 1
+    seen[len(seen) - 1] = turn
+    queue[0], seen[start], filled, done = start, turn, 1, 0
+    while done < filled:
+        p = queue[done]
+        done += 1
+        if p != start and sign * (parts.sizes[p] - mean[block[p]]) < 0.0:
+            return np.int64(p)
+        i = parts.first[p]
+        while i >= 0:
+            for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
+                q = parts.labels[np.uint32(indices[h])]
+                if seen[q] == turn or block[q] != block[p]:
+                    continue
+                free = True
+                for b in range(barred[0, 0]):
+                    free &= barred[b + 1, 0] != p or barred[b + 1, 1] != q
+                if free:
+                    seen[q], came[q], queue[filled] = turn, p, q
+                    filled += 1
+            i = parts.after[i]
+    return np.int64(-1)
+
+
+@helper
+def _unevenness(parts, way, length, mean):
+    """Sum of the squares of what the sizes of the parts on a way are off the mean."""
+    total = 0.0
+    for s in range(length):
+        total += (parts.sizes[way[s]] - mean) ** 2
+    return total
+
+
+@helper
+def _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp):
+    """Hand cells on along the way in the queue; all stays as it was unless sizes come nearer to the mean."""
+    way, moved, done = work[0], work[3], np.int64(0)
+    before = _unevenness(parts, way, length, mean)
+    amount = min(abs(parts.sizes[way[0]] - mean), abs(parts.sizes[way[length - 1]] - mean))
+    whole = True
+    for s in range(length - 1):
+        home, target = (way[s], way[s + 1]) if sign > 0 else (way[length - 1 - s], way[length - 2 - s])
+        start = done
+        done, amount, stamp = _shift(graph, weights, parts, home, target, amount, moved, done, work, stamp)
+        if done == start:
+            barred[0, 0] += 1
+            one, other = (home, target) if sign > 0 else (target, home)
+            barred[barred[0, 0], 0], barred[barred[0, 0], 1] = one, other
+            whole = False
+            break
+    if whole and _unevenness(parts, way, length, mean) < before * (1.0 - 1e-12):
+        return True, stamp
+    if whole:
+        barred[0, 0] = _TRIES  # another way would not do better
+    for back in range(done):
+        _move(weights, parts, moved[done - 1 - back, 0], moved[done - 1 - back, 1])
+    return False, stamp
+
+
+@helper
+def _traded(graph, weights, parts, bounds, p, sign, work, stamp):
+    """Whether part p could hand a cell on (sign 1), or get one (−1), by one of some ways."""
+    queue, came, barred = work[0], work[1], work[5]
+    barred[0, 0] = 0
+    while barred[0, 0] < _TRIES:
+        end = _way(graph, parts, bounds, p, sign, barred, work)
+        if end < 0:
+            break
+        length, q = 1, end
+        while q != p:
+            length, q = length + 1, came[q]
+        for s in range(length):
+            queue[length - 1 - s] = end
+            end = came[end]
+        mean = bounds[1][bounds[0][p]]
+        done, stamp = _hand_on(graph, weights, parts, mean, length, sign, barred, work, stamp)
+        if done:
+            return True, stamp
+    return False, stamp
+
+
+@kernel
+def even_out(indptr, indices, centroids, weights, labels, block, mean, room):
+    """Labels ``(n,)`` of parts whose sizes are within ``room (B,)`` of the mean of their block, if possible.
+
+    Parameters
+    ----------
+    weights : (n,) float
+        What sizes are made of.
+    labels : (n,) int
+        Parts, connected; they stay so, and none is emptied.
+    block : (k,) int
+    mean : (B,) float
+    """
+    n, k = len(labels), len(block)
+    own = labels.astype(np.int32)
+    first, after, before = part_lists(own, k)
+    parts = Parts(own, np.zeros(k), np.zeros(k, np.int64), first, after, before)
+    for i in range(n):
+        parts.sizes[own[i]] += weights[i]
+        parts.cells[own[i]] += 1
+    graph, bounds, stamp = (indptr, indices, centroids), (block, mean), np.int64(0)
+    rings = (np.empty(n + 1, np.int32), np.empty(n + 1, np.int32), np.zeros((n, 2), np.int64))
+    heap, keys, place = np.empty(n, np.int32), np.empty(n), np.full(n, -1, np.int32)
+    shift = (heap, keys, place, rings, np.empty((2, centroids.shape[1])))
+    queue, came, seen = np.empty(k, np.int32), np.zeros(k, np.int32), np.zeros(k + 1, np.int64)
+    work = (queue, came, seen, np.empty((n, 2), np.int64), shift, np.zeros((_TRIES + 2, 2), np.int64))
+    changed = True
+    while changed:
+        changed = False
+        for p in range(k):
+            b, going = block[p], True
+            while going and abs(parts.sizes[p] - mean[b]) > room[b]:
+                sign = 1.0 if parts.sizes[p] > mean[b] else -1.0
+                going, stamp = _traded(graph, weights, parts, bounds, p, sign, work, stamp)
+                changed |= going
+    return own.astype(np.int64)

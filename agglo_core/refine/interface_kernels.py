@@ -1,0 +1,257 @@
+"""Interface relaxation: move boundary cells to the part with which they share more boundary."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.ring_search import keeps_whole
+
+__all__ = ["relax_interface", "sort_by_key"]
+
+_MANY = 16  # neighbours from which on the lengths shared with parts are summed all at once
+_SWEEPS = 10
+_TIE = 1e-9
+
+
+@helper
+def _best_move(graph, parts, i, pairs, lengths):
+    """The part cell i should move to, with which neighbour (−1: alone), and the length saved.
+
+    Target −1 if nothing is saved. A pair pays where neither cell does alone. ``lengths`` has room for a
+    number for each part.
+    """
+    indptr, indices, interface = graph
+    home, own, total = parts[i], 0.0, 0.0
+    target, length = -1, 0.0
+    many = indptr[i + 1] - indptr[i] > _MANY
+    if many:
+        for h in range(indptr[i], indptr[i + 1]):
+            lengths[parts[indices[h]]] = 0.0
+        for h in range(indptr[i], indptr[i + 1]):
+            lengths[parts[indices[h]]] += interface[h]
+    for h in range(indptr[i], indptr[i + 1]):
+        p = parts[indices[h]]
+        total += interface[h]
+        if p == home:
+            own += interface[h]
+        if p in (home, target):
+            continue
+        shared = lengths[p] if many else 0.0
+        for g in range(indptr[i], indptr[i] if many else indptr[i + 1]):
+            if parts[indices[g]] == p:
+                shared += interface[g]
+        if shared > length:
+            target, length = p, shared
+    least = _TIE * total
+    if target >= 0 and length - own > least:
+        return target, -1, length - own
+    if target < 0 or not pairs:
+        return -1, -1, 0.0
+    partner, best = -1, least
+    for h in range(indptr[i], indptr[i + 1]):
+        j = indices[h]
+        if parts[j] == home:
+            both = length - own + 2.0 * interface[h]
+            for g in range(indptr[j], indptr[j + 1]):  # no branch: it would be mispredicted
+                p = parts[indices[g]]
+                both += interface[g] * ((p == target) - np.int64(p == home))
+            if both > best:
+                partner, best = j, both
+    if partner < 0:
+        return -1, -1, 0.0
+    return target, partner, best
+
+
+@helper
+def sort_by_key(items, keys, m):
+    """Heap sort of ``items[:m]`` by ascending ``keys[item]``."""
+    for heap in range(1, m):
+        child = heap
+        while child > 0:
+            parent = (child - 1) // 2
+            if keys[items[parent]] >= keys[items[child]]:
+                break
+            items[parent], items[child] = items[child], items[parent]
+            child = parent
+    for last in range(m - 1, 0, -1):
+        items[0], items[last] = items[last], items[0]
+        parent = 0
+        while True:
+            child = 2 * parent + 1
+            if child >= last:
+                break
+            if child + 1 < last and keys[items[child + 1]] > keys[items[child]]:
+                child += 1
+            if keys[items[parent]] >= keys[items[child]]:
+                break
+            items[parent], items[child] = items[child], items[parent]
+            parent = child
+
+
+@helper
+def _part_sums(start, stop, centroids, measures, tally, moments):
+    """Measure, cell count and first moment of each part of a block; returns its highest label + 1."""
+    parts, part_measures, part_cells = tally
+    present = 0
+    for i in range(start, stop):
+        present = max(present, parts[i] + 1)
+    for p in range(present):  # loops compile faster than slices
+        part_measures[p] = 0.0
+        part_cells[p] = 0
+        for k in range(centroids.shape[1]):
+            moments[p, k] = 0.0
+    for i in range(start, stop):
+        p = parts[i]
+        part_measures[p] += measures[i]
+        part_cells[p] += 1
+        for k in range(centroids.shape[1]):
+            moments[p, k] += measures[i] * centroids[i, k]
+    return present
+
+
+@helper
+def _axis_and_floors(present, floor, part_measures, moments, axis, floors):
+    """Direction from the block's centroid to its smallest part's, and the least measure of each part."""
+    small, total = -1, 0.0
+    for k in range(len(axis)):
+        axis[k] = 0.0
+    for p in range(present):
+        if part_measures[p] > 0.0 and (small < 0 or part_measures[p] < part_measures[small]):
+            small = p
+        total += part_measures[p]
+        for k in range(len(axis)):
+            axis[k] += moments[p, k]
+    for k in range(len(axis)):
+        axis[k] = moments[small, k] / part_measures[small] - axis[k] / total if small >= 0 else 0.0
+    for p in range(present):
+        floors[p] = floor * (part_measures[small] if present == 2 and small >= 0 else part_measures[p])
+
+
+@helper
+def _put(measures, tally, i, target):
+    """Move cell i to part ``target``."""
+    parts, part_measures, part_cells = tally
+    part_measures[parts[i]] -= measures[i]
+    part_cells[parts[i]] -= 1
+    parts[i] = target
+    part_measures[target] += measures[i]
+    part_cells[target] += 1
+
+
+@helper
+def _leave(graph, measures, tally, floors, i, target, search, stamp):
+    """Move cell i to ``target`` unless its part would break, empty or sink below its floor."""
+    parts, part_measures, part_cells = tally
+    own = parts[i]
+    if part_measures[own] - measures[i] < floors[own] or part_cells[own] < 2:
+        return False
+    if not keeps_whole(graph[0], graph[1], parts, i, search, stamp):
+        return False
+    _put(measures, tally, i, target)
+    return True
+
+
+@helper
+def _paying(graph, parts, cells, m, pairs, lengths, axis, centroids, keys, chosen):
+    """Write to ``chosen`` the cells of ``cells[:m]`` worth moving, along ``axis``; return how many."""
+    found = 0
+    for c in range(m):
+        i = cells[c]
+        if _best_move(graph, parts, i, pairs, lengths)[0] >= 0:
+            chosen[found] = i
+            found += 1
+            keys[i] = 0.0
+            for k in range(len(axis)):
+                keys[i] += axis[k] * centroids[i, k]
+    sort_by_key(chosen, keys, found)
+    return found
+
+
+@helper
+def _add_new(graph, i, cells, m, seen, stamp):
+    """Append the neighbours of cell i not seen under ``stamp`` to ``cells[:m]``; return the new length."""
+    indptr, indices, _ = graph
+    for h in range(indptr[i], indptr[i + 1]):
+        j = indices[h]
+        if seen[j] != stamp:
+            seen[j] = stamp
+            cells[m] = j
+            m += 1
+    return m
+
+
+@helper(allocates=True)
+def _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor):
+    n, d = len(measures), centroids.shape[1]
+    parts = labels.copy()
+    n_parts = 0
+    for i in range(n):  # parts.max() compiles for half a second
+        n_parts = max(n_parts, parts[i] + 1)
+    graph = (indptr, indices, interface)
+    tally = (parts, np.empty(n_parts), np.empty(n_parts, np.int64))
+    search = (np.empty(n, np.int32), np.empty(n, np.int32), np.zeros((n, 2), np.int32))
+    floors, moments, axis = np.empty(n_parts), np.empty((n_parts, d)), np.empty(d)
+    lengths = np.empty(n_parts)
+    keys, now, later, boundary = (
+        np.empty(n),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+        np.empty(n, np.int64),
+    )
+    listed, seen = np.zeros(n, np.int32), np.zeros(n, np.int32)  # zeros are not written until they are used
+    stamp, sweep = 0, 0
+    for b in range(len(offsets) - 1):
+        start, stop = offsets[b], offsets[b + 1]
+        present = _part_sums(start, stop, centroids, measures, tally, moments)
+        _axis_and_floors(present, floor, tally[1], moments, axis, floors)
+        edge = 0  # cells that are or were beside another part
+        for i in range(start, stop):
+            own, beside = parts[i], False
+            for h in range(indptr[i], indptr[i + 1]):
+                beside |= parts[indices[h]] != own  # no branch: it would be mispredicted
+            if beside:
+                boundary[edge] = later[edge] = i
+                listed[i] = b + 1
+                edge += 1
+        candidates, pairs, paired = edge, False, False
+        for _ in range(_SWEEPS):
+            m = _paying(graph, parts, later, candidates, pairs, lengths, axis, centroids, keys, now)
+            sweep += 1
+            candidates = 0
+            for c in range(m):
+                i, own = now[c], parts[now[c]]
+                target, partner, _gained = _best_move(graph, parts, i, pairs, lengths)
+                stamp += 2
+                if target < 0 or not _leave(graph, measures, tally, floors, i, target, search, stamp):
+                    continue
+                if partner >= 0:
+                    if not _leave(graph, measures, tally, floors, partner, target, search, stamp + 1):
+                        _put(measures, tally, i, own)
+                        continue
+                    candidates = _add_new(graph, partner, later, candidates, seen, sweep)
+                    edge = _add_new(graph, partner, boundary, edge, listed, b + 1)
+                candidates = _add_new(graph, i, later, candidates, seen, sweep)
+                edge = _add_new(graph, i, boundary, edge, listed, b + 1)
+            if pairs:
+                pairs = False
+            elif candidates == 0 and not paired:
+                pairs, paired, candidates = True, True, edge
+                for c in range(edge):
+                    later[c] = boundary[c]
+            if candidates == 0:
+                break
+    return parts
+
+
+@kernel
+def relax_interface(offsets, indptr, indices, interface, centroids, measures, labels, floor):
+    """Sweeps of interface-shortening moves, block by block; no part is disconnected.
+
+    No part falls below ``floor`` times its measure at entry (of two: the smaller one's). Sweeps run
+    along the line from the block's centroid to that of its smallest part: single cells until none
+    pays, pairs once, and single cells again.
+    """
+    return _relaxed(offsets, indptr, indices, interface, centroids, measures, labels, floor)

@@ -1,0 +1,113 @@
+"""Where parts are along an axis of their block: a geometric order."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.refine.shape_state import CENTRE, MASS
+
+__all__ = ["part_places", "places_across"]
+
+_FLAT = 1e-6
+"""A third moment below this share of its bound is rounding, and a second one across an axis below this share
+of that along it."""
+
+
+@helper(allocates=True)
+def _block_centres(block, count, tally):
+    """Centre ``(count, 3)`` and mass, or a little, of each block."""
+    mass, centres = np.zeros(count), np.zeros((count, 3))
+    for p in range(len(block)):
+        b, m = block[p], tally[p, MASS]
+        mass[b] += m
+        for a in range(3):
+            centres[b, a] += m * tally[p, CENTRE + a]
+    for b in range(count):
+        mass[b] = max(mass[b], 1e-300)
+        for a in range(3):
+            centres[b, a] /= mass[b]
+    return centres, mass
+
+
+@kernel
+def part_places(block, count, tally):
+    """Axes of the blocks ``(count, 3)``; where each part's centre is along that of its block ``(k,)``.
+
+    An axis is the third moment of the centres of the parts, which turns with the block, and does not vanish
+    unless there is symmetry: then it is a fixed direction.
+    """
+    centres, mass = _block_centres(block, count, tally)
+    spread, axes, extent = np.zeros(count), np.zeros((count, 3)), 0.0
+    for p in range(len(block)):
+        for a in range(3):
+            extent = max(extent, abs(tally[p, CENTRE + a] - tally[0, CENTRE + a]))
+    unit = 1.0 / extent if extent > 1e-300 else 1.0  # cubes of any unit are finite
+    for p in range(len(block)):
+        b, square = block[p], 0.0
+        for a in range(3):
+            square += (unit * (tally[p, CENTRE + a] - centres[b, a])) ** 2
+        square *= tally[p, MASS]
+        spread[b] += square
+        for a in range(3):
+            axes[b, a] += square * (unit * (tally[p, CENTRE + a] - centres[b, a]))
+    for b in range(count):
+        length, bound = 0.0, spread[b] * np.sqrt(spread[b] / mass[b])
+        for a in range(3):
+            length += axes[b, a] ** 2
+        if not np.sqrt(length) > _FLAT * bound:
+            for a in range(3):
+                axes[b, a] = 1.0 / (1.0 + np.sqrt(2.0) * a)
+    places = np.zeros(len(block))
+    for p in range(len(block)):
+        for a in range(3):
+            places[p] += axes[block[p], a] * tally[p, CENTRE + a]
+    return axes, places
+
+
+@helper(allocates=True)
+def _across(block, tally, axes, centres, mass, dim):
+    """Direction across the axis of each block ``(count, 3)``: see ``places_across``."""
+    count = len(axes)
+    unit, across = np.zeros((count, 3)), np.zeros((count, 3))
+    for b in range(count):
+        length = 0.0
+        for a in range(dim):
+            length += axes[b, a] ** 2
+        for a in range(dim):
+            unit[b, a] = axes[b, a] / np.sqrt(length)
+    for p in range(len(block)):
+        b, along = block[p], 0.0
+        for a in range(dim):
+            along += (tally[p, CENTRE + a] - centres[b, a]) * unit[b, a]
+        for a in range(dim):
+            across[b, a] += tally[p, MASS] * along * (tally[p, CENTRE + a] - centres[b, a]) / mass[b]
+    for b in range(count):
+        length, spread = 0.0, 0.0
+        for a in range(dim):
+            spread += across[b, a] * unit[b, a]
+        for a in range(dim):
+            across[b, a] -= spread * unit[b, a]
+            length += across[b, a] ** 2
+        if not np.sqrt(length) > _FLAT * spread:
+            across[b, 0], across[b, 1], across[b, 2] = -unit[b, 1], unit[b, 0], 0.0
+    return across
+
+
+@kernel
+def places_across(block, tally, axes, dim):
+    """Where each part's centre is across the axis of its block ``(k,)``.
+
+    The direction is that of the second moments with the axis; where there are none, as symmetry has it, one
+    that turns with the block in the plane.
+    """
+    places = np.zeros(len(block))
+    centres, mass = _block_centres(block, len(axes), tally)
+    across = _across(block, tally, axes, centres, mass, dim)
+    for p in range(len(block)):
+        b = block[p]
+        for a in range(dim):
+            places[p] += (tally[p, CENTRE + a] - centres[b, a]) * across[b, a]
+    return places

@@ -1,0 +1,207 @@
+"""How wide parts are while cells move: distances to their cells, or bounds from a few directions."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core.compiled.compiling import ONE, helper, kernel
+
+__all__ = ["Corners", "Reach", "cell_radii", "fits", "part_lists", "take_in"]
+
+_ABOVE = 1.0 + 1e-12  # a rounded extent beyond this multiple of the limit is beyond the limit
+_BELOW = 1.0 - 1e-9  # rounded distances below this multiple of the limit are below the limit
+_WALKS = 16  # times the cells of a part are walked before its extents are found
+
+
+class Corners(NamedTuple):
+    """Vertices per cell (CSR), points; centroids, and how far vertices are from these; directions.
+
+    At last, the cosine of the largest angle that any direction makes with the next.
+    """
+
+    offsets: Any
+    vertices: Any
+    points: Any
+    centroids: Any
+    radii: Any
+    directions: Any
+    cosine: Any
+
+
+class Reach(NamedTuple):
+    """Of each part: its cells as a list, the cell that was too far last, cells looked at, extents if known.
+
+    ``extents (k, D, 2)`` are the least and the largest place along each direction, ``ends`` the cells where.
+    """
+
+    first: Any
+    after: Any
+    before: Any
+    far: Any
+    looks: Any
+    extents: Any
+    ends: Any
+
+
+@kernel
+def part_lists(parts, k):
+    """The cells of each part as a list: the first of each part, the next and the last one of each cell."""
+    n = len(parts)
+    first, after, before = np.full(k, -1, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    for i in range(n - 1, -1, -1):
+        p = parts[i]
+        after[i], before[i] = first[p], -1
+        if first[p] >= 0:
+            before[first[p]] = i
+        first[p] = i
+    return first, after, before
+
+
+@kernel
+def cell_radii(offsets, vertices, points, centroids):
+    """Distance of each cell's centroid from its farthest vertex ``(n,)``."""
+    radii, last = np.empty(len(centroids)), points.shape[1] - 1
+    third = last - 1.0  # 0 in the plane; a loop over two or three takes twice the time
+    for i in range(np.uint64(len(radii))):
+        x, y, z, most = centroids[i, 0], centroids[i, 1], centroids[i, last], 0.0
+        for h in range(np.uint64(offsets[i]), np.uint64(offsets[i + ONE])):
+            v = np.uint32(vertices[h])
+            a, b, c = points[v, 0] - x, points[v, 1] - y, third * (points[v, last] - z)
+            most = max(most, a * a + b * b + c * c)
+        radii[i] = np.sqrt(most)
+    return radii
+
+
+@helper
+def _within(i, j, limit, corners):
+    """Whether no vertex of cell i is farther than ``limit`` from one of cell j.
+
+    Mostly the distance of the centroids tells: vertices are looked at where it does not.
+    """
+    solid, most = corners.points.shape[1] > 2, 0.0
+    i, j = np.uint64(i), np.uint64(j)
+    left = limit * _BELOW - corners.radii[i] - corners.radii[j]
+    x = corners.centroids[i, 0] - corners.centroids[j, 0]
+    y = corners.centroids[i, 1] - corners.centroids[j, 1]
+    z = corners.centroids[i, 2] - corners.centroids[j, 2] if solid else 0.0
+    if left >= 0.0 and x * x + y * y + z * z <= left * left:
+        return True
+    for g in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
+        for h in range(np.uint64(corners.offsets[j]), np.uint64(corners.offsets[j + ONE])):
+            one, other = np.uint32(corners.vertices[g]), np.uint32(corners.vertices[h])
+            x = corners.points[one, 0] - corners.points[other, 0]
+            y = corners.points[one, 1] - corners.points[other, 1]
+            z = corners.points[one, 2] - corners.points[other, 2] if solid else 0.0
+            square = x * x + y * y + z * z  # a loop over two or three takes twice the time
+            most = max(most, square)
+    return most <= limit * limit
+
+
+@helper
+def _extent(i, a, corners):
+    """The least and the largest place of the vertices of cell i along direction a."""
+    least, most, i = np.inf, -np.inf, np.uint64(i)
+    for h in range(np.uint64(corners.offsets[i]), np.uint64(corners.offsets[i + ONE])):
+        place, v = 0.0, np.uint32(corners.vertices[h])
+        for k in range(corners.points.shape[1]):
+            place += corners.directions[a, k] * corners.points[v, k]
+        least, most = min(least, place), max(most, place)
+    return least, most
+
+
+@helper
+def _include(i, p, reach, corners):
+    """Let the extents of part p include cell i."""
+    for a in range(len(corners.directions)):
+        least, most = _extent(i, a, corners)
+        if least < reach.extents[p, a, 0]:
+            reach.extents[p, a, 0], reach.ends[p, a, 0] = least, i
+        if most > reach.extents[p, a, 1]:
+            reach.extents[p, a, 1], reach.ends[p, a, 1] = most, i
+
+
+@helper
+def _find_extents(p, reach, corners):
+    """Find the extents of part p once its cells were walked several times."""
+    if reach.looks[p] < 0:
+        return
+    i, cells = reach.first[p], 0
+    while i >= 0:
+        cells += 1
+        i = reach.after[i]
+    if reach.looks[p] < _WALKS * cells:
+        return
+    reach.looks[p] = -1
+    for a in range(len(corners.directions)):
+        reach.extents[p, a, 0], reach.extents[p, a, 1] = np.inf, -np.inf
+    i = reach.first[p]
+    while i >= 0:
+        _include(i, p, reach, corners)
+        i = reach.after[i]
+
+
+@helper
+def _by_extents(i, p, parts, reach, limit, corners):
+    """1 if cell i fits into part p, 0 if it does not, −1 if its extents do not tell.
+
+    They never shrink: that it is too wide they tell only while the cell at the end is one of the part.
+    """
+    widest = 0.0
+    for a in range(len(corners.directions)):
+        least, most = _extent(i, a, corners)
+        low, high = reach.extents[p, a, 0], reach.extents[p, a, 1]
+        if most - low > limit * _ABOVE and parts[reach.ends[p, a, 0]] == p:
+            return 0
+        if high - least > limit * _ABOVE and parts[reach.ends[p, a, 1]] == p:
+            return 0
+        widest = max(widest, max(high, most) - min(low, least))
+    return 1 if widest <= limit * corners.cosine else -1
+
+
+@helper
+def fits(i, p, parts, reach, limit, corners):
+    """Whether part p may have cell i: no vertex of the cell is farther than ``limit`` from one of either."""
+    if limit == np.inf:
+        return True
+    far = reach.far[p]
+    if far >= 0 and parts[far] == p and not _within(i, far, limit, corners):
+        return False
+    if reach.looks[p] < 0:
+        found = _by_extents(i, p, parts, reach, limit, corners)
+        if found >= 0:
+            return found == 1
+    j = reach.first[p]
+    whole = _within(i, i, limit, corners) and (reach.after[j] >= 0 or _within(j, j, limit, corners))
+    looks = 0
+    while whole and j >= 0:
+        looks += 1
+        if not _within(i, j, limit, corners):
+            reach.far[p], whole = j, False
+        j = reach.after[j]
+    if reach.looks[p] >= 0:
+        reach.looks[p] += looks
+        _find_extents(p, reach, corners)
+    return whole
+
+
+@helper
+def take_in(i, home, p, reach, limit, corners):
+    """Move cell i from part ``home`` to part p."""
+    if limit == np.inf:
+        return
+    if reach.before[i] >= 0:
+        reach.after[reach.before[i]] = reach.after[i]
+    else:
+        reach.first[home] = reach.after[i]
+    if reach.after[i] >= 0:
+        reach.before[reach.after[i]] = reach.before[i]
+    reach.after[i], reach.before[i] = reach.first[p], -1
+    if reach.first[p] >= 0:
+        reach.before[reach.first[p]] = i
+    reach.first[p] = i
+    if reach.looks[p] < 0:
+        _include(i, p, reach, corners)

@@ -1,0 +1,232 @@
+"""Largest balls inside agglomerates in space: best-first branch and bound over boxes.
+
+Cavities, loose parts and pinched edges need no special case. Works in coordinates relative to the
+agglomerate's centroid and along its principal axes, so that boxes around flat agglomerates are flat.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.shapes.ball_program import ball_in_box, convex_solid, lowest_plane
+from agglo_core.shapes.ball_table import BLOCK, LANES, VALUES, gathered_triangles
+from agglo_core.shapes.ball_triangles import (
+    distance_to,
+    flattened,
+    inside_triangles,
+    linearised_triangles,
+    nearest_triangle,
+    shorter_list,
+)
+from agglo_core.shapes.box_heap import WIDTH, pop, push
+from agglo_core.shapes.solid_triangles import most_triangles, surface
+
+__all__ = ["balls"]
+
+_ACCURACY = 1e-3  # of the radius
+_PATIENCE = 20_000  # boxes after each of which that is doubled
+_FINEST = 1e-9  # of the diameter: what is left out in any case
+_CONVEX = 64  # triangles up to which a solid is tested for being convex, triangle by triangle
+_LARGE = 0.4  # half the diagonal of a box over the best radius, from which on planes decide nothing
+_THIN = 2.2  # ratio of the sides of a box from which on they do
+_LISTED = 6  # blocks in a list that is not worth shortening
+
+
+@helper
+def _radius_at(solid, x, y, z):
+    """Distance of a point from the surface, negative outside."""
+    corners, table, m, blocks = solid
+    distance = np.sqrt(table[nearest_triangle(table, np.int64(0), blocks, x, y, z) + VALUES])
+    return distance if inside_triangles(corners, table, m, x, y, z) else -distance
+
+
+@helper
+def _polished(solid, at, radius, sides, centre, some, weight, inverse, row):
+    """Radius of the largest ball near by, its centre in ``at``: steps of Newton's method, shorter if need be.
+
+    The triangles that touch it and their λ are left in ``some`` and ``weight``.
+    """
+    _, table, _, blocks = solid
+    trust, none = radius, np.int64(0)
+    for _ in range(12):
+        linearised_triangles(table, none, blocks, at[0], at[1], at[2], 0.0, 0.0, 0.0)
+        first = lowest_plane(table, none, blocks, 0.0, 0.0, 0.0)
+        sides[0], sides[1], sides[2] = trust, trust, trust
+        most = ball_in_box(
+            table, none, blocks, first, sides, 0.0, 1e-13 * radius, centre, some, weight, inverse, row
+        )
+        if most <= radius * (1.0 + 1e-10):
+            break
+        better = _radius_at(solid, at[0] + centre[0], at[1] + centre[1], at[2] + centre[2])
+        if better > radius:
+            for k in range(3):
+                at[k] += centre[k]
+            radius = better
+        else:
+            trust *= 0.25
+    return radius
+
+
+@helper
+def _average(table, some, weight, x, y, z):
+    """Weighted average of the distances of a point from some triangles."""
+    average = 0.0
+    for n in range(4):
+        if weight[n] > 0.0:
+            average += weight[n] * distance_to(table, some[n], x, y, z)
+    return average
+
+
+@helper
+def _highest_average(table, some, weight, x, y, z, sides, enough):
+    """The largest value in a box of an average of distances; infinite if the centre has more than enough.
+
+    No ball with its centre in the box is larger. The average is convex, hence largest at a corner.
+    """
+    if _average(table, some, weight, x, y, z) > enough:
+        return np.inf
+    most = 0.0
+    for corner in range(8):
+        sx, sy = sides[0] if corner & 1 else -sides[0], sides[1] if corner & 2 else -sides[1]
+        sz = sides[2] if corner & 4 else -sides[2]
+        most = max(most, _average(table, some, weight, x + sx, y + sy, z + sz))
+    return most
+
+
+@helper
+def _box_around_all(corners, m, low, sides):
+    """Write the centre and the half sides of the box around the triangles."""
+    for k in range(3):
+        least, most = np.inf, -np.inf
+        for i in range(m):
+            least = min(least, min(corners[i, k], min(corners[i, k + 3], corners[i, k + 6])))
+            most = max(most, max(corners[i, k], max(corners[i, k + 3], corners[i, k + 6])))
+        low[k], sides[k] = 0.5 * (least + most), 0.5 * (most - least)
+
+
+@helper(allocates=True)
+def _largest_ball(corners, table, m, blocks, diameter, best, heap):
+    """Radius of the largest ball, at least ``best`` about the origin; table and heap to reuse."""
+    at, centre, sides, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    some, weight, held, share = np.zeros(4, np.int64), np.zeros(4), np.zeros(4, np.int64), np.zeros(4)
+    inverse, row, box = np.zeros((4, 4)), np.zeros(4), np.zeros((1, WIDTH))
+    none = np.int64(0)
+    if m <= _CONVEX and convex_solid(corners, table, m, blocks, 1e-12 * diameter):
+        sides[0], sides[1], sides[2] = diameter, diameter, diameter
+        best = ball_in_box(
+            table, none, blocks, none, sides, 0.0, 1e-15 * diameter, centre, some, weight, inverse, row
+        )
+        return best, table, heap
+    polished = 0.0
+    if best > 0.0:
+        best = _polished((corners, table, m, blocks), at, best, own, centre, held, share, inverse, row)
+        polished = best
+    _box_around_all(corners, m, centre, sides)
+    box[0, 0], box[0, 1], box[0, 2], box[0, 3] = np.inf, centre[0], centre[1], centre[2]
+    box[0, 4], box[0, 5], box[0, 6], box[0, 7] = sides[0], sides[1], sides[2], 0.0
+    box[0, 8], box[0, 9] = 0.0, blocks
+    size, top, parts, opened, accuracy = none, blocks, 1, 0, _ACCURACY
+    while True:
+        x0, y0, z0 = box[0, 1], box[0, 2], box[0, 3]
+        sides[0], sides[1], sides[2], sure = box[0, 4], box[0, 5], box[0, 6], box[0, 7] > 0.0
+        start, stop = np.int64(box[0, 8]), np.int64(box[0, 9])
+        along = 0 if sides[0] >= max(sides[1], sides[2]) else (1 if sides[1] >= sides[2] else 2)
+        if parts == 2:
+            sides[along] *= 0.5
+        reach = np.sqrt(sides[0] * sides[0] + sides[1] * sides[1] + sides[2] * sides[2])
+        for part in range(parts):
+            shift = (2 * part - 1) * sides[along] * (parts - 1)
+            x, y, z = x0 + (along == 0) * shift, y0 + (along == 1) * shift, z0 + (along == 2) * shift
+            enough = best * (1.0 + accuracy) + _FINEST * diameter
+            opened += 1
+            accuracy *= 2.0 if opened % _PATIENCE == 0 else 1.0
+            d = np.sqrt(table[nearest_triangle(table, start, stop, x, y, z) + VALUES])
+            if d + reach <= enough:
+                continue
+            first, last = start, stop
+            if stop - start > _LISTED:
+                limit = (d + 2.0 * reach) ** 2 * (1.0 + 1e-9)
+                table, first, last = shorter_list(table, start, stop, limit, top)
+            inside = sure or inside_triangles(corners, table, m, x, y, z)
+            if not inside and reach - d <= enough:
+                continue
+            whole = inside and d > reach
+            if inside and d > best:
+                best, at[0], at[1], at[2] = d, x, y, z
+            bound = d + reach if inside else reach - d
+            longest = max(sides[0], max(sides[1], sides[2]))
+            if reach <= _LARGE * best or longest > _THIN * min(sides[0], min(sides[1], sides[2])):
+                if polished > 0.0 and _highest_average(table, held, share, x, y, z, sides, enough) <= enough:
+                    continue
+                linearised_triangles(table, first, last, x, y, z, sides[0], sides[1], sides[2])
+                for _ in range(4):
+                    most = ball_in_box(
+                        table, first, last, lowest_plane(table, first, last, 0.0, 0.0, 0.0), sides, enough,
+                        1e-3 * enough, centre, some, weight, inverse, row,
+                    )  # fmt: skip
+                    if most <= enough or not flattened(table, blocks, some, weight, x, y, z, sides):
+                        break
+                if most <= enough:
+                    continue
+                bound = min(bound, min(most, _highest_average(table, some, weight, x, y, z, sides, enough)))
+                if bound <= enough:
+                    continue
+                x1, y1, z1 = x + centre[0], y + centre[1], z + centre[2]
+                if table[nearest_triangle(table, first, last, x1, y1, z1) + VALUES] > best * best:
+                    better = _radius_at((corners, table, m, blocks), x1, y1, z1)
+                    if better > best:
+                        best, at[0], at[1], at[2] = better, x1, y1, z1
+            if best > polished * (1.0 + _ACCURACY):
+                solid = corners, table, m, blocks
+                best = _polished(solid, at, best, own, centre, held, share, inverse, row)
+                polished = best
+            box[0, 0], box[0, 1], box[0, 2], box[0, 3] = bound, x, y, z
+            box[0, 4], box[0, 5], box[0, 6] = sides[0], sides[1], sides[2]
+            box[0, 7], box[0, 8], box[0, 9] = 1.0 if whole else 0.0, first, last
+            heap = push(heap, size, box)
+            size += 1
+            top = max(top, last)
+        if size == 0 or heap[0, 0] <= best * (1.0 + accuracy) + _FINEST * diameter:
+            break
+        pop(heap, size, box)
+        size -= 1
+        parts = 2
+    if best > polished:
+        best = _polished((corners, table, m, blocks), at, best, own, centre, held, share, inverse, row)
+    return best, table, heap
+
+
+@kernel
+def balls(points, first, offsets, faces, face_cells, starts, triangles, centroids, diameters, anywhere):
+    """Radius of the largest ball inside each agglomerate: anywhere, or about the centroid (else 0).
+
+    Anywhere: in a convex solid of few triangles a linear program tells the radius. Otherwise boxes are
+    halved, best bound first, until none exceeds the best radius by 1e-3 of it, and steps of Newton's method
+    make each radius found exact where four triangles touch the ball. Where 20,000 boxes do not do, as in
+    plates fifty times as wide as thick, the share is doubled, and again after as many more.
+
+    Let c be the centre of a box, R half its diagonal and d the distance from c to the surface. No radius in
+    the box exceeds d + R, nor the largest Σ λ_i d_i there, d_i the distances to any triangles, λ >= 0,
+    Σ λ = 1. Two such choices are tried: the triangles that touch the best ball so far, which discard boxes
+    around it early, and the best λ for planes above the distances. Outside, no radius exceeds R - d; and if
+    d > R, all of a box is where its centre is. Only triangles within d + 2R of c can be nearest to a point
+    of the box: they alone are handed down to its halves.
+    """
+    n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
+    found, moments, axes = np.empty((most, 3), np.int64), np.empty((3, 3)), np.empty((3, 3))
+    corners, table = np.empty((most, 9)), np.empty((2 * most // LANES + 2) * BLOCK)
+    heap, centre = np.empty((256, WIDTH)), np.empty(3)
+    radius = np.zeros(n)
+    for c in range(n):
+        m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, found)
+        for k in range(3):
+            centre[k] = centroids[first + c, k]
+        table, m, blocks = gathered_triangles(points, found, m, centre, moments, axes, corners, table)
+        radius[c] = max(_radius_at((corners, table, m, blocks), 0.0, 0.0, 0.0), 0.0)
+        if anywhere:
+            known, width = radius[c], diameters[first + c]
+            radius[c], table, heap = _largest_ball(corners, table, m, blocks, width, known, heap)
+    return radius

@@ -1,0 +1,94 @@
+"""The flat faces of agglomerates in space, whatever faces of cells they are made of."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.shapes.solid_triangles import most_triangles, surface
+
+__all__ = ["face_ratios"]
+
+_STRAIGHT = 1e-8  # radians; rounded coordinates turn triangles in one plane by less
+
+
+@helper
+def _root(joined, t):
+    """The triangle that stands for all that are joined with t."""
+    while joined[t] != t:
+        joined[t] = joined[joined[t]]
+        t = joined[t]
+    return t
+
+
+@helper
+def _normals(points, corners, m, normals):
+    """Write unit normals and areas of triangles."""
+    for t in range(m):
+        a, b, c = corners[t, 0], corners[t, 1], corners[t, 2]
+        ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+        vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        size = np.sqrt(x * x + y * y + z * z)
+        scale = 1.0 / size if size > 0.0 else 0.0
+        normals[t, 0], normals[t, 1], normals[t, 2], normals[t, 3] = (
+            x * scale,
+            y * scale,
+            z * scale,
+            0.5 * size,
+        )
+
+
+@helper
+def _in_line(normals, s, t):
+    """Whether two triangles lie in one plane, on the same side of the solid."""
+    ax, ay, az = normals[s, 0], normals[s, 1], normals[s, 2]
+    bx, by, bz = normals[t, 0], normals[t, 1], normals[t, 2]
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return x * x + y * y + z * z <= _STRAIGHT * _STRAIGHT and ax * bx + ay * by + az * bz > 0.0
+
+
+@kernel
+def face_ratios(points, first, offsets, faces, face_cells, starts, triangles):
+    """Area of the smallest over that of the largest flat face of each cell from ``first`` on.
+
+    Triangles that share an edge and lie in one plane are one face.
+    """
+    n, most = len(offsets) - 1, most_triangles(offsets, faces, starts)
+    corners, normals = np.empty((most, 3), np.int64), np.empty((most, 4))
+    joined, area, following = np.empty(most, np.int64), np.empty(most), np.empty(3 * most, np.int64)
+    latest = np.full(
+        len(points), -1, np.int64
+    )  # half-edge of the cell at hand, of which a point is the lower end
+    ratio = np.empty(n)
+    for c in range(n):
+        m = surface(first + c, offsets[c], offsets[c + 1], faces, face_cells, starts, triangles, corners)
+        _normals(points, corners, m, normals)
+        for t in range(m):
+            joined[t], area[t] = t, 0.0
+            for k in range(3):
+                latest[corners[t, k]] = -1
+        for t in range(m):
+            for side in range(3):
+                a, b = corners[t, side], corners[t, (side + 1) % 3]
+                low, high, h = min(a, b), max(a, b), 3 * t + side
+                other = latest[low]
+                while other >= 0:
+                    s = other // 3
+                    i, j = corners[s, other % 3], corners[s, (other + 1) % 3 if other % 3 < 2 else 0]
+                    other_high = max(i, j)
+                    if other_high == high and _in_line(normals, s, t):
+                        joined[_root(joined, s)] = _root(joined, t)
+                    other = following[other]
+                following[h], latest[low] = latest[low], h
+        for t in range(m):
+            area[_root(joined, t)] += normals[t, 3]
+        least, largest = np.inf, 0.0
+        for t in range(m):
+            largest = max(largest, area[t])
+            if area[t] > 0.0:
+                least = min(least, area[t])
+        ratio[c] = least / largest
+    return ratio

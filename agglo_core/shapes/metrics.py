@@ -1,0 +1,252 @@
+"""The built-in quality metrics: one value per agglomerate.
+
+A metric whose ``shape_only`` is true looks at the agglomerates alone, not at the cells inside: on the
+coarse mesh, with one label per cell, it gives the same values. :func:`agglo_core.quality` coarsens once
+and lets all of these share the coarse mesh and what it caches.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Literal
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.errors import MeshError, OptionError
+from agglo_core.graph import Graph, functionals, moves
+from agglo_core.graph.connection import parts_connected
+from agglo_core.mesh import Mesh
+from agglo_core.shapes.solid_surfaces import ball_radii
+from agglo_core.threads import over_ranges
+
+__all__ = [
+    "Cells",
+    "CentredCircleRatio",
+    "CircleRatio",
+    "Components",
+    "Cut",
+    "DiameterRatio",
+    "InterfaceLength",
+    "NormalisedCut",
+    "UniformityFactor",
+    "UniformityFactor99",
+    "agglomerates",
+    "plane_agglomerates",
+]
+
+_FEW = 500  # agglomerates whose circles one thread finds in some ten milliseconds
+
+Better = Literal["high", "low"]
+
+
+def agglomerates(mesh: Mesh, labels: Int) -> Mesh:
+    """The coarse mesh; ``mesh`` itself if every cell is its own agglomerate, in order."""
+    labels = mesh.check_labels(labels)
+    if labels[-1] == mesh.n_cells - 1 and np.array_equal(labels, np.arange(mesh.n_cells)):
+        return mesh
+    return mesh.coarsen(labels)
+
+
+def plane_agglomerates(mesh: Mesh, labels: Int, metric: str) -> Mesh:
+    """The coarse mesh for a metric that exists only in 2-D; MeshError in 3-D."""
+    if mesh.dim != 2:
+        raise MeshError(f"metric {metric} exists only for 2-D meshes; this one is {mesh.dim}-D")
+    return agglomerates(mesh, labels)
+
+
+def _ball_ratios(mesh: Mesh, labels: Int, anywhere: bool) -> Float:
+    """Radius of the largest circle (3-D: ball) inside over half the diameter ``(k,)``."""
+    coarse = agglomerates(mesh, labels)
+    radii = _circle_radii(coarse, anywhere) if coarse.dim == 2 else ball_radii(coarse, anywhere)
+    ratios: Float = 2.0 * radii / coarse.cell_diameters
+    return ratios
+
+
+def _circle_radii(mesh: Mesh, anywhere: bool) -> Float:
+    """Radius of the largest circle inside each cell ``(n_cells,)``."""
+    from agglo_core.shapes.circle import circles
+
+    points, pairs, (offsets, faces) = mesh.local_points, mesh.face_pairs, mesh.cell_faces
+    centroids, diameters = mesh.local_centroids, mesh.cell_diameters
+
+    def radii(start: int, stop: int) -> Float:
+        own = slice(start, stop)
+        found: Float = circles(
+            points, offsets[start : stop + 1], faces, pairs, centroids[own], diameters[own], anywhere
+        )
+        return found
+
+    return np.concatenate(over_ranges(radii, mesh.n_cells, few=_FEW))
+
+
+class UniformityFactor:
+    """Uniformity factor diam(P) / h, with h the largest diameter of the partition (paper, §4)."""
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+    relative = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Uniformity factor ``(k,)``."""
+        diameters: Float = agglomerates(mesh, labels).cell_diameters
+        factors: Float = diameters / diameters.max()
+        return factors
+
+
+class UniformityFactor99:
+    """Diameter over the 99th percentile of the diameters, so that one outlier does not set the scale."""
+
+    better: Better = "high"
+    bounds = (0.0, inf)
+    homogeneity = 0
+    shape_only = True
+    relative = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Ratio ``(k,)``; above 1 for the largest hundredth."""
+        diameters: Float = agglomerates(mesh, labels).cell_diameters
+        return diameters / np.percentile(diameters, 99)
+
+
+class CircleRatio:
+    """Circle ratio: radius of the largest inscribed circle (3-D: ball) over half the diameter (paper, §4)."""
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Circle ratio ``(k,)``; the radius is at most 1e-4 diameters (3-D: 1e-3 of it) below the largest."""
+        return _ball_ratios(mesh, labels, anywhere=True)
+
+
+class CentredCircleRatio:
+    """Circle ratio with the circle (ball) about the centroid, 0 if that is outside: the paper's tables."""
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Centred circle ratio ``(k,)``, exact."""
+        return _ball_ratios(mesh, labels, anywhere=False)
+
+
+class DiameterRatio:
+    """Diameter over the size asked for.
+
+    Parameters
+    ----------
+    h_star : float
+        Positive, in the units of the mesh; as it is fixed, values scale like a length.
+
+    Raises
+    ------
+    OptionError
+        If ``h_star`` is anything else.
+    """
+
+    better: Better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 1
+    shape_only = True
+
+    def __init__(self, h_star: float) -> None:
+        number = isinstance(h_star, int | float | np.number) and not isinstance(h_star, bool)
+        if not number or not 0.0 < h_star < inf:
+            raise OptionError(f"diameter_ratio: h_star must be a positive, finite number, not {h_star!r}")
+        self.h_star = float(h_star)
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """diam(P) / h_star ``(k,)``."""
+        return agglomerates(mesh, labels).cell_diameters / self.h_star
+
+
+class InterfaceLength:
+    """Measure of the faces towards other agglomerates: a length in 2-D, an area (L²) in 3-D."""
+
+    better: Better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 1
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Interface ``(k,)``; the boundary of the domain does not count."""
+        coarse = agglomerates(mesh, labels)
+        inner = coarse.face_cells[:, 1] >= 0
+        pairs, measures = coarse.face_cells[inner], coarse.face_measures[inner]
+        lengths = np.bincount(pairs.ravel(), np.repeat(measures, 2), minlength=coarse.n_cells)
+        return lengths.astype(float)  # without any inner face numpy counts in integers
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves: a face between parts counts for both."""
+        return 2.0 * moves.interface_changes(graph, labels, cells, parts)
+
+
+class Cut:
+    """Number of dual edges that leave the agglomerate: cut(S_k, V∖S_k) (paper, §2.1)."""
+
+    better: Better = "low"
+    bounds = (0.0, inf)
+    homogeneity = 0
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Edges cut ``(k,)``; each counts for both its parts."""
+        return functionals.part_cuts(mesh.graph, mesh.check_labels(labels))
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves: an edge between parts counts for both."""
+        return 2.0 * moves.cut_changes(graph, labels, cells, parts)
+
+
+class NormalisedCut:
+    """Edges cut over the volume, the total degree of the cells: cut / vol (paper, §2.1)."""
+
+    better: Better = "low"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """cut(S_k, V∖S_k) / vol(S_k, V) ``(k,)``; 0 for a cell without neighbours."""
+        parts = mesh.check_labels(labels)
+        cuts = functionals.part_cuts(mesh.graph, parts)
+        return functionals.ratio(cuts, functionals.part_volumes(mesh.graph, parts))
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves."""
+        return moves.normalised_cut_changes(graph, labels, cells, parts)
+
+
+class Components:
+    """Number of connected components, cells being connected through faces."""
+
+    better: Better = "low"
+    bounds = (1.0, inf)
+    homogeneity = 0
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Components ``(k,)``; 1 where connected."""
+        parts, graph = mesh.check_labels(labels), mesh.graph
+        if parts_connected(graph.indptr, graph.indices, parts):
+            return np.ones(int(parts.max()) + 1)
+        component = graph.components(parts)
+        part_of = np.empty(int(component.max()) + 1, np.int64)
+        part_of[component] = parts
+        return np.bincount(part_of).astype(float)
+
+
+class Cells:
+    """Number of cells in the agglomerate: how far the mesh is coarsened."""
+
+    better: Better = "high"
+    bounds = (1.0, inf)
+    homogeneity = 0
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Cells ``(k,)``."""
+        return np.bincount(mesh.check_labels(labels)).astype(float)

@@ -1,0 +1,188 @@
+"""Convex hulls of agglomerates, their narrowest boxes, and kernels of star-shaped agglomerates."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["box_ratios", "convex_hulls", "kernel_areas", "narrowest", "one_hull"]
+
+_TIE = 1e-9  # relative difference below which two widths count as equal
+_SHORT = 1e-8  # of the extent: shorter edges are those between points that rounding set apart
+
+
+@helper
+def _turn(points, a, b, c):
+    """Twice the signed area of the triangle abc: positive where the path turns left at b."""
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    return ux * (points[c, 1] - points[a, 1]) - uy * (points[c, 0] - points[a, 0])
+
+
+@helper
+def _sort(points, vertices, start, stop):
+    """Sort ``vertices[start:stop]`` by x, then y (Shell's sort: short to compile, quick on short lists)."""
+    gap = 1
+    while 3 * gap < stop - start:
+        gap = 3 * gap + 1
+    while gap > 0:
+        for i in range(start + gap, stop):
+            v, j = vertices[i], i
+            x, y = points[v, 0], points[v, 1]
+            while j - gap >= start:
+                w = vertices[j - gap]
+                if points[w, 0] < x or (points[w, 0] == x and points[w, 1] <= y):
+                    break
+                vertices[j] = w
+                j -= gap
+            vertices[j] = v
+        gap //= 3
+
+
+@helper
+def one_hull(points, order, start, stop, hull, top):
+    """Append the hull of ``order[start:stop]``, which it sorts, counter-clockwise; where it ends."""
+    _sort(points, order, start, stop)
+    base, last = top, stop - 1
+    floor = base + 1  # entries below are final
+    for step in range(2 * (last - start) + 1):  # there along the lower side, back along the upper
+        if step == last - start + 1:
+            floor = top
+        v = order[start + step] if start + step <= last else order[2 * last - start - step]
+        while top > floor and _turn(points, hull[top - 2], hull[top - 1], v) <= 0.0:
+            top -= 1
+        hull[top] = v
+        top += 1
+    return top - 1  # back at the first vertex
+
+
+@kernel
+def convex_hulls(points, offsets, vertices):
+    """Areas of the convex hulls, and the hulls as CSR (offsets, vertices), counter-clockwise.
+
+    Andrew's monotone chain; vertices of a cell come in any order and may repeat.
+    """
+    n = len(offsets) - 1
+    area = np.zeros(n)
+    hull_offsets = np.zeros(n + 1, np.int64)
+    hull = np.empty(len(vertices) + 1, np.int64)
+    order = np.empty(len(vertices), np.int64)
+    for h in range(len(vertices)):
+        order[h] = vertices[h]
+    top = 0
+    for c in range(n):
+        base = top
+        top = one_hull(points, order, offsets[c], offsets[c + 1], hull, base)
+        hull_offsets[c + 1] = top
+        for i in range(base + 1, top - 1):
+            area[c] += 0.5 * _turn(points, hull[base], hull[i], hull[i + 1])
+    return area, hull_offsets, hull[:top].copy()
+
+
+@helper
+def _furthest(points, hull, start, m, at, ux, uy):
+    """Place, from ``at`` on, of the vertex where the hull stops advancing along (ux, uy)."""
+    while True:
+        p, q = hull[start + at % m], hull[start + (at + 1) % m]
+        if ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]) <= 0.0:
+            return at
+        at += 1
+
+
+@helper
+def narrowest(points, hull, start, m):
+    """Width of the narrowest rectangle around a hull, and short over long side (rotating calipers)."""
+    right, far, left = 1, 1, 1
+    width, best, reach = np.inf, 0.0, 0.0
+    for i in range(m):
+        reach = max(reach, abs(points[hull[start + i], 0] - points[hull[start], 0]))
+        reach = max(reach, abs(points[hull[start + i], 1] - points[hull[start], 1]))
+    for i in range(m):
+        a, b = hull[start + i], hull[start + (i + 1) % m]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        if max(abs(ux), abs(uy)) <= _SHORT * reach:  # of no direction, by rounding
+            continue
+        right = _furthest(points, hull, start, m, max(right, i + 1), ux, uy)
+        far = _furthest(points, hull, start, m, max(far, right), -uy, ux)
+        left = _furthest(points, hull, start, m, max(left, far), -ux, -uy)
+        p, q = hull[start + left % m], hull[start + right % m]
+        height = _turn(points, a, b, hull[start + far % m])
+        value = height / (ux * (points[q, 0] - points[p, 0]) + uy * (points[q, 1] - points[p, 1]))
+        narrow = height / np.sqrt(ux * ux + uy * uy)
+        if narrow < width * (1.0 - _TIE) or (narrow <= width * (1.0 + _TIE) and value > best):
+            best = value
+            width = min(width, narrow)
+    return width, best
+
+
+@kernel
+def box_ratios(points, offsets, hull):
+    """Short side over long side of the narrowest rectangle around each hull.
+
+    One side of that rectangle lies on an edge of the hull. Among equally narrow ones the shortest counts.
+    """
+    ratio = np.empty(len(offsets) - 1)
+    for c in range(len(ratio)):
+        ratio[c] = narrowest(points, hull, offsets[c], offsets[c + 1] - offsets[c])[1]
+    return ratio
+
+
+@helper
+def _clip(source, m, target, ax, ay, ux, uy):
+    """Copy the part of convex polygon ``source[:m]`` left of the line through a along u; return its size."""
+    k = 0
+    px, py = source[m - 1, 0], source[m - 1, 1]
+    before = ux * (py - ay) - uy * (px - ax)
+    for i in range(m):
+        qx, qy = source[i, 0], source[i, 1]
+        here = ux * (qy - ay) - uy * (qx - ax)
+        if (before < 0.0) != (here < 0.0):
+            t = before / (before - here)
+            target[k, 0], target[k, 1] = px + t * (qx - px), py + t * (qy - py)
+            k += 1
+        if here >= 0.0:
+            target[k, 0], target[k, 1] = qx, qy
+            k += 1
+        px, py, before = qx, qy, here
+    return k
+
+
+@kernel
+def kernel_areas(points, cell_loops, loop_offsets, vertices, hull_offsets, hull):
+    """Area of the kernel of each cell, the points that see all of it; 0 where it has several loops.
+
+    The kernel lies left of every edge; within the hull, only edges at reflex vertices can cut. For a point
+    of the cell that does not see all of it, a reflex vertex blocks the view, and the point lies right of
+    one of its edges. A point of the hull outside the cell lies in a pocket; the pocket's vertex farthest
+    from its lid is reflex, and the point lies right of one of its edges.
+    """
+    area = np.zeros(len(cell_loops) - 1)
+    room = 8
+    for loop in range(len(loop_offsets) - 1):
+        room = max(room, 2 * (loop_offsets[loop + 1] - loop_offsets[loop]) + 2)
+    polygon, clipped = np.empty((room, 2)), np.empty((room, 2))
+    for c in range(len(area)):
+        if cell_loops[c + 1] - cell_loops[c] != 1:
+            continue
+        start, stop = loop_offsets[cell_loops[c]], loop_offsets[cell_loops[c] + 1]
+        x0, y0 = points[vertices[start], 0], points[vertices[start], 1]
+        m = hull_offsets[c + 1] - hull_offsets[c]
+        for i in range(m):
+            v = hull[hull_offsets[c] + i]
+            polygon[i, 0], polygon[i, 1] = points[v, 0] - x0, points[v, 1] - y0
+        a, b = vertices[stop - 2], vertices[stop - 1]
+        reflex = _turn(points, a, b, vertices[start]) < 0.0
+        for i in range(start, stop):
+            a, b = b, vertices[i]
+            was, reflex = reflex, _turn(points, a, b, vertices[i + 1 if i + 1 < stop else start]) < 0.0
+            if was or reflex:
+                ax, ay = points[a, 0], points[a, 1]
+                m = _clip(polygon, m, clipped, ax - x0, ay - y0, points[b, 0] - ax, points[b, 1] - ay)
+                polygon, clipped = clipped, polygon
+                if m < 3:
+                    break
+        for i in range(1, m - 1):
+            area[c] += 0.5 * _turn(polygon, 0, i, i + 1)
+    return area

@@ -1,0 +1,85 @@
+"""How near agglomerates are to a disc, in space to a ball: by their moment of inertia, and by their surface.
+
+Both are 1 for the disc alone and see the whole shape, not two points of it as the diameter does.
+"""
+
+from __future__ import annotations
+
+from math import gamma, pi
+from typing import Literal
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.graph import Graph, functionals, moves
+from agglo_core.mesh import Mesh
+from agglo_core.shapes.metrics import agglomerates
+
+__all__ = ["InertiaRatio", "IsoperimetricQuotient"]
+
+Better = Literal["high", "low"]
+
+
+class InertiaRatio:
+    """Moment of inertia of the disc (3-D: ball) of that measure over its own: ∫ |x − C|² about the centroid.
+
+    A² / (2π ∫ |x − C|²) in 2-D: 3/π for a square, √3 · 3 / (2π) for an equilateral triangle. It is exact:
+    the integral is over the agglomerate, not a sum over centroids of cells.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Ratio ``(k,)``; 1 for a disc or ball."""
+        coarse = agglomerates(mesh, labels)
+        d, measures = coarse.dim, coarse.cell_measures
+        radii = (measures / _unit_ball(d)) ** (1.0 / d)
+        of_balls = d / (d + 2.0) * measures * radii**2
+        ratios: Float = functionals.ratio(of_balls, coarse.cell_inertias)
+        return ratios
+
+
+class IsoperimetricQuotient:
+    """Isoperimetric quotient: 4π area / perimeter², 36π volume² / surface³; 1 for a disc or ball.
+
+    Edges of holes count as perimeter.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Isoperimetric quotient ``(k,)``."""
+        coarse = agglomerates(mesh, labels)
+        offsets, faces = coarse.cell_faces
+        surfaces = np.add.reduceat(coarse.face_measures[faces], offsets[:-1])
+        return _quotient(coarse.cell_measures, surfaces, coarse.dim)
+
+    def changes(self, graph: Graph, labels: Int, cells: Int, parts: Int) -> Float:
+        """Changes ``(q,)`` of the sum if one cell moves, of parts that keep a cell."""
+        k, d = int(labels.max()) + 1, graph.dim
+        shared = moves.links(graph, labels, cells, parts, graph.interface)
+        size, own = graph.measures[cells], labels[cells]
+        outline = shared.total + graph.boundary[cells]
+        sizes = moves.part_sums(labels, graph.measures, k)
+        outlines = moves.part_sums(labels, graph.boundary, k)
+        outlines += functionals.part_cuts(graph, labels, edge_weights=graph.interface)
+        left = _quotient(sizes[own] - size, outlines[own] - outline + 2.0 * shared.own, d)
+        joined = _quotient(sizes[parts] + size, outlines[parts] + outline - 2.0 * shared.there, d)
+        before = _quotient(sizes, outlines, d)
+        return np.where(own == parts, 0.0, left + joined - before[own] - before[parts])
+
+
+def _unit_ball(d: int) -> float:
+    """Measure of the ball of radius 1: π, 4π/3."""
+    return float(pi ** (d / 2.0) / gamma(d / 2.0 + 1.0))
+
+
+def _quotient(measures: Float, surfaces: Float, d: int) -> Float:
+    """Of surfaces that a ball of the same measure has, to the power d: d^d |ball| V^(d−1) / S^d."""
+    return functionals.ratio(d**d * _unit_ball(d) * measures ** (d - 1), surfaces**d)

@@ -1,0 +1,194 @@
+"""Shape metrics of agglomerates: 1 is best, 0 worst, and none depends on the cells inside.
+
+M. Attene et al., "Benchmark of polygon quality metrics for polytopal element methods" (2019) compares
+area with perimeter, kernel with area, and shortest with longest edge; convexity and the sides of a
+bounding box are common besides.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.mesh import Loops, Mesh
+from agglo_core.shapes import solid_shapes
+from agglo_core.shapes.metrics import agglomerates, plane_agglomerates
+from agglo_core.shapes.round_shapes import IsoperimetricQuotient
+from agglo_core.threads import over_ranges
+
+__all__ = ["BoxRatio", "Convexity", "EdgeRatio", "FaceRatio", "IsoperimetricQuotient", "StarShapedness"]
+
+_STRAIGHT = 1e-8  # radians; rounded coordinates turn collinear edges by less
+
+_FEW = 2_000  # agglomerates one thread looks at in some milliseconds
+
+Better = Literal["high", "low"]
+
+
+class Convexity:
+    """Area (3-D: volume) over that of the convex hull; 1 where convex."""
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Convexity ``(k,)``."""
+        coarse = agglomerates(mesh, labels)
+        hulls = _hulls(coarse)[0] if coarse.dim == 2 else solid_shapes.hull_volumes(coarse)
+        return np.minimum(coarse.cell_measures / hulls, 1.0)  # by rounding it may exceed 1
+
+
+class StarShapedness:
+    """Area (3-D: volume) of the kernel, the points that see the whole agglomerate, over its own.
+
+    0 where the agglomerate is not star-shaped; holes, cavities, loose parts and parts that only touch make
+    it so.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Star-shapedness ``(k,)``."""
+        coarse = agglomerates(mesh, labels)
+        seeing = _sight_areas(coarse) if coarse.dim == 2 else solid_shapes.sight_volumes(coarse)
+        shares: Float = np.clip(seeing / coarse.cell_measures, 0.0, 1.0)  # rounding may lead beyond
+        return shares
+
+
+class BoxRatio:
+    """Short side over long side of the narrowest rectangle (3-D: box), in any direction, around it.
+
+    The narrowest, not the one of least area: that one is not unique (for an acute triangle the boxes on
+    all three sides have the same area), so rounding would decide the ratio. Among equally narrow ones the
+    shortest counts. The narrowest box has two sides as close to each other as can be, and the narrowest
+    rectangle around what is seen along these; the shortest side over the longest is what counts.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Box ratio ``(k,)``."""
+        coarse = agglomerates(mesh, labels)
+        ratios = _rectangles(coarse) if coarse.dim == 2 else solid_shapes.narrowest_boxes(coarse)
+        return np.minimum(ratios, 1.0)
+
+
+class EdgeRatio:
+    """Shortest over longest straight edge of the boundary.
+
+    Fine edges in line (turning by less than 1e-8 rad) count as one edge, so that the value describes the
+    agglomerate and not the cells along its boundary; inner boundaries count too.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Edge ratio ``(k,)``. 2-D only: see :class:`FaceRatio`."""
+        return _edge_ratios(plane_agglomerates(mesh, labels, "edge_ratio"))
+
+
+class FaceRatio:
+    """Area of the smallest over that of the largest flat face of the boundary; in 2-D as ``edge_ratio``.
+
+    Fine faces in one plane that share an edge (turning by less than 1e-8 rad) count as one face; inner
+    boundaries count too. Those of cells that are not flat count as the triangles they are cut in.
+    """
+
+    better: Better = "high"
+    bounds = (0.0, 1.0)
+    homogeneity = 0
+    shape_only = True
+
+    def measure(self, mesh: Mesh, labels: Int) -> Float:
+        """Face ratio ``(k,)``."""
+        coarse = agglomerates(mesh, labels)
+        return _edge_ratios(coarse) if coarse.dim == 2 else solid_shapes.face_area_ratios(coarse)
+
+
+def _edge_ratios(mesh: Mesh) -> Float:
+    """Shortest over longest straight edge of each cell ``(n_cells,)``."""
+    corners = _corners(mesh)
+    lengths = np.hypot(*_edges(mesh.local_points, corners))
+    starts = corners.loop_offsets[corners.cell_offsets[:-1]]
+    shortest, longest = np.minimum.reduceat(lengths, starts), np.maximum.reduceat(lengths, starts)
+    ratios: Float = shortest / longest
+    return ratios
+
+
+def _sight_areas(mesh: Mesh) -> Float:
+    """Areas ``(n_cells,)`` of the points that see all of their cell."""
+    from agglo_core.shapes.planar_shapes import kernel_areas
+
+    points, (first, *loops) = mesh.local_points, mesh.boundary_loops
+    _, offsets, hulls = _hulls(mesh)
+
+    def kernels(start: int, stop: int) -> Float:
+        own = slice(start, stop + 1)
+        found: Float = kernel_areas(points, first[own], *loops, offsets[own], hulls)
+        return found
+
+    return np.concatenate(over_ranges(kernels, mesh.n_cells, few=_FEW))
+
+
+def _rectangles(mesh: Mesh) -> Float:
+    """Short over long side ``(n_cells,)`` of the narrowest rectangle around each cell."""
+    from agglo_core.shapes.planar_shapes import box_ratios
+
+    points, (_, offsets, hulls) = mesh.local_points, _hulls(mesh)
+
+    def narrowest(start: int, stop: int) -> Float:
+        found: Float = box_ratios(points, offsets[start : stop + 1], hulls)
+        return found
+
+    return np.concatenate(over_ranges(narrowest, mesh.n_cells, few=_FEW))
+
+
+def _hulls(mesh: Mesh) -> tuple[Float, Int, Int]:
+    """Areas ``(n_cells,)`` of the convex hulls, and their vertices as CSR, counter-clockwise."""
+    from agglo_core.shapes.planar_shapes import convex_hulls
+
+    points, (corners, vertices) = mesh.local_points, mesh.cell_vertices
+
+    def hulls(start: int, stop: int) -> tuple[Float, Int, Int]:
+        first, last = corners[start], corners[stop]
+        own = frozen_int(corners[start : stop + 1] - first)
+        found: tuple[Float, Int, Int] = convex_hulls(points, own, vertices[first:last])
+        return found
+
+    areas, offsets, found = zip(*over_ranges(hulls, mesh.n_cells, few=_FEW), strict=True)
+    sizes = np.concatenate([np.diff(each) for each in offsets])
+    ends = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+    return frozen_float(np.concatenate(areas)), ends, frozen_int(np.concatenate(found))
+
+
+def _edges(points: Float, loops: Loops) -> tuple[Float, Float]:
+    """Components of the vectors from each vertex of the loops to the next, ``(n,)`` each."""
+    following = np.append(loops.vertices[1:], 0)
+    following[loops.loop_offsets[1:] - 1] = loops.vertices[loops.loop_offsets[:-1]]
+    x, y = points.T
+    return x[following] - x[loops.vertices], y[following] - y[loops.vertices]
+
+
+def _corners(mesh: Mesh) -> Loops:
+    """Boundary loops without the vertices where they go straight on."""
+    loops = mesh.boundary_loops
+    x, y = _edges(mesh.local_points, loops)
+    before = np.arange(-1, len(x) - 1)
+    before[loops.loop_offsets[:-1]] = loops.loop_offsets[1:] - 1
+    cross, dot = x[before] * y - y[before] * x, x[before] * x + y[before] * y
+    corner = np.abs(cross) > _STRAIGHT * dot
+    kept = np.append(0, np.cumsum(corner))
+    return Loops(loops.cell_offsets, kept[loops.loop_offsets], loops.vertices[corner])

@@ -1,0 +1,67 @@
+"""What shape metrics of agglomerates in space are made of: hulls, boxes, kernels, flat faces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Index, Int, frozen_index, frozen_int
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.shapes.solid_surfaces import over_surfaces
+from agglo_core.threads import over_ranges
+
+__all__ = ["face_area_ratios", "hull_volumes", "narrowest_boxes", "sight_volumes"]
+
+_Hulls = tuple[Float, Int, Index, Index]
+
+_FEW = 500  # agglomerates one thread looks at in some milliseconds
+
+
+def hull_volumes(mesh: Mesh) -> Float:
+    """Volumes ``(n_cells,)`` of the convex hulls."""
+    return np.concatenate([volumes for volumes, *_ in _hulls(mesh)])
+
+
+def narrowest_boxes(mesh: Mesh) -> Float:
+    """Shortest over longest side ``(n_cells,)`` of the narrowest box around each cell, in any direction."""
+    from agglo_core.shapes.solid_boxes import solid_box_ratios
+
+    points = mesh.local_points
+    hulls = _hulls(mesh)
+    return np.concatenate([solid_box_ratios(points, *hull) for _, *hull in hulls])
+
+
+def sight_volumes(mesh: Mesh) -> Float:
+    """Volumes ``(n_cells,)`` of the points that see all of their cell."""
+    from agglo_core.shapes.star_kernels import solid_kernel_volumes
+
+    return over_surfaces(mesh, solid_kernel_volumes)
+
+
+def face_area_ratios(mesh: Mesh) -> Float:
+    """Area of the smallest over that of the largest flat face of each cell ``(n_cells,)``."""
+    from agglo_core.shapes.flat_faces import face_ratios
+
+    return over_surfaces(mesh, face_ratios)
+
+
+def _hulls(mesh: Mesh) -> list[_Hulls]:
+    """Volumes of hulls, and their triangles as ``solid_hulls`` makes them, of cells one after another."""
+    from agglo_core.shapes.solid_hulls import solid_hulls
+
+    points, (corners, vertices) = mesh.local_points, mesh.cell_vertices
+
+    def hulls(start: int, stop: int) -> _Hulls:
+        first, last = corners[start], corners[stop]
+        own = frozen_int(corners[start : stop + 1] - first)
+        found: _Hulls = solid_hulls(points, own, vertices[first:last])
+        failed = np.flatnonzero(~(found[0] > 0.0))
+        if len(failed):
+            raise MeshError(
+                f"agglomerate {start + failed[0]} is too thin beside its extent to have a convex hull in "
+                "double precision"
+            )
+        volumes, ends, triangles, neighbours = found
+        return volumes, frozen_int(ends), frozen_index(triangles), frozen_index(neighbours)
+
+    return over_ranges(hulls, mesh.n_cells, few=_FEW)

@@ -1,0 +1,130 @@
+"""Faces of solids cut in triangles, and the triangles around each cell, seen from inside.
+
+What looks at a solid as a surface knows triangles alone: a flat face is the union of its triangles, and one
+that is not flat is taken to be that, so that surfaces of solids are closed in any case.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["face_triangles", "most_triangles", "surface"]
+
+_FLAT = 1e-9  # of the area of a face: triangles with less are degenerate
+
+
+@helper
+def _area(points, a, b, c, nx, ny, nz):
+    """Twice the area of a triangle as seen along a direction: negative where it turns the other way."""
+    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
+    return nx * (uy * vz - uz * vy) + ny * (uz * vx - ux * vz) + nz * (ux * vy - uy * vx)
+
+
+@helper
+def _square(points, a, b):
+    """Square of the distance of two points."""
+    x, y, z = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
+    return x * x + y * y + z * z
+
+
+@helper
+def _ear(points, ring, m, i, nx, ny, nz, tiny):
+    """How good a triangle corner i of the ring makes with its neighbours; negative if it may not be cut off.
+
+    The area over the square of the longest side, so that points on straight lines go last.
+    """
+    a, b, c = ring[(i + m - 1) % m], ring[i], ring[(i + 1) % m]
+    area = _area(points, a, b, c, nx, ny, nz)
+    if not area > tiny:
+        return -1.0
+    for j in range(2, m - 1):
+        p = ring[(i + j) % m]
+        least = min(_area(points, a, b, p, nx, ny, nz), _area(points, b, c, p, nx, ny, nz))
+        if min(least, _area(points, c, a, p, nx, ny, nz)) >= -tiny and p not in (a, b, c):
+            return -1.0
+    return area / max(_square(points, a, b), max(_square(points, b, c), _square(points, c, a)))
+
+
+@helper
+def _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top):
+    """Write the triangles of a polygon with notches, or with corners on straight lines; where they end."""
+    while m > 3:
+        best, chosen = -np.inf, 0
+        for i in range(m):
+            value = _ear(points, ring, m, i, nx, ny, nz, tiny)
+            if value > best:
+                best, chosen = value, i
+        for k in range(3):
+            triangles[top, k] = ring[(chosen + m - 1 + k) % m]
+        top += 1
+        for i in range(chosen, m - 1):
+            ring[i] = ring[i + 1]
+        m -= 1
+    for k in range(3):
+        triangles[top, k] = ring[k]
+    return top + 1
+
+
+@kernel
+def face_triangles(points, offsets, vertices, vectors):
+    """Triangles ``(t, 3)`` of all faces, by their vertices, turning as the faces do, and where each begins.
+
+    ``vectors`` are the area vectors of the faces. Fans where no triangle of them is degenerate; ears of the
+    best shape first elsewhere.
+    """
+    n = len(offsets) - 1
+    starts, triangles = np.zeros(n + 1, np.int64), np.empty((len(vertices) - 2 * n, 3), np.int32)
+    longest = np.int64(3)
+    for f in range(n):
+        longest = max(longest, offsets[f + 1] - offsets[f])
+    ring, top = np.empty(longest, np.int64), np.int64(0)
+    for f in range(n):
+        first, m = offsets[f], offsets[f + 1] - offsets[f]
+        nx, ny, nz = vectors[f, 0], vectors[f, 1], vectors[f, 2]
+        tiny = _FLAT * (nx * nx + ny * ny + nz * nz)
+        fan = True
+        for h in range(first + 1, first + m - 1):
+            fan &= m == 3 or _area(points, vertices[first], vertices[h], vertices[h + 1], nx, ny, nz) > tiny
+        if fan:
+            for h in range(first + 1, first + m - 1):
+                triangles[top, 0] = vertices[first]
+                triangles[top, 1], triangles[top, 2] = vertices[h], vertices[h + 1]
+                top += 1
+        else:
+            for i in range(m):
+                ring[i] = vertices[first + i]
+            top = _cut_ears(points, ring, m, nx, ny, nz, tiny, triangles, top)
+        starts[f + 1] = top
+    return starts, triangles
+
+
+@helper
+def surface(cell, start, stop, faces, face_cells, starts, triangles, corners):
+    """Write the corners of the triangles around a cell, counter-clockwise from outside; how many."""
+    m = 0
+    for h in range(start, stop):
+        f = faces[h]
+        turned = face_cells[f, 0] != cell
+        for t in range(starts[f], starts[f + 1]):
+            corners[m, 0] = triangles[t, 0]
+            corners[m, 1] = triangles[t, 2] if turned else triangles[t, 1]
+            corners[m, 2] = triangles[t, 1] if turned else triangles[t, 2]
+            m += 1
+    return m
+
+
+@helper
+def most_triangles(offsets, faces, starts):
+    """How many triangles there are around a cell at most."""
+    most = np.int64(0)
+    for c in range(len(offsets) - 1):
+        count = np.int64(0)
+        for h in range(offsets[c], offsets[c + 1]):
+            count += starts[faces[h] + 1] - starts[faces[h]]
+        most = max(most, count)
+    return most

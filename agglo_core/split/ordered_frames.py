@@ -1,0 +1,225 @@
+"""Principal frames of point clouds, sums taken in order: the same, to the last bit, for blocks and pieces.
+
+Where a cloud is symmetric, rounding decides which of equal axes comes first and where it points. So those who
+want the same parts from a block of a graph and from a slice of a list have to call the same functions.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.split.piece_frames import diagonalise
+
+__all__ = ["centre_in_order", "frame_in_order", "frame_room", "frames_of_blocks"]
+
+_ISOTROPIC = 0.9  # ratio of second moments above which their axes say little about the shape
+_TURNS = 6
+_TURNED = 1e-9  # angle after which the next turn is lost in rounding
+_EPS = 2.0**-53
+
+
+@helper(allocates=True)
+def frame_room(m):
+    """Work arrays for up to m points.
+
+    Positions (3, m), shares (m,), coordinates (3, m), the frame, moments (3, 3), those along its axes (3,).
+    """
+    moments = np.zeros((3, 3)), np.zeros(3)
+    return np.zeros((3, m)), np.empty(m), np.zeros((3, m)), np.zeros((3, 3)), *moments
+
+
+@helper
+def centre_in_order(n, d, local, shares):
+    """Make shares of the weights that ``shares`` holds, and positions about the centre of mass."""
+    total, whole, x, y, z = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        total += shares[i]
+    for i in range(n):
+        share = shares[i] / total if total > 0.0 else 1.0 / n
+        shares[i] = share
+        whole += share
+        x += share * local[0, i]
+        y += share * local[1, i]
+        z += share * local[2, i]
+    x, y, z = x / whole, y / whole, z / whole
+    for i in range(n):
+        local[0, i] -= x
+        local[1, i] -= y
+    for i in range(n if d == 3 else 0):
+        local[2, i] -= z
+
+
+@helper
+def _planar_axes(a, b, c, frame):
+    """Axes of the symmetric matrix (a, b; b, c) as LAPACK finds them (dsteqr, dlaev2); returns their moments.
+
+    Where both are the same, its choice is kept.
+    """
+    cos, sin, first, second = 1.0, 0.0, a, c
+    if abs(b) > np.sqrt(abs(a)) * np.sqrt(abs(c)) * _EPS:
+        difference, twice = a - c, b + b
+        far, off = abs(difference), abs(twice)
+        root = off * np.sqrt(2.0)
+        if far > off:
+            root = far * np.sqrt(1.0 + (off / far) ** 2)
+        elif far < off:
+            root = off * np.sqrt(1.0 + (far / off) ** 2)
+        first = 0.5 * (a + c + root)
+        second = (max(a, c) / first) * min(a, c) - (b / first) * b
+        slope = difference + root if difference >= 0.0 else difference - root
+        if abs(slope) > off:
+            ratio = -twice / slope
+            sin = 1.0 / np.sqrt(1.0 + ratio * ratio)
+            cos = ratio * sin
+        else:
+            ratio = -slope / twice
+            cos = 1.0 / np.sqrt(1.0 + ratio * ratio)
+            sin = ratio * cos
+        if difference >= 0.0:
+            cos, sin = -sin, cos
+    if second < first:
+        frame[0, 0], frame[0, 1], frame[1, 0], frame[1, 1] = cos, sin, -sin, cos
+        return first, second
+    frame[0, 0], frame[0, 1], frame[1, 0], frame[1, 1] = -sin, cos, cos, sin
+    return second, first
+
+
+@helper
+def _planar_moments(n, x, y, shares):
+    xx, yx, yy = 0.0, 0.0, 0.0
+    for k in range(n):
+        xx += shares[k] * x[k] * x[k]
+        yx += shares[k] * y[k] * x[k]
+        yy += shares[k] * y[k] * y[k]
+    return xx, yx, yy
+
+
+@helper
+def _spatial_moments(n, local, shares, moments):
+    for j in range(3):
+        for i in range(j + 1):
+            total = 0.0
+            for k in range(n):
+                total += shares[k] * local[j, k] * local[i, k]
+            moments[i, j] = moments[j, i] = total
+
+
+@helper
+def _axes(n, d, local, shares, moments, frame, values):
+    """Principal axes, the longest first, and their moments."""
+    if d == 2:
+        xx, yx, yy = _planar_moments(n, local[0], local[1], shares)
+        values[0], values[1] = _planar_axes(xx, yx, yy, frame)
+        return
+    _spatial_moments(n, local, shares, moments)
+    diagonalise(moments, frame)
+    for k in range(3):
+        values[k] = moments[k, k]
+    for i in range(2):
+        for j in range(2 - i):
+            if values[j + 1] > values[j]:
+                values[j], values[j + 1] = values[j + 1], values[j]
+                for k in range(3):
+                    frame[j, k], frame[j + 1, k] = frame[j + 1, k], frame[j, k]
+
+
+@helper
+def _turn_plane(n, d, shares, frame, i, j, local):
+    """Turn two axes to where their fourth moments are least; returns the angle."""
+    one, two = 0.0, 0.0
+    for k in range(n):
+        x = frame[i, 0] * local[0, k] + frame[i, 1] * local[1, k] + frame[i, 2] * local[2, k]
+        y = frame[j, 0] * local[0, k] + frame[j, 1] * local[1, k] + frame[j, 2] * local[2, k]
+        real, imaginary = x * x - y * y, 2.0 * (x * y)
+        one += shares[k] * (real * real - imaginary * imaginary)
+        two += shares[k] * (2.0 * (real * imaginary))
+    angle = np.arctan2(-two, -one) / 4
+    cos, sin = np.cos(angle), np.sin(angle)
+    for c in range(d):
+        p, q = frame[i, c], frame[j, c]
+        frame[i, c], frame[j, c] = cos * p + sin * q, cos * q - sin * p
+    return abs(angle)
+
+
+@helper
+def _moments_along(n, local, shares, a, b, c, along):
+    """Write coordinates along the direction (a, b, c); returns their second and third moment."""
+    second, third = 0.0, 0.0
+    for k in range(n):
+        x = a * local[0, k] + b * local[1, k] + c * local[2, k]
+        along[k] = x
+        second += shares[k] * (x * x)
+        third += shares[k] * (x * x * x)
+    return second, third
+
+
+@helper
+def _order_axes(n, d, local, shares, frame, along, values):
+    """Put the axis of the largest second moment first, and point each to its heavier tail."""
+    for axis in range(d):
+        a, b, c = frame[axis, 0], frame[axis, 1], frame[axis, 2]
+        values[axis], third = _moments_along(n, local, shares, a, b, c, along[axis])
+        if third < 0.0:
+            for k in range(d):
+                frame[axis, k] = -frame[axis, k]
+            for k in range(n):
+                along[axis, k] = -along[axis, k]
+    for i in range(d - 1):
+        for j in range(d - 1 - i):
+            if values[j + 1] > values[j]:
+                values[j], values[j + 1] = values[j + 1], values[j]
+                for k in range(d):
+                    frame[j, k], frame[j + 1, k] = frame[j + 1, k], frame[j, k]
+                for k in range(n):
+                    along[j, k], along[j + 1, k] = along[j + 1, k], along[j, k]
+
+
+@helper
+def frame_in_order(n, d, room):
+    """Principal axes of n centred points, the longest first, and the coordinates along them, in the room.
+
+    Axes of nearly equal second moments are turned within their plane to where fourth moments are least.
+    """
+    local, shares, along, frame, moments, values = room
+    _axes(n, d, local, shares, moments, frame, values)
+    loose = 0
+    for i in range(d - 1):
+        for j in range(i + 1, d):
+            loose |= (values[j] >= _ISOTROPIC * values[i]) << (i + j - 1)
+    for _ in range(1 if d == 2 else _TURNS):
+        largest = 0.0
+        for i in range(d - 1):
+            for j in range(i + 1, d):
+                if loose >> (i + j - 1) & 1:
+                    largest = max(largest, _turn_plane(n, d, shares, frame, i, j, local))
+        if largest < _TURNED:
+            break
+    _order_axes(n, d, local, shares, frame, along, values)
+
+
+@kernel
+def frames_of_blocks(offsets, centroids, weights):
+    """Principal frame of the weighted centroids of each block ``(B, d, d)``, and they in it ``(n, d)``."""
+    n_blocks, d, largest = len(offsets) - 1, centroids.shape[1], np.int64(0)
+    for b in range(n_blocks):
+        largest = max(largest, offsets[b + 1] - offsets[b])
+    room = frame_room(largest)
+    local, shares, along, frame, _, _ = room
+    frames, coordinates = np.empty((n_blocks, d, d)), np.empty((len(weights), d))
+    for b in range(n_blocks):
+        start, n = offsets[b], offsets[b + 1] - offsets[b]
+        for k in range(n):
+            shares[k] = weights[start + k]
+            for c in range(d):
+                local[c, k] = centroids[start + k, c]
+        centre_in_order(n, d, local, shares)
+        frame_in_order(n, d, room)
+        for c in range(d):
+            for e in range(d):
+                frames[b, c, e] = frame[c, e]
+            for k in range(n):
+                coordinates[start + k, c] = along[c, k]
+    return frames, coordinates

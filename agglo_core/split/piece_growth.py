@@ -1,0 +1,300 @@
+"""All splits of a run made in place by one kernel, without a graph for each depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Bytes, Float, Index, Int, UInt64, frozen_index, frozen_int
+from agglo_core.graph import Graph
+from agglo_core.progress import Tell
+from agglo_core.refine.connectivity import ConnectivityFixer
+from agglo_core.refine.interface import InterfaceRefiner
+from agglo_core.split.side_shares import side_shares
+from agglo_core.threads import mapped, thread_count
+
+__all__ = ["PieceGrowth"]
+
+_WORK = 4_000_000
+"""Cells handled, each once for every split, between two reports: about 0.1 s."""
+
+_SMALL = 16_384
+"""Several threads share out pieces of about so many cells."""
+
+_TINY = 512
+"""Pieces of at most so many cells are split to the end before connections are tested."""
+
+_PART = 16.0
+"""Cells of a finished piece, roughly: for the share of the work that is done."""
+
+_ROOM = 256
+"""Rows by which lists of pieces grow."""
+
+_LAST_STAMP = 2**30
+"""Beyond it the marks of cells, of 32 bits, start anew."""
+
+_AT_ONCE = 2**24
+"""More cells are split a share at a time, or their marks would run out within one call."""
+_COLUMNS = 5
+"""Of lists of pieces: the first place, the last plus 1, quota, depth, and what was done to it."""
+
+_DEPTHS = 256
+"""Depths that are counted; in a long chain there may be more."""
+
+
+class PieceGrowth:
+    """Pieces of a graph that a kernel halves, refines and connects, in place, until they are finished.
+
+    Large pieces are split one after the other; those below some thousand cells each to the end, by
+    themselves.
+
+    Parameters
+    ----------
+    graph : Graph
+    pieces : (n,) int
+        Connected pieces 0..k−1 to start from.
+    kernel : callable
+        ``piece_driver.split_pieces``, which says what it is given, with helpers that load and cut a piece.
+    floor : float
+        Of the refinement; negative for none.
+    tiny : int
+        Pieces of at most so many cells are split to the end before connections are tested.
+
+    Examples
+    --------
+    >>> from agglo_core.authoring import ConnectivityFixer, InertialBisection, to_nobody
+    >>> strip, seeds = agglo.samples.strip(8).graph, np.zeros(1, np.uint64)
+    >>> growth = InertialBisection().grow(strip, strip.components(), [], ConnectivityFixer())
+    >>> growth.split(frozen_int([4]), seeds, to_nobody)[0]
+    array([0, 0, 1, 1, 2, 2, 3, 3])
+    """
+
+    def __init__(
+        self, graph: Graph, pieces: Int, kernel: Callable[..., None], floor: float, tiny: int = _TINY
+    ) -> None:
+        from agglo_core.split.piece_splits import reach_of_cells, units_of
+
+        # in one array, which is filled: large ones get large pages of memory, but not those of np.zeros
+        self._tag, self._cells, self._local, room = np.full((4, graph.n), 0, np.int32)
+        reach = room.view(np.float32)
+        units = units_of(graph.centroids, graph.weights)
+        reach_of_cells(graph.indptr, graph.indices, graph.centroids, units[0], reach)
+        self._graph = (
+            graph.indptr,
+            graph.indices,
+            graph.interface,
+            graph.centroids,
+            graph.mass,
+            graph.weights,
+            reach,
+            units,
+        )
+        self._source = graph
+        self._kernel, self._floor, self._tiny = kernel, floor, tiny
+        self._marks = np.full((graph.n, 4), 0, np.int32)
+        self._stamp = 1
+        self.restart(pieces)
+
+    def restart(self, pieces: Int) -> None:
+        """Let these connected pieces ``(n,)`` be those that the next call splits."""
+        from agglo_core.compiled.graphs import listed_blocks
+
+        count = int(pieces.max(initial=0)) + 1
+        if count == 1:
+            self._cells[:] = np.arange(len(pieces), dtype=np.int32)
+            offsets = frozen_int([0, len(pieces)])
+            self._tag.fill(0)
+        else:
+            self._cells[:], offsets = listed_blocks(frozen_int(pieces), frozen_int(np.arange(count)), count)
+            self._tag[:] = (2 * offsets[:-1]).astype(np.int32)[pieces]
+        self._slices: Callable[[], Int] = lambda: np.stack((offsets[:-1], offsets[1:]), axis=1)
+
+    @classmethod
+    def for_components(
+        cls,
+        graph: Graph,
+        pieces: Int,
+        kernel: Callable[..., None],
+        refiners: Sequence[Any],
+        fixer: Any,
+        tiny: int = _TINY,
+    ) -> PieceGrowth | None:
+        """Growth that does what these components do; None unless they are the built-in ones."""
+        known = [each.floor for each in refiners if type(each) is InterfaceRefiner]
+        if type(fixer) is not ConnectivityFixer or len(known) < len(refiners) or len(refiners) > 1:
+            return None
+        return cls(graph, pieces, kernel, known[0] if known else -1.0, tiny)
+
+    def split(self, quotas: Int, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+        """Split piece i into ``quotas[i]`` connected pieces; see Growth."""
+        return self._split(quotas, 0.0, tell)
+
+    def split_to_size(self, limit: float, seeds: UInt64, tell: Tell) -> tuple[Int, Int]:
+        """Split the pieces until none but single cells is wider than ``limit``."""
+        return self._split(np.zeros(len(seeds), np.int64), limit, tell)
+
+    def _split(self, quotas: Int, limit: float, tell: Tell) -> tuple[Int, Int]:
+        if self._stamp > _LAST_STAMP:
+            self._marks[:], self._stamp = 0, 1
+        self._shape, self._shares = _shape(self._source, limit), side_shares(int(quotas.sum()))
+        leaf, tally = np.zeros(len(self._cells), np.uint8), np.zeros((_DEPTHS, 3), np.int64)
+        todo = np.zeros((len(quotas), _COLUMNS), np.int64)
+        todo[:, :2], todo[:, 2] = self._slices(), quotas
+        sizes = todo[:, 1] - todo[:, 0]
+        work = len(leaf) * max(1.0, float(np.log2(sizes.max() / _PART)))
+
+        def handled() -> None:
+            pieces, cells, _ = tally.sum(axis=0).tolist()
+            tell(min(1.0, cells / work), f"{len(quotas) + pieces:,} parts")
+
+        if thread_count() > 1 or len(leaf) > _AT_ONCE:
+            tiny = self._shared_out(todo, leaf, tally, limit, handled)
+        else:
+            made, self._stamp = self._advance(todo, leaf, tally, (limit, 0, self._tiny), handled)
+            tiny = np.concatenate((todo[sizes <= self._tiny], made))
+        self._mend_tiny(tiny, leaf, tally, limit)
+        handled()
+        return self._numbered(leaf), frozen_int(tally[tally[:, 0] > 0])
+
+    def _shared_out(
+        self, todo: Int, leaf: Bytes, tally: Int, limit: float, handled: Callable[[], None]
+    ) -> Int:
+        """Split the pieces to the end, by all threads; returns the tiny ones, parts of no other."""
+        small = max(_SMALL, len(leaf) // (4 * thread_count()))
+        put_off, stamp = self._halved_together(todo, leaf, tally, limit, small, handled)
+        self._stamp, tiny = stamp, [put_off[put_off[:, 1] - put_off[:, 0] <= self._tiny]]
+
+        def finish(batch: Int) -> tuple[Int, Int, int]:
+            own = np.zeros_like(tally)
+            return own, *self._advance(batch, leaf, own, (limit, 0, self._tiny))
+
+        for own, made, last in mapped(finish, _batches(put_off)):
+            tiny.append(made)
+            tally += own
+            stamp = max(stamp, last)
+            handled()
+        self._stamp = stamp
+        return np.concatenate(tiny)
+
+    def _mend_tiny(self, tiny: Int, leaf: Bytes, tally: Int, limit: float) -> None:
+        """Take back the few pieces of which parts are not connected, and split them with care.
+
+        What was counted of them is taken back, too: they are split once more as they were, counting down.
+        """
+        broken = np.flatnonzero(leaf > 1)
+        if len(broken) == 0:
+            return
+        tiny = tiny[tiny[:, 0].argsort()]
+        again = tiny[np.unique(np.searchsorted(tiny[:, 0], broken, "right") - 1)]
+        for goal, count in (((limit, 0, self._tiny), -1), ((limit, 0, 0), 1)):
+            for lo, hi in again[:, :2].tolist():
+                self._cells[lo:hi].sort()
+                leaf[lo:hi] = False
+            self._stamp = self._advance(again, leaf, tally, goal, count=count)[1]
+
+    def _advance(
+        self,
+        todo: Int,
+        leaf: Bytes,
+        tally: Int,
+        goal: tuple[float, int, int],
+        handled: Callable[[], None] | None = None,
+        stamp: int = 0,
+        count: int = 1,
+    ) -> tuple[Int, int]:
+        """Split the pieces until all are finished or put off.
+
+        Returns those put off, the tiny pieces that were made of larger ones, and the next stamp.
+        """
+        from agglo_core.split.piece_driver import TORN
+
+        counts = np.array([len(todo), 0, max(stamp, self._stamp)])
+        todo, ready = _enlarged(todo), np.zeros((_ROOM, _COLUMNS), np.int64)
+        lists, (limit, later, tiny) = (self._cells, self._tag, self._marks), goal
+        aim = (limit, self._floor, later, tiny, count, self._shares)
+        while counts[0]:
+            self._kernel(self._graph, self._shape, *lists, todo, ready, leaf, counts, tally, aim, _WORK)
+            if counts[0] == 0 and (torn := ready[: counts[1], 4] == TORN).any():  # none is left but these
+                made = ready[: counts[1]]
+                todo, whole = _enlarged(self._mended(made[torn])), made[~torn]
+                ready[: len(whole)] = whole
+                counts[:2] = len(made) - len(whole), len(whole)
+            if counts[0] + 2 > len(todo):
+                todo = _enlarged(todo)
+            if counts[1] + 2 > len(ready):
+                ready = _enlarged(ready)
+            if handled is not None:
+                handled()
+        return ready[: counts[1]], int(counts[2])
+
+    def _halved_together(
+        self, todo: Int, leaf: Bytes, tally: Int, limit: float, small: int, handled: Callable[[], None]
+    ) -> tuple[Int, int]:
+        """Pieces of at most ``small`` cells, and the next stamp: the largest are halved first, together."""
+        stamp = self._stamp
+
+        def halve(piece: Int) -> tuple[Int, Int, int]:
+            own = np.zeros_like(tally)
+            return own, *self._advance(piece[None], leaf, own, (limit, enough, 0), stamp=stamp)
+
+        sizes = todo[:, 1] - todo[:, 0]
+        while (sizes > small).any():
+            enough = max(small, 3 * int(sizes.max()) // 4)
+            smaller, last = [todo[sizes <= enough]], stamp
+            for own, made, following in mapped(halve, todo[sizes > enough]):
+                tally += own
+                smaller.append(made)
+                last = max(last, following)
+                handled()
+            todo, stamp = np.concatenate(smaller), last
+            sizes = todo[:, 1] - todo[:, 0]
+        return todo, stamp
+
+    def _mended(self, torn: Int) -> Int:
+        """These pieces, both sides of each connected as the built-in fixer does."""
+        from agglo_core.refine.repair import mend_sides
+        from agglo_core.split.piece_driver import MENDED
+
+        mend_sides(torn[:, :2].copy(), self._cells, self._tag, *self._graph[:5], self._local)
+        torn[:, 4] = MENDED
+        return torn
+
+    def _places(self) -> Index:
+        """A place in the piece of each cell, the same for all of its cells."""
+        return frozen_index(self._tag >> 1)
+
+    def _numbered(self, leaf: Bytes) -> Int:
+        """Labels of the finished pieces, by their first cells; they become the pieces."""
+        from agglo_core.compiled.graphs import numbered_as_met
+
+        labels, places = numbered_as_met(self._places(), len(leaf))
+        self._slices = lambda: _slices_at(leaf, places)  # nobody may ask
+        return frozen_int(labels)
+
+
+def _slices_at(leaf: Bytes, places: Int) -> Int:
+    """First place, and last plus 1, of the pieces that start or end at the ``places``: see ``leaf``."""
+    starts = np.flatnonzero(leaf)
+    stops = np.append(starts[1:], len(leaf))
+    piece = np.empty(len(leaf), np.int32)
+    piece[starts] = piece[stops - 1] = np.arange(len(starts))
+    return np.stack((starts, stops), axis=1).take(piece[places], axis=0)
+
+
+def _shape(graph: Graph, limit: float) -> tuple[Int, Index, Float]:
+    """Vertices of the cells; of none where nothing is measured, as a subgraph fetches its own when asked."""
+    if limit > 0.0:
+        return graph.vertex_offsets, graph.vertices, graph.points
+    return frozen_int([0]), frozen_index([]), graph.points
+
+
+def _enlarged(rows: Int) -> Int:
+    return np.concatenate((rows, np.zeros((max(_ROOM, len(rows)), _COLUMNS), np.int64)))
+
+
+def _batches(todo: Int) -> list[Int]:
+    """Rows of pieces, cut where some ten thousand cells are full."""
+    full = np.cumsum(todo[:, 1] - todo[:, 0]) // (4 * _SMALL)
+    return np.split(todo, np.flatnonzero(np.diff(full)) + 1)

@@ -1,0 +1,291 @@
+"""Cuts of pieces at a share of the mass, along an axis or along the line between the sides of another cut."""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+from agglo_core.compiled.sorting import sort_by_keys, stable_sort
+from agglo_core.split.median_splits import SHARE, untied
+from agglo_core.split.piece_splits import side_tags
+
+__all__ = ["holds_share", "order_room", "shift_cut", "shifted_sides", "split_in_order", "tag_upper"]
+
+_TIE = 1e-7  # of the extent: what counts as equal, as in ``graph.blocks``
+_BINS = 256
+_FEW = 64  # values that are sorted
+_NEAR = 0.051  # of a share: cuts so near to it stay where they are
+
+
+@helper(allocates=True)
+def order_room(m):
+    """Work arrays for ``split_in_order``: shares, marks, places, keys, bins."""
+    places = np.empty(m, np.int64), np.empty(m, np.bool_), np.empty(m, np.int32)
+    return (*places, np.empty(m), np.empty(_BINS, np.int64))
+
+
+@helper
+def _extremes(n, values):
+    low, high = values[0], values[0]
+    for k in range(n):
+        low, high = min(low, values[k]), max(high, values[k])
+    return low, high
+
+
+@helper
+def _median(n, score, shares, whole, some, keys, tally):
+    """The score of the cell that holds the middle of the weight, ``whole`` being the sum of the shares.
+
+    Bins are counted, then bins of the bin that has the middle, until few scores are left to be sorted.
+    """
+    m, below = n, np.int64(0)
+    for k in range(n):
+        some[k], keys[k] = k, score[k]
+    while m > _FEW:
+        low, high = _extremes(m, keys)
+        rate = _BINS / (high - low) if high > low else 0.0
+        if not 0.0 < rate < 1e300:
+            return low
+        for b in range(_BINS):
+            tally[b] = 0
+        for k in range(m):
+            tally[min(np.int64((keys[k] - low) * rate), _BINS - 1)] += shares[some[k]]
+        chosen = 0
+        while chosen < _BINS - 1 and 2 * (below + tally[chosen]) <= whole:
+            below += tally[chosen]
+            chosen += 1
+        kept = 0
+        for k in range(m):
+            value = keys[k]
+            some[kept], keys[kept] = some[k], value
+            kept += min(np.int64((value - low) * rate), _BINS - 1) == chosen
+        m = kept
+    sort_by_keys(some, keys, m)
+    for k in range(m - 1):
+        below += shares[some[k]]
+        if 2 * below > whole:
+            return keys[k]
+    return keys[m - 1]
+
+
+@helper
+def _near_bar(n, score, bar, window, some):
+    """Write to ``some`` the points within a window about the bar; returns how many."""
+    m = np.int64(0)
+    for k in range(n):
+        some[m] = k
+        m += abs(score[k] - bar) <= window
+    return m
+
+
+@helper(allocates=True)
+def _equals(n, score, bar, tie, some):
+    """Points that count as equal to the bar: reached from it by steps of at most ``tie``; by their scores."""
+    window = 4.0 * tie
+    while True:
+        m = _near_bar(n, score, bar, window, some)
+        group, spare = np.empty(m, np.int64), np.empty(m, np.int64)
+        for k in range(m):
+            group[k] = some[k]
+        stable_sort(group, score, spare)
+        middle = 0
+        while score[group[middle]] < bar:
+            middle += 1
+        first, last = middle, middle + 1
+        while first > 0 and score[group[first]] - score[group[first - 1]] <= tie:
+            first -= 1
+        while last < m and score[group[last]] - score[group[last - 1]] <= tie:
+            last += 1
+        inside = min(score[group[first]] - (bar - window), bar + window - score[group[last - 1]])
+        if inside >= tie or m == n:
+            return group[first:last]
+        window *= 16.0
+
+
+@helper(allocates=True)
+def _in_turn(n, d, along, group):
+    """Order of points that count as equal along the first axis: by the next, then by the last."""
+    other = 0.0
+    if len(group) == 1:
+        return np.zeros(1, np.int64)
+    for c in range(1, d):
+        low, high = _extremes(n, along[c])
+        other = max(other, high - low)
+    return untied(along[:d, :n], 0, group, _TIE * other)
+
+
+@helper(allocates=True)
+def split_in_order(n, d, along, weight, share, room):
+    """Mark the points above a share of the weight, by their first coordinates ``along (3, m)``.
+
+    The marks are the second array of the ``order_room``. Points count as equal within 1e-7 of the extent;
+    the other coordinates decide among them. The ``weight`` adds up to 1. Returns the coordinate of the cut,
+    and how far from it may be what counts as equal.
+    """
+    shares, upper, some, keys, tally = room
+    score, whole = along[0], np.int64(0)
+    for k in range(n):
+        shares[k] = np.int64(np.rint(weight[k] * SHARE))
+        whole += shares[k]
+    whole = np.int64(2.0 * share * whole)  # what is cut in the middle
+    low, high = _extremes(n, score)
+    bar = _median(n, score, shares, whole, some, keys, tally)
+    group = _equals(n, score, bar, _TIE * (high - low), some)
+    least, most = score[group[0]], score[group[len(group) - 1]]
+    below, under = np.int64(0), np.int64(0)
+    for k in range(n):
+        above = np.int64(score[k] >= least)
+        upper[k] = above
+        below += (1 - above) * shares[k]
+        under += 1 - above
+    order, cut = _in_turn(n, d, along, group), np.int64(0)
+    while cut < len(group) and 2 * below + shares[group[order[cut]]] <= whole:
+        below += shares[group[order[cut]]]
+        cut += 1
+    cut = min(max(cut, 1 - under), n - 1 - under)  # neither side is empty
+    for k in range(len(group)):
+        upper[group[order[k]]] = k >= cut
+    return bar, most - least
+
+
+@helper
+def _offset(moment, measure, moments, measures):
+    """How far the centroid of a side is from that of the piece."""
+    return moment / measure - moments / measures if measure > 0.0 else 0.0
+
+
+@helper
+def tag_upper(graph, cells, lo, hi, upper, score, bar, slack, tag, near, sums):
+    """Tag the cells, and write measures and cells of the sides, and what may be beside the cut.
+
+    The axis of the refinement is that of ``relax_interface``, the line to the centroid of the smaller side.
+    """
+    _, _, _, centroids, measures, _, reach, (length, _, _) = graph
+    size, count, axis = sums
+    left, right = side_tags(lo, hi)
+    m, ones, last = np.int64(0), np.int64(0), centroids.shape[1] - 1
+    one, two, x, y, z, p, q, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(hi - lo):
+        i, side = cells[lo + k], np.int64(upper[k])
+        tag[i] = right if side else left
+        there = side * measures[i]
+        here = (1 - side) * measures[i]
+        one, two, ones = one + here, two + there, ones + side
+        x, p = x + here * centroids[i, 0], p + there * centroids[i, 0]
+        y, q = y + here * centroids[i, 1], q + there * centroids[i, 1]
+        z, r = z + here * centroids[i, last], r + there * centroids[i, last]
+        near[m] = i
+        m += abs(score[k] - bar) * length <= reach[i] + slack * length
+    size[0], size[1], count[0], count[1] = one, two, hi - lo - ones, ones
+    own, sign = (two, 1.0) if two < one else (one, -1.0)  # the driver turns normals to the smaller side
+    axis[0] = sign * _offset(p if two < one else x, own, x + p, one + two)
+    axis[1] = sign * _offset(q if two < one else y, own, y + q, one + two)
+    axis[2] = sign * _offset(r if two < one else z, own, z + r, one + two)
+    return m
+
+
+@helper
+def holds_share(size, share):
+    """Return whether the lighter of two sides holds a share of the mass, or nearly so."""
+    whole, lighter = size[0] + size[1], min(size[0], size[1])
+    return whole > 0.0 and abs(lighter / whole - share) <= _NEAR * share
+
+
+@helper(allocates=True)
+def _line_between(centroids, weight, cells, lo, hi, tag, line):
+    """Write the line from the centroid of the left side of a piece to that of the right side.
+
+    The ``weight`` of the cells adds up to 1. Returns that of the left side.
+    """
+    first, moments, below = cells[lo], np.zeros((2, 3)), 0.0
+    for k in range(lo, hi):
+        i, side, w = cells[k], np.int64(tag[cells[k]] & 1), weight[k - lo]
+        below += (1 - side) * w
+        for c in range(centroids.shape[1]):
+            moments[side, c] += w * (centroids[i, c] - centroids[first, c])
+    square = 0.0
+    for c in range(3):
+        line[c] = moments[1, c] / (1.0 - below) - moments[0, c] / below if 0.0 < below < 1.0 else 0.0
+        square += line[c] * line[c]
+    for c in range(3):  # any axis if the sides have the same centroid
+        line[c] = line[c] / np.sqrt(square) if square > 0.0 else np.float64(c == 0)
+    return below
+
+
+@helper
+def _across(line, d, frame):
+    """Write a frame whose first axis is the ``line (3,)``; the others decide among equal cells."""
+    for c in range(3):
+        frame[0, c] = line[c]
+    if d == 2:
+        frame[1, 0], frame[1, 1], frame[1, 2] = -line[1], line[0], 0.0
+        return
+    flat = 0  # the coordinate axis most across the line
+    for c in range(1, 3):
+        flat = c if abs(line[c]) < abs(line[flat]) - 1e-6 else flat
+    norm = np.sqrt(1.0 - line[flat] * line[flat])
+    for c in range(3):
+        frame[1, c] = (np.float64(c == flat) - line[flat] * line[c]) / norm
+    for c in range(3):
+        a, b = (c + 1) % 3, (c + 2) % 3
+        frame[2, c] = frame[0, a] * frame[1, b] - frame[0, b] * frame[1, a]
+
+
+@helper(allocates=True)
+def shift_cut(graph, cells, lo, hi, tag, share, near, sums):
+    """Move the cut of a piece until the lighter side holds a ``share`` of the mass.
+
+    The new cut is straight, across the line between the centroids of the sides that are tagged. Arguments and
+    result are as in ``piece_driver.tag_sides``.
+    """
+    centroids, measures, n, d = graph[3], graph[4], hi - lo, graph[3].shape[1]
+    along, weight, line, frame = np.zeros((3, n)), np.empty(n), np.empty(3), np.zeros((3, 3))
+    # Masses, as shares of the piece; numbers of cells if there are none
+    total = 0.0
+    for k in range(n):
+        weight[k] = measures[cells[lo + k]]
+        total += weight[k]
+    for k in range(n):
+        weight[k] = weight[k] / total if total > 0.0 else 1.0 / n
+    # Coordinates along the line between the centroids, and across it
+    below = _line_between(centroids, weight, cells, lo, hi, tag, line)
+    _across(line, d, frame)
+    first = cells[lo]
+    for k in range(n):
+        for a in range(d):
+            for c in range(d):
+                along[a, k] += frame[a, c] * (centroids[cells[lo + k], c] - centroids[first, c])
+    # The quantile that leaves the share to the lighter side
+    room, left = order_room(n), share if below <= 0.5 + 1e-9 else 1.0 - share
+    bar, slack = split_in_order(n, d, along, weight, left, room)
+    low, high = _extremes(n, along[0])
+    slack += 1e-12 * (high - low)
+    return tag_upper(graph, cells, lo, hi, room[1], along[0], bar, slack, tag, near, sums)
+
+
+@kernel
+def shifted_sides(offsets, centroids, mass, sides, shares):
+    """Sides ``(n,)`` of blocks once each cut is moved that is off its share: see ``shift_cut``."""
+    n, largest = len(sides), np.int64(0)
+    for b in range(len(shares)):
+        largest = max(largest, offsets[b + 1] - offsets[b])
+    cells, tag = np.empty(n, np.int32), np.empty(n, np.int32)
+    near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
+    size = np.empty(2)
+    sums = size, np.empty(2, np.int64), np.empty(3)
+    graph = (offsets, cells, mass, centroids, mass, mass, reach, (1.0, 1.0, 1.0))
+    for b in range(len(shares)):
+        lo, hi = offsets[b], offsets[b + 1]
+        left, right = side_tags(lo, hi)
+        size[0], size[1] = 0.0, 0.0
+        for i in range(lo, hi):
+            cells[i], tag[i] = i, right if sides[i] else left
+            size[sides[i]] += mass[i]
+        if not holds_share(size, shares[b]):
+            shift_cut(graph, cells, lo, hi, tag, shares[b], near, sums)
+    moved = np.empty(n, np.int64)
+    for i in range(n):
+        moved[i] = tag[i] & 1
+    return moved

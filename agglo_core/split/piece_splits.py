@@ -1,0 +1,256 @@
+"""Pieces of a graph in place: two sides cut, connected and parted.
+
+A piece is a slice of a list of cells, ``cells[lo:hi]``, which rise. Each cell carries the ``tag`` of its
+side: twice the first place of the piece on the left, twice the last place plus 1 on the right. So no two
+pieces share a tag, and no graph is made for a piece. What costs time is the cut, not the piece.
+"""
+
+# mypy: allow-untyped-defs, allow-incomplete-defs
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agglo_core.compiled.compiling import ONE, helper, kernel
+from agglo_core.compiled.geometry import box, octagon
+from agglo_core.compiled.graphs import join_before
+from agglo_core.compiled.ring_search import connected
+from agglo_core.split.piece_refinement import refine_sides
+
+__all__ = [
+    "HEAVY",
+    "SAMPLED",
+    "cells_beside",
+    "is_chosen",
+    "is_connected",
+    "narrowness",
+    "part_list",
+    "piece_room",
+    "quota_of_left",
+    "reach_of_cells",
+    "refine_sides",
+    "side_sizes",
+    "side_tags",
+    "sides_connected",
+    "tagged_components",
+    "units_of",
+]
+
+
+HEAVY = 4.0  # means: cells of more weight are in every sample
+SAMPLED = np.int64(8)
+_ABOVE, _LEAST = np.float32(1.0001), np.float32(1e-18)  # what squares lose in single precision, with room
+_RUN = 64  # successive cells to look at
+_BANDS = 87.7  # in the mean weight, which is inside one
+
+
+@helper
+def side_tags(lo, hi):
+    """Tags of the left and the right side of the piece ``lo:hi``."""
+    return np.int64(2 * lo), np.int64(2 * hi - 1)
+
+
+@helper(allocates=True)
+def piece_room(m, marks):
+    """Work arrays of pieces of at most m cells, and with them the ``marks (n, 4)`` of cells, zeros at first.
+
+    ``boundary, now, later, queue, root, keys, sums, marks``; the marks say when a cell was last reached, from
+    where, when it was seen, and when and in which place it was listed.
+    """
+    size = m + 1
+    return (
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size),
+        np.empty((size, 2)),
+        marks,
+    )
+
+
+@kernel
+def units_of(centroids, weights):
+    """Factors that make lengths and weights of order 1; and which cells ``(n,)`` are a sample of all.
+
+    Factors are powers of two: digits of what is scaled do not depend on what else there is. The sample is
+    the chosen cells (1) and the heavy ones (2); there is none ``(0,)`` if the weights are not spread enough.
+    """
+    total, last = 0.0, centroids.shape[1] - 1
+    x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
+    for i in range(len(weights)):
+        x, y, z = centroids[i, 0], centroids[i, 1], centroids[i, last]
+        x0, y0, z0, x1, y1, z1 = min(x0, x), min(y0, y), min(z0, z), max(x1, x), max(y1, y), max(z1, z)
+        total += weights[i]
+    extent = max(0.0, x1 - x0, y1 - y0, z1 - z0)
+    mean = total / len(weights)
+    length, weight = math.ldexp(1.0, -math.frexp(extent)[1]), math.ldexp(1.0, -math.frexp(mean)[1])
+    bands = _BANDS / mean if mean > 0.0 else 0.0
+    uneven, sample = 0, np.empty(len(weights), np.uint8)
+    for start in range(0, len(weights), _RUN):
+        count = 0
+        for i in range(start, int(min(start + _RUN, len(weights)))):
+            chosen = is_chosen(weights[i], bands)
+            count += chosen
+            sample[i] = 2 if weights[i] > HEAVY * mean else chosen
+        uneven += not 0 < count < 3 * _RUN // SAMPLED
+    spread = 1000 * uneven <= len(weights) // _RUN + 2000  # by chance one in some thousands is uneven
+    return length, weight, sample if spread else sample[:0]
+
+
+@helper
+def is_chosen(weight, bands):
+    """Whether a cell is one of those, about an eighth, that may stand for all of a large piece.
+
+    What decides is a digit of its weight, which neither its number nor a motion of the mesh changes. The
+    weights must be spread, or cells of a region may be chosen all or none: where there is a run of cells with
+    none, or too many, ``units_of`` gives no bands.
+    """
+    return np.int64(weight * bands) & (SAMPLED - 1) == 0
+
+
+@kernel
+def reach_of_cells(indptr, indices, centroids, length, reach):
+    """Write the distance of each cell from the furthest of its neighbours, rounded up, to ``reach (n,)``.
+
+    It is multiplied by ``length``, which makes the extent of the graph of order 1: single precision serves.
+    """
+    last = centroids.shape[1] - 1
+    for i in range(len(reach)):
+        largest, x, y, z = 0.0, centroids[i, 0], centroids[i, 1], centroids[i, last]
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + 1])):
+            j = np.uint32(indices[h])
+            u, v = (centroids[j, 0] - x) * length, (centroids[j, 1] - y) * length
+            square = u * u + v * v
+            if last > 1:
+                square += ((centroids[j, last] - z) * length) ** 2
+            largest = max(largest, square)
+        reach[i] = largest
+    for i in range(len(reach)):
+        reach[i] = _ABOVE * np.sqrt(reach[i]) + _LEAST
+
+
+@helper
+def cells_beside(indptr, indices, tag, left, right, cells, m):
+    """Keep those of ``cells[:m]`` that are beside the other side of their piece; returns how many."""
+    found = 0
+    for k in range(m):
+        i = np.uint32(cells[k])
+        other = left + right - tag[i]
+        beside = False
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[np.uint64(i) + ONE])):
+            beside |= tag[np.uint32(indices[h])] == other  # no branch: it would be mispredicted
+        cells[found] = i
+        found += beside
+    return found
+
+
+@helper
+def sides_connected(indptr, indices, tag, lo, hi, edge, room, stamp):
+    """Whether both sides of a connected piece are, ``edge`` cells along the cut standing in ``room``.
+
+    Every component of a side touches the other side: if the cells along the cut are connected within
+    their side, the side is. So mostly nothing far from the cut is looked at.
+    """
+    boundary, _, _, queue, root, _, _, marks = room
+    left, right = side_tags(lo, hi)
+    whole, everything = True, np.int64(len(tag))
+    for side in range(2):
+        own = np.int32(right if side else left)  # one version of the search, as refinement calls it
+        filled = np.int64(0)
+        for c in range(edge):
+            queue[filled] = boundary[c]
+            filled += tag[boundary[c]] == own
+        search = (queue, root, marks)
+        whole &= connected(indptr, indices, tag, own, search, filled, stamp + side, everything, everything)
+    return whole
+
+
+@helper
+def is_connected(indptr, indices, cells, lo, hi, tag, queue, marks, stamp):
+    """Whether a small piece is connected; the ``stamp`` is not yet in the first column of the marks."""
+    first, done, filled = np.uint32(cells[lo]), np.uint64(0), ONE
+    own, queue[0], marks[first, 0] = tag[first], first, stamp
+    while done < filled:
+        i = np.uint64(np.uint32(queue[done]))
+        done += ONE
+        for h in range(np.uint64(indptr[i]), np.uint64(indptr[i + ONE])):
+            j = np.uint32(indices[h])
+            last = marks[j, 0]
+            fresh = (tag[j] == own) & (last != stamp)
+            queue[filled] = j  # kept only if it is fresh; a branch would be mispredicted half the time
+            filled += np.uint64(fresh)
+            marks[j, 0] = stamp if fresh else last
+    return np.int64(filled) == hi - lo
+
+
+@helper
+def tagged_components(cells, indptr, indices, tag, parent):
+    """Number of connected components of equal tags among the ``cells``, by union-find."""
+    count = len(cells)
+    for c in range(len(cells)):
+        count -= join_before(cells[c], 0, indptr, indices, tag, parent)[0]
+    return count
+
+
+@helper
+def side_sizes(tag, measures, cells, lo, hi, size):
+    """Write the measures of both sides of a piece to ``size``."""
+    size[0], size[1] = 0.0, 0.0
+    for k in range(lo, hi):
+        size[tag[cells[k]] & 1] += measures[cells[k]]
+
+
+@helper
+def part_list(tag, cells, lo, hi, spare):
+    """Put the cells of the left side before the others, the order kept; returns where the others start."""
+    middle, right = np.uint64(lo), np.uint64(0)
+    for k in range(np.uint64(lo), np.uint64(hi)):
+        i = np.uint32(cells[k])
+        on_right = np.uint64(tag[i] & 1)
+        cells[middle] = i  # no branch: it would be mispredicted half the time
+        spare[right] = i
+        middle += ONE - on_right
+        right += on_right
+    for k in range(right):
+        cells[middle + k] = spare[k]
+    return np.int64(middle)
+
+
+@helper
+def quota_of_left(quota, size, cells_left, cells_right):
+    """Parts that the left side becomes: its share by measure, rounded, at least 1 and at most its cells.
+
+    A quota of 0, for pieces that are to meet a size, stays 0.
+    """
+    if quota == 0:
+        return 0
+    left, right = size[0], size[1]
+    if not left + right > 0.0:
+        left, right = float(cells_left), float(cells_right)
+    least, most = max(1.0, quota - cells_right), min(quota - 1.0, float(cells_left))
+    share = np.rint(quota * (left / (left + right)) - 1e-9)  # halves go down, whatever the rounding of sums
+    return np.int64(min(max(share, least), most))
+
+
+@helper
+def narrowness(cells, lo, hi, shape, limit, ends):
+    """1 if no two vertices of a piece are further apart than ``limit``, 0 if two are, −1 if it is not known.
+
+    The ``ends (3, d)`` are room: for the centre of the piece, and the ends of its box.
+    """
+    vertex_offsets, vertices, points = shape
+    own, centre = cells[lo:hi], ends[0]
+    if len(centre) == 2:
+        lower, upper = octagon(own, vertex_offsets, vertices, points, limit, centre)
+    else:
+        low, high = ends[1], ends[2]
+        lower, upper = box(own, vertex_offsets, vertices, points, low, high)
+        for k in range(3):
+            centre[k] = 0.5 * (low[k] + high[k])
+    if lower > limit * (1.0 + 1e-12):
+        return 0
+    return 1 if upper < limit * (1.0 - 1e-12) else -1
