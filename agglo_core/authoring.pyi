@@ -109,11 +109,11 @@ from agglo_core.measure import (
     quality as quality,
 )
 from agglo_core.mesh import Mesh as Mesh
-from agglo_core.multigrid.krylov import (
+from agglo_core.multigrid.coarsening.prolongation import tentative as tentative
+from agglo_core.multigrid.krylov.pcg import (
     pcg as pcg,
     pcg_columns as pcg_columns,
 )
-from agglo_core.multigrid.prolongation import tentative as tentative
 from agglo_core.problems import (
     Diffusion as Diffusion,
     Discretisation as Discretisation,

@@ -31,21 +31,27 @@ _SHAPES = {
     "face_ratio": ("FaceRatio", "Smallest over largest flat face of the boundary; in 2-D of its edges."),
 }
 _FORMATS = {
-    "vtu": ("vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
-    "npz": ("npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
-    "fvca": ("plain_formats:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
-    "matlab": ("matlab_format:Matlab", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
-    "rf": ("plain_formats:RegnFace", "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE)."),
-    "hedra": ("plain_formats:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
-    "ovm": ("plain_formats:Ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
-    "off": ("plain_formats:Off", "OFF: plane polygons, as cinolib and others write them."),
-    "obj": ("plain_formats:Obj", "Wavefront OBJ: plane polygons."),
-    "ply": ("plain_formats:Ply", "PLY: plane polygons, as text or binary."),
-    "meshlane": ("meshlane_format:Meshlane", "Gmsh, legacy VTK and more, where no other format reads them."),
-    "openfoam": ("foam_format:OpenFoam", "OpenFOAM cases, by way of the .foam file that marks them."),
-    "vtkhdf": ("vtkhdf_format:VtkHdf", "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf])."),
-    "pvtu": ("plain_formats:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
-    "vtp": ("plain_formats:Vtp", "ParaView's .vtp: plane polygons of PolyData."),
+    "vtu": ("vtk.vtu_format:Vtu", "ParaView's .vtu: any mesh, its tags, the labels of all levels."),
+    "npz": ("native.npz_format:Npz", "numpy's .npz: everything a mesh and its hierarchy hold, losslessly."),
+    "fvca": ("text.plain_formats:Fvca", "FVCA's .typ1 and .typ2, as HArDCore2D and DISK++ read them."),
+    "matlab": ("matlab.format:Matlab", "MATLAB's .mat: the variables of lymph, mVEM and PolyMesher."),
+    "rf": (
+        "text.plain_formats:RegnFace",
+        "HArDCore3D's .node and .ele: polyhedra by their faces (REGN_FACE).",
+    ),
+    "hedra": ("text.plain_formats:Hedra", "cinolib's .hedra: polyhedra with faces of their own."),
+    "ovm": ("text.plain_formats:Ovm", "OpenVolumeMesh's .ovm as text: polyhedra of half-faces."),
+    "off": ("text.plain_formats:Off", "OFF: plane polygons, as cinolib and others write them."),
+    "obj": ("text.plain_formats:Obj", "Wavefront OBJ: plane polygons."),
+    "ply": ("text.plain_formats:Ply", "PLY: plane polygons, as text or binary."),
+    "meshlane": (
+        "foreign.meshlane_format:Meshlane",
+        "Gmsh, legacy VTK and more, where no other format reads them.",
+    ),
+    "openfoam": ("openfoam.format:OpenFoam", "OpenFOAM cases, by way of the .foam file that marks them."),
+    "vtkhdf": ("vtk.hdf_format:VtkHdf", "VTKHDF, ParaView's grids in HDF5; needs h5py (agglo[hdf])."),
+    "pvtu": ("text.plain_formats:Pvtu", "Parallel .pvtu: the .vtu files that it names as one mesh."),
+    "vtp": ("text.plain_formats:Vtp", "ParaView's .vtp: plane polygons of PolyData."),
 }
 _NEEDED_BY_FORMATS = {"meshlane": ("meshlane",), "vtkhdf": ("h5py",)}
 _SOLID_FORMATS = ("vtu", "npz", "vtkhdf", "pvtu", "matlab", "openfoam", "rf", "hedra", "ovm")
@@ -78,31 +84,31 @@ _PROBLEMS = {
 }
 
 _SMOOTHERS = {
-    "block_jacobi": ("level_smoothers:BlockJacobi", "Block Jacobi steps, damped by 4/(3 λ_max)."),
+    "block_jacobi": ("smoothers.level_smoothers:BlockJacobi", "Block Jacobi steps, damped by 4/(3 λ_max)."),
     "gauss_seidel": (
-        "level_smoothers:GaussSeidel",
+        "smoothers.level_smoothers:GaussSeidel",
         "Block Gauss–Seidel: forward sweeps, then as many backward.",
     ),
     "chebyshev": (
-        "level_smoothers:Chebyshev",
+        "smoothers.level_smoothers:Chebyshev",
         "Chebyshev polynomials of the matrix, preconditioned by its diagonal blocks.",
     ),
     "vertex_patches": (
-        "patch_smoother:PatchSmoother",
+        "smoothers.patch_smoother:PatchSmoother",
         "Multiplicative Schwarz on the patches of a level: linear and symmetric.",
     ),
 }
 _MULTIGRID = {
     ("transfer", "injection"): (
-        "transfers:Injection",
+        "coarsening.transfers:Injection",
         "The functions of the coarse space as they are, or their L2 projections.",
     ),
     ("transfer", "smoothed"): (
-        "transfers:SmoothedInjection",
+        "coarsening.transfers:SmoothedInjection",
         "Injection after a damped step of block Jacobi.",
     ),
     ("transfer", "aggregation"): (
-        "transfers:Aggregation",
+        "coarsening.transfers:Aggregation",
         "Smoothed aggregation: near-null vectors on the agglomerates.",
     ),
     ("coarse_operator", "galerkin"): ("coarse_operators:Galerkin", "Pᵀ A P."),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core import Hierarchy, Mesh, MeshError, OptionError
-from agglo_core.conformance.reference import TwoPointFlux
+from agglo_core.conformance.engine.reference import TwoPointFlux
 from agglo_core.problems import Diffusion, Samples, System
 
 __all__ = ["Bare", "CellValues", "Fluxes", "Ring"]

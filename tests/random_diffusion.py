@@ -12,9 +12,9 @@ from scipy.sparse.linalg import splu
 
 from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import lifted
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.jumps import EnergyNorm
+from agglo_polydg_mg.forms.assembly import lifted
+from agglo_polydg_mg.forms.jumps import EnergyNorm
+from agglo_polydg_mg.space.basis import Basis
 
 __all__ = ["Case", "energy_error", "graded", "random_case", "with_four_sides"]
 

@@ -203,7 +203,7 @@ def _sampler(mesh: Mesh, solution: Solution, how: Discretisation | None, title: 
 def _write(
     outputs: Outputs, output: Path, mesh: Mesh, sampled: Callable[[], Samples], progress: Listener | None
 ) -> None:
-    from agglo_core.io.vtu_solution import write_solution
+    from agglo_core.io.vtk.solution import write_solution
 
     with phase(progress, "writing", output.name):
         outputs.result(output, lambda: write_solution(output, mesh, sampled()))

@@ -55,7 +55,7 @@ def solve_on_ranks(
         On all ranks.
     """
     from agglo_core.distributed import Ranks, error_norms, with_second_layer, write_solution
-    from agglo_core.distributed.writing import check_parallel_target
+    from agglo_core.distributed.files.writing import check_parallel_target
 
     if not agglomeration:
         raise OptionError("on several ranks say what the levels are: --parts, --cells-per-part, …")

@@ -11,8 +11,8 @@ Three fronts on the same laws::
     test_conformance = conformance("bisector:mine")      # in a pytest file
 """
 
-from agglo_core.conformance.front import conformance
-from agglo_core.conformance.judging import Result
-from agglo_core.conformance.runner import check
+from agglo_core.conformance.engine.front import conformance
+from agglo_core.conformance.engine.judging import Result
+from agglo_core.conformance.engine.runner import check
 
 __all__ = ["Result", "check", "conformance"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from agglo_core.conformance.format_page import format_table
-from agglo_core.conformance.reference_pages import compliance_page, laws_page, own_results
+from agglo_core.conformance.engine.format_page import format_table
+from agglo_core.conformance.engine.reference_pages import compliance_page, laws_page, own_results
 
 
 def page(name: str) -> str:

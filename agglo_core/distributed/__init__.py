@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from agglo_core.distributed.agglomerating import agglomerate
+from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
+from agglo_core.distributed.agglomeration.run import agglomerate
 from agglo_core.distributed.communication import RankError, Ranks, Traffic
-from agglo_core.distributed.distributed_hierarchy import DistributedHierarchy
-from agglo_core.distributed.distributed_mesh import DistributedMesh
-from agglo_core.distributed.reading import read
-from agglo_core.distributed.second_layer import with_second_layer
-from agglo_core.distributed.solution_errors import error_norms
-from agglo_core.distributed.solution_pieces import write_solution
-from agglo_core.distributed.writing import write
+from agglo_core.distributed.files.reading import read
+from agglo_core.distributed.files.writing import write
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.distributed.solution.errors import error_norms
+from agglo_core.distributed.solution.pieces import write_solution
+from agglo_core.distributed.solution.second_layer import with_second_layer
 
 __all__ = [
     "DistributedHierarchy",

@@ -10,7 +10,7 @@ from agglo_core.arrays import trusted_copy
 from agglo_core.errors import OptionError
 from agglo_core.io.level_tags import check_belongs
 from agglo_core.io.tags import cell_data
-from agglo_core.io.vtu_write import write_vtu
+from agglo_core.io.vtk.vtu_write import write_vtu
 from agglo_core.mesh import Mesh
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from agglo_core.files.regular import text_bytes
 from agglo_core.files.text_numbers import integers, reals
 from agglo_core.graph import Graph
 from agglo_core.interchange.metis_read import places_of
-from agglo_core.io.counted_lists import record_starts
 from agglo_core.io.file_checks import naming
+from agglo_core.io.text.counted_lists import record_starts
 from agglo_core.mesh.elements import gather
 
 __all__ = ["graph_from_scotch", "parts_from_scotch"]

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 from agglo_core.errors import FileError, OptionError
 from agglo_core.files.regular import check_regular
 from agglo_core.io.file_checks import naming, read_by, read_hierarchy_by, write_by
-from agglo_core.io.foam_format import OpenFoam
+from agglo_core.io.foreign.meshlane_format import Meshlane
 from agglo_core.io.formats import Formats, KnownFormat
-from agglo_core.io.meshlane_format import Meshlane
-from agglo_core.io.npz_format import Npz
-from agglo_core.io.vtu_format import Vtu
+from agglo_core.io.native.npz_format import Npz
+from agglo_core.io.openfoam.format import OpenFoam
+from agglo_core.io.vtk.vtu_format import Vtu
 from agglo_core.progress import Listener, followed, labelled, phase, unwrapped
 from agglo_core.registry import Registry, default
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from agglo_core.errors import AggloError, FileError, PluginError
 from agglo_core.files.regular import without_mark
-from agglo_core.io.unread import why_unread
+from agglo_core.io.foreign.unread import why_unread
 from agglo_core.registry import Record, Registry, describe
 from agglo_core.registry.attribution import attributed
 from agglo_core.registry.containment import shown

@@ -1,33 +1,33 @@
 """Multigrid on agglomerates: stacks of levels, cycles, and what they are made of."""
 
-from agglo_core.multigrid.adapted_smoother import Adapted, adapted
-from agglo_core.multigrid.additive_schwarz import additive_schwarz
-from agglo_core.multigrid.aggregation import aggregation_stack, blockwise, pointwise
-from agglo_core.multigrid.block_matrix import BlockMatrix, block_inverses, block_matrix
-from agglo_core.multigrid.block_scaling import block_scaled
-from agglo_core.multigrid.classical import CoarseFirst, classical_stack
 from agglo_core.multigrid.coarse_solve import COARSE_SOLVERS, coarse_solver, direct_solver, symmetric_lu
+from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, blockwise, pointwise
+from agglo_core.multigrid.coarsening.classical import CoarseFirst, classical_stack
+from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
+from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
+from agglo_core.multigrid.coarsening.transfers import parents
 from agglo_core.multigrid.composition import Composition
 from agglo_core.multigrid.cycle import cycle
-from agglo_core.multigrid.galerkin import build_stack, galerkin, injection
-from agglo_core.multigrid.joined_patches import joined_patches
-from agglo_core.multigrid.krylov import pcg, pcg_columns
-from agglo_core.multigrid.level_smoothers import (
+from agglo_core.multigrid.krylov.pcg import pcg, pcg_columns
+from agglo_core.multigrid.matrices.block_matrix import BlockMatrix, block_inverses, block_matrix
+from agglo_core.multigrid.matrices.block_scaling import block_scaled
+from agglo_core.multigrid.matrices.galerkin import build_stack, galerkin, injection
+from agglo_core.multigrid.named_parts import CoarseOperator, CoarseSolver, Transfer, part
+from agglo_core.multigrid.smoothers.adapted import Adapted, adapted
+from agglo_core.multigrid.smoothers.additive_schwarz import additive_schwarz
+from agglo_core.multigrid.smoothers.joined_patches import joined_patches
+from agglo_core.multigrid.smoothers.level_smoothers import (
     SMOOTHERS,
     BlockJacobi,
     Chebyshev,
     GaussSeidel,
     smoother_setup,
 )
-from agglo_core.multigrid.named_parts import CoarseOperator, CoarseSolver, Transfer, part
-from agglo_core.multigrid.near_null import smoothed_near_null
-from agglo_core.multigrid.patch_smoother import AdditivePatches, VertexPatches
-from agglo_core.multigrid.patches import vertex_patches
-from agglo_core.multigrid.scalar_gauss_seidel import ScalarGaussSeidel
-from agglo_core.multigrid.smoothed import smoothed_prolongation
-from agglo_core.multigrid.spectrum import largest_eigenvalue
+from agglo_core.multigrid.smoothers.patch_smoother import AdditivePatches, VertexPatches
+from agglo_core.multigrid.smoothers.patches import vertex_patches
+from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
+from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
-from agglo_core.multigrid.transfers import parents
 from agglo_core.problems.row_scales import lifted, row_measure
 
 __all__ = [

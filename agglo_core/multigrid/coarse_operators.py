@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.galerkin import galerkin
+from agglo_core.multigrid.matrices.galerkin import galerkin
 from agglo_core.problems import Coarsening
 
 __all__ = ["Galerkin", "Rediscretised"]

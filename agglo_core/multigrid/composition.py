@@ -12,16 +12,16 @@ from scipy import sparse
 
 from agglo_core.arrays import Float, Int, frozen_int
 from agglo_core.errors import AggloError, OptionError, PluginError
-from agglo_core.multigrid.adapted_smoother import adapted
-from agglo_core.multigrid.block_matrix import in_blocks
 from agglo_core.multigrid.coarse_operators import Galerkin, Rediscretised
 from agglo_core.multigrid.coarse_solve import Dense, Elimination, SparseLU
-from agglo_core.multigrid.galerkin import galerkin, injection
-from agglo_core.multigrid.level_smoothers import SMOOTHERS, BlockJacobi, Chebyshev, GaussSeidel
+from agglo_core.multigrid.coarsening.transfers import Aggregation, Injection, SmoothedInjection, parents
+from agglo_core.multigrid.matrices.block_matrix import in_blocks
+from agglo_core.multigrid.matrices.galerkin import galerkin, injection
 from agglo_core.multigrid.named_parts import part
-from agglo_core.multigrid.patches import vertex_patches
+from agglo_core.multigrid.smoothers.adapted import adapted
+from agglo_core.multigrid.smoothers.level_smoothers import SMOOTHERS, BlockJacobi, Chebyshev, GaussSeidel
+from agglo_core.multigrid.smoothers.patches import vertex_patches
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Real, Solve
-from agglo_core.multigrid.transfers import Aggregation, Injection, SmoothedInjection, parents
 from agglo_core.problems import Coarsening, CoarseSpace, MultigridLevel, System
 from agglo_core.progress import Tell, to_nobody
 from agglo_core.registry import Registry

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.errors import OptionError
-from agglo_core.multigrid.block_product import swift
+from agglo_core.multigrid.matrices.block_product import swift
 from agglo_core.multigrid.stack import LevelStack, Real
 
 __all__ = ["cycle"]

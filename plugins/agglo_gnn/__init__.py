@@ -12,7 +12,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="bisector",
             name="gnn",
-            target="agglo_gnn.fast:FastGNN",
+            target="agglo_gnn.plane.fast:FastGNN",
             requires=("safetensors",),
             promises={"deterministic": True, "invariant": True, "3d": True, "pickles": True},
             summary="A learned direction and an exact sweep across it; needs no torch.",
@@ -20,7 +20,7 @@ def agglo_components() -> list[Component]:
         Component(
             kind="bisector",
             name="gnn_paper",
-            target="agglo_gnn.paper_bisector:PaperGNN",
+            target="agglo_gnn.paper.bisector:PaperGNN",
             requires=("torch", "safetensors"),
             promises={"deterministic": True, "invariant": True, "pickles": True},
             summary="The paper's graph neural network, or one of yours, in torch.",
@@ -33,6 +33,6 @@ def agglo_components() -> list[Component]:
 def agglo_commands() -> list[Command]:
     """``agglo train`` and ``agglo model``."""
     return [
-        Command("train", "agglo_gnn.train:train", "Train a graph neural network from a seed."),
+        Command("train", "agglo_gnn.training.command:train", "Train a graph neural network from a seed."),
         Command("model", "agglo_gnn.model:model", "Look into a model file."),
     ]

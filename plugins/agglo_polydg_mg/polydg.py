@@ -21,20 +21,20 @@ from agglo_core.authoring import (
     System,
     frozen_float,
 )
-from agglo_polydg_mg.assembly import Lifted, cell_means, lifted, load
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.boundary import boundary_faces
-from agglo_polydg_mg.evaluate import evaluate
-from agglo_polydg_mg.jumps import EnergyNorm
-from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.forms.assembly import Lifted, cell_means, lifted, load
+from agglo_polydg_mg.forms.boundary import boundary_faces
+from agglo_polydg_mg.forms.jumps import EnergyNorm
+from agglo_polydg_mg.forms.norms import errors
+from agglo_polydg_mg.forms.penalty import Penalty
+from agglo_polydg_mg.forms.straight_sides import with_straight_sides
+from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.option_checks import require_count, require_penalty, require_truth
-from agglo_polydg_mg.penalty import Penalty
-from agglo_polydg_mg.quadrature import sample
-from agglo_polydg_mg.residual_measure import ResidualMeasure
-from agglo_polydg_mg.sampling import samples_of
-from agglo_polydg_mg.scaling import factor_for, times
-from agglo_polydg_mg.straight_sides import with_straight_sides
-from agglo_polydg_mg.unit_forms import UnitForms
+from agglo_polydg_mg.solver.residual_measure import ResidualMeasure
+from agglo_polydg_mg.solver.scaling import factor_for, times
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.evaluate import evaluate
+from agglo_polydg_mg.space.quadrature import sample
+from agglo_polydg_mg.space.sampling import samples_of
 
 __all__ = ["PolyDG", "corrections"]
 
@@ -49,7 +49,7 @@ class PolyDG:
         Of the polynomials, 1..6.
     penalty : float, "paper" or "sharp"
         Constant C of the penalty of jumps; ``paper`` is C = 10, ``sharp`` the least one that is provably
-        coercive: :func:`~agglo_polydg_mg.sharp_penalty.sharp_penalty`.
+        coercive: :func:`~agglo_polydg_mg.forms.sharp_penalty.sharp_penalty`.
     scaled_basis : bool
         Whether the basis is scaled by the size of the bounding boxes, and those of flat cells are turned; the
         paper's is not.
@@ -85,7 +85,7 @@ class PolyDG:
         boundary_faces(mesh, _diffusion(problem))
 
     def assemble(self, problem: Problem, mesh: Mesh) -> System:
-        """Matrix and right-hand side on a mesh; see :func:`~agglo_polydg_mg.assembly.discretise`."""
+        """Matrix and right-hand side on a mesh; see :func:`~agglo_polydg_mg.forms.assembly.discretise`."""
         return self.lifted(problem, mesh).system
 
     def lifted(
@@ -117,7 +117,7 @@ class PolyDG:
         return samples_of(self.basis(mesh), x)
 
     def errors(self, problem: Problem, mesh: Mesh, x: Float) -> Mapping[str, float]:
-        """``l2`` and ``dg`` of :class:`~agglo_polydg_mg.norms.Errors`, if the problem has ``exact``."""
+        """``l2`` and ``dg`` of :class:`~agglo_polydg_mg.forms.norms.Errors`, if the problem has ``exact``."""
         return self.errors_in(problem, mesh, x)
 
     def errors_in(

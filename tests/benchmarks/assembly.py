@@ -32,8 +32,8 @@ import numpy as np
 from agglo_core import Mesh, samples
 from agglo_core.authoring import curve_order
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.forms.assembly import discretise
+from agglo_polydg_mg.forms.penalty import face_penalty
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "plugins"))
 from test_polydg_kernels import reference_matrix

@@ -27,9 +27,9 @@ from scipy.sparse.linalg import spsolve
 import agglo_core as agglo
 from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import discretise, jump_penalty
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.norms import Errors, errors
+from agglo_polydg_mg.forms.assembly import discretise, jump_penalty
+from agglo_polydg_mg.forms.norms import Errors, errors
+from agglo_polydg_mg.space.basis import Basis
 
 SINE = Diffusion(
     source=lambda x: 2 * np.pi**2 * np.sin(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1]),

@@ -43,9 +43,9 @@ from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 from agglo_core.refine import compactness
 from agglo_core.registry import default
-from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.forms.assembly import discretise
+from agglo_polydg_mg.forms.norms import errors
+from agglo_polydg_mg.space.basis import Basis
 
 Labels = NDArray[np.int64]
 

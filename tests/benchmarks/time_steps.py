@@ -26,7 +26,7 @@ import numpy as np
 
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.problems import Diffusion, Solution
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 MESHES: Mapping[str, Callable[[int], Mesh]] = {
     "squares": lambda n: samples.squares(round(np.sqrt(n))),

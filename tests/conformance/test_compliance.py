@@ -6,7 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from agglo_core.conformance.reference_pages import compliance_page, laws_page, own_components, own_result
+from agglo_core.conformance.engine.reference_pages import (
+    compliance_page,
+    laws_page,
+    own_components,
+    own_result,
+)
 from agglo_core.registry import default
 
 PAGES = Path(__file__).parents[2] / "docs/reference"

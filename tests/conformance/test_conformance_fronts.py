@@ -17,11 +17,11 @@ from conformance.mutants.samples import bars
 from agglo_core import Component, Diffusion, OptionError, PluginError, Registry, hookimpl
 from agglo_core.cli import main
 from agglo_core.conformance import check, conformance
-from agglo_core.conformance.judging import judge, laws_for
+from agglo_core.conformance.base.subject import subject_of
+from agglo_core.conformance.engine.judging import judge, laws_for
+from agglo_core.conformance.engine.reference import TwoPointFlux
+from agglo_core.conformance.inputs.questions import questions
 from agglo_core.conformance.laws import all_laws
-from agglo_core.conformance.questions import questions
-from agglo_core.conformance.reference import TwoPointFlux
-from agglo_core.conformance.subject import subject_of
 
 PLUGIN = """
 import numpy as np

@@ -14,10 +14,10 @@ from conformance.mutants.bisectors import AddsData
 from conformance.mutants.mutant import Mutant
 
 from agglo_core.conformance import check
-from agglo_core.conformance.judging import judge, laws_for
-from agglo_core.conformance.law import Law
+from agglo_core.conformance.base.law import Law
+from agglo_core.conformance.base.subject import Subject, subject_of
+from agglo_core.conformance.engine.judging import judge, laws_for
 from agglo_core.conformance.laws import all_laws
-from agglo_core.conformance.subject import Subject, subject_of
 from agglo_core.registry import KINDS, PROMISES
 
 GUIDE = Path(__file__).parents[2] / "docs/how-to/write-a-plugin.md"

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from agglo_core import FileError, Mesh
-from agglo_core.conformance import format_page
-from agglo_core.conformance.format_page import BEGIN, END, format_names, format_row, round_trips
-from agglo_core.io.npz import write_npz
-from agglo_core.io.npz_format import Npz
+from agglo_core.conformance.engine import format_page
+from agglo_core.conformance.engine.format_page import BEGIN, END, format_names, format_row, round_trips
+from agglo_core.io.native.npz import write_npz
+from agglo_core.io.native.npz_format import Npz
 from agglo_core.progress import to_nobody
 from agglo_core.registry import Component, Registry, default, hookimpl
 

@@ -17,7 +17,7 @@ import agglo_core.registry.catalogue as catalogue
 import agglo_polydg_mg
 from agglo_core import AggloError, Registry, hookimpl, samples
 from agglo_core.conformance import check, conformance
-from agglo_core.conformance.subject import find, subject_of
+from agglo_core.conformance.base.subject import find, subject_of
 from agglo_core.draw import plot
 from agglo_core.draw.webpage import page
 from agglo_core.io import check_writable
@@ -27,9 +27,9 @@ from agglo_core.problems import Diffusion, choosing
 from agglo_core.refine.descent import DescentRefiner
 from agglo_core.refine.objective_choice import chosen_objective
 from agglo_core.registry.construct import construct
-from agglo_polydg_mg.composed_multigrid import ComposedMultigrid
-from agglo_polydg_mg.paper_multigrid import PaperMultigrid
-from agglo_polydg_mg.smoothers import smoother_of
+from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
+from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.paper.smoothers import smoother_of
 
 ROOT = Path(__file__).parents[2]
 

@@ -83,7 +83,7 @@ def test_truncated(tmp_path: Path, keep: int) -> None:
 
 def test_readers_that_never_end_are_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """meshlane's TetGen reader loops for ever on a file of comments."""
-    from agglo_core.io import meshlane_read
+    from agglo_core.io.foreign import meshlane_read
 
     monkeypatch.setattr(meshlane_read, "_SECONDS", 2)
     for suffix in (".node", ".ele"):

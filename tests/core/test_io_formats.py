@@ -24,7 +24,7 @@ from agglo_core import (
     OptionError,
     PluginError,
     Registry,
-    components as builtin,
+    builtin,
     hookimpl,
 )
 from agglo_core.errors import AggloError

@@ -21,7 +21,7 @@ from agglo_core import (
     write,
 )
 from agglo_core.files.text_numbers import integers, reals
-from agglo_core.io.counted_lists import counted_lists, counted_solids
+from agglo_core.io.text.counted_lists import counted_lists, counted_solids
 
 POINTS = "Vertices\n6\n0 0\n1 0\n1 1\n0 1\n2 0\n2 1\n"
 TYP2 = POINTS + "cells\n2\n4 1 2 3 4\n4 2 5 6 3\n"

@@ -12,7 +12,7 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from agglo_core import FileError, Hierarchy, MeshError, agglomerate, read, read_hierarchy, samples, write
-from agglo_core.io.mat5 import variables
+from agglo_core.io.matlab.mat5 import variables
 
 POINTS = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [2, 0], [2, 1]], float)
 CUBES = [  # two unit cubes side by side, one face of each turned inward

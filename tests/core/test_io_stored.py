@@ -17,7 +17,8 @@ from agglo_core import Mesh, samples
 from agglo_core.arrays import trusted_copy
 from agglo_core.errors import FileError, MeshError, OptionError
 from agglo_core.hierarchy import Hierarchy
-from agglo_core.io import read, read_hierarchy, vtu_document as document, write
+from agglo_core.io import read, read_hierarchy, write
+from agglo_core.io.vtk import document
 
 BEFORE = Path(__file__).parent / "before_raw"
 MESHES = [samples.voronoi(300, seed=5), samples.tetrahedra(2), samples.brain_holes()]

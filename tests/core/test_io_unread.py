@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from agglo_core import FileError, MeshError, read
-from agglo_core.io.unread import why_unread
+from agglo_core.io.foreign.unread import why_unread
 
 UCD = "# made by hand\n4 2 0 0 0\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n1 1 tri 1 2 3\n2 1 tri 1 3 4\n"
 MSH2 = """$MeshFormat

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from agglo_core import Component, Registry, components, hookimpl, samples
+from agglo_core import Component, Registry, builtin, hookimpl, samples
 from agglo_core.cli.arguments import load_mesh
 from agglo_core.errors import MeshError, OptionError, PluginError
 from agglo_core.mesh import Mesh
@@ -203,7 +203,7 @@ class Strangers:
 def registry() -> Registry:
     registry = Registry()
     registry.register(Strangers(), "mine", distribution="my-dist", version="2")
-    registry.register(components, "defaults", distribution="agglo", version="1")
+    registry.register(builtin, "defaults", distribution="agglo", version="1")
     return registry
 
 

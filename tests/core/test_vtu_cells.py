@@ -13,7 +13,7 @@ from vtu_by_hand import arrays_of
 
 import agglo_core as agglo
 from agglo_core import Mesh, samples
-from agglo_core.io.vtu_cells import cells_of
+from agglo_core.io.vtk.cells import cells_of
 from agglo_core.mesh.elements import polyhedra_from_elements
 
 Points = NDArray[np.float64]

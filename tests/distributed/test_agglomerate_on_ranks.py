@@ -14,8 +14,9 @@ from on_ranks import on_ranks
 import agglo_core as agglo
 from agglo_core import Mesh, Pipeline, samples
 from agglo_core.constraints.regions import Regions
-from agglo_core.distributed import DistributedMesh, Ranks, agglomerate, distributed_levels
-from agglo_core.distributed.part_components import component_sizes
+from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
+from agglo_core.distributed.agglomeration import levels as distributed_levels
+from agglo_core.distributed.agglomeration.part_components import component_sizes
 
 Labels = list[NDArray[Any]]
 

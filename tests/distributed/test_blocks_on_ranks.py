@@ -11,7 +11,7 @@ from on_ranks import on_ranks
 
 from agglo_core import Mesh, OptionError, Pipeline, samples
 from agglo_core.distributed import DistributedMesh, Ranks, agglomerate
-from agglo_core.distributed.blocks_by_coordinates import coordinate_blocks
+from agglo_core.distributed.agglomeration.blocks_by_coordinates import coordinate_blocks
 
 BLOCK = 200
 CASES: dict[str, dict[str, Any]] = {

@@ -20,7 +20,7 @@ RUN = ("run", "voronoi:n=200,seed=2", "--bisector", "coordinate", "--no-polish")
 FAULTY = """
 import os, signal, sys, time
 from pathlib import Path
-import agglo_core.distributed.writing as writing
+import agglo_core.distributed.files.writing as writing
 from agglo_core.cli import main
 from agglo_core.cli.under_mpi import launched
 

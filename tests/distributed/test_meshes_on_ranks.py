@@ -11,7 +11,8 @@ import pytest
 from on_ranks import on_ranks
 
 from agglo_core import Mesh, samples
-from agglo_core.distributed import DistributedMesh, Ranks, cell_values
+from agglo_core.distributed import DistributedMesh, Ranks
+from agglo_core.distributed.mesh import cell_values
 from agglo_core.mesh.elements import gather
 
 GEOMETRY = ("cell_measures", "cell_centroids", "local_centroids", "cell_diameters", "cell_inertias")

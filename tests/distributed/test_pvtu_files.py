@@ -12,7 +12,7 @@ import pytest
 from distributed.shared_meshes import MESHES, shared, write_all
 from on_ranks import on_ranks
 
-import agglo_core.distributed.own_pieces as own_pieces
+import agglo_core.distributed.files.own_pieces as own_pieces
 from agglo_core import FileError, read, write as write_whole
 from agglo_core.distributed import Ranks, write
 

@@ -12,11 +12,11 @@ from on_ranks import on_ranks
 
 from agglo_core import Mesh, samples
 from agglo_core.distributed import with_second_layer
-from agglo_core.distributed.part_components import first_cells
+from agglo_core.distributed.agglomeration.part_components import first_cells
 from agglo_core.errors import OptionError
 from agglo_core.mesh.tag_kinds import distinct
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.boundary import boundary_faces
+from agglo_polydg_mg.forms.boundary import boundary_faces
 
 TABLE: dict[str, Any] = {
     "kappa": {"rock": {"1": 1.0, "sand": 5.0}},
@@ -80,7 +80,7 @@ def test_problems_by_tag_are_those_of_the_whole_mesh(size: int) -> None:
 
 
 def test_a_table_of_too_many_values_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("agglo_core.distributed.kinds_of_all._MOST", 10)
+    monkeypatch.setattr("agglo_core.distributed.solution.kinds_of_all._MOST", 10)
     part, _ = with_second_layer(shared(tagged(samples.squares(4))))
     with pytest.raises(OptionError, match=r"kappa\.number: the tag has too many values"):
         Diffusion.from_table({"kappa": {"number": {"1": 1.0}}}, part, Path())

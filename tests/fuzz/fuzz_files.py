@@ -52,7 +52,7 @@ from agglo_core.interchange import (
 from agglo_core.io import read_hierarchy
 from agglo_core.io.system_files import read_system
 from agglo_core.problems import Linear, System, read_problem
-from agglo_gnn.fast import FastGNN
+from agglo_gnn.plane.fast import FastGNN
 
 SECONDS = 10  # of processor time
 _WAIT = 12

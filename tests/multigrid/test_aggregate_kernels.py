@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from agglo_core.arrays import frozen, frozen_float, frozen_int
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import ScalarGaussSeidel
+from agglo_core.multigrid.coarsening.prolongation import Couplings
 from agglo_core.multigrid.kernels.aggregates import greedy_aggregates, local_bases, split_labels, split_weak
-from agglo_core.multigrid.matrix_checks import canonical
-from agglo_core.multigrid.prolongation import Couplings
+from agglo_core.multigrid.matrices.checks import canonical
 
 
 def random_matrix(n: int, seed: int) -> sparse.csr_array:

@@ -20,7 +20,7 @@ from agglo_core.multigrid.kernels.coarse_points import (
     strong_entries,
 )
 from agglo_core.multigrid.kernels.galerkin_product import galerkin_product
-from agglo_core.multigrid.matrix_checks import canonical
+from agglo_core.multigrid.matrices.checks import canonical
 
 pyamg = pytest.importorskip("pyamg")
 

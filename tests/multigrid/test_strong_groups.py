@@ -9,8 +9,8 @@ from scipy import sparse
 
 from agglo_core.errors import OptionError
 from agglo_core.multigrid import classical_stack, cycle, pcg
-from agglo_core.multigrid.matrix_checks import canonical
-from agglo_core.multigrid.strong_groups import group_smoother, strong_groups
+from agglo_core.multigrid.coarsening.strong_groups import group_smoother, strong_groups
+from agglo_core.multigrid.matrices.checks import canonical
 
 FRESH = 640219
 

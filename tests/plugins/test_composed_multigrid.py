@@ -14,8 +14,8 @@ from scipy.sparse.linalg import splu, spsolve
 from agglo_core import Hierarchy, OptionError, agglomerate, samples
 from agglo_core.problems import Diffusion, Linear
 from agglo_core.registry import default
-from agglo_polydg_mg.composed_multigrid import ComposedMultigrid
-from agglo_polydg_mg.outer_iterations import FlexibleSteps
+from agglo_polydg_mg.paper.composed_multigrid import ComposedMultigrid
+from agglo_polydg_mg.paper.outer_iterations import FlexibleSteps
 
 Array = NDArray[np.float64]
 

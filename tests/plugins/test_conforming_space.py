@@ -11,14 +11,14 @@ from scipy.linalg import block_diag
 from agglo_core import Mesh, samples
 from agglo_core.multigrid import LevelStack, cycle
 from agglo_core.problems import Diffusion, System
-from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.conforming_choice import difficulty
-from agglo_polydg_mg.conforming_kernels import cluster_vertices
-from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
-from agglo_polydg_mg.conforming_stack import conforming_stack, labels_of_unknowns
-from agglo_polydg_mg.galerkin_kernels import thinned
-from agglo_polydg_mg.penalty import face_penalty
+from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
+from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space
+from agglo_polydg_mg.auxiliary.conforming_stack import conforming_stack, labels_of_unknowns
+from agglo_polydg_mg.auxiliary.galerkin_kernels import thinned
+from agglo_polydg_mg.forms.assembly import discretise
+from agglo_polydg_mg.forms.penalty import face_penalty
+from agglo_polydg_mg.solver.conforming_choice import difficulty
+from agglo_polydg_mg.space.basis import Basis
 
 FRESH = np.random.SeedSequence(20).generate_state(2).tolist()
 

@@ -8,12 +8,12 @@ from random_diffusion import graded
 
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.conforming_choice import difficulty
-from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space, directions
-from agglo_polydg_mg.coupling_network import coupling_network
-from agglo_polydg_mg.penalty import face_penalty
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space, directions
+from agglo_polydg_mg.auxiliary.coupling_network import coupling_network
+from agglo_polydg_mg.forms.penalty import face_penalty
+from agglo_polydg_mg.solver.conforming_choice import difficulty
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.space.basis import Basis
 
 FRESH = (452602, 806487)
 

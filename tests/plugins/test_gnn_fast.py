@@ -13,10 +13,10 @@ import agglo_core as agglo
 from agglo_core import FileError, Graph, Mesh, OptionError, Target, samples
 from agglo_core.arrays import frozen_float
 from agglo_core.errors import AggloError
-from agglo_gnn.fast import SHAPES, FastGNN
-from agglo_gnn.features import FEATURES, rasterise
-from agglo_gnn.lookahead import look_ahead
-from agglo_gnn.pieces import piece_graphs
+from agglo_gnn.plane.fast import SHAPES, FastGNN
+from agglo_gnn.plane.features import FEATURES, rasterise
+from agglo_gnn.plane.lookahead import look_ahead
+from agglo_gnn.training.pieces import piece_graphs
 
 
 def sides_of(graph, bisector=None):
@@ -66,7 +66,7 @@ def slow_direction(nodes, near, areas, features, net):
 
 
 def kernel_directions(rasters, net):
-    from agglo_gnn.fast_kernels import direction
+    from agglo_gnn.plane.kernels import direction
 
     found = []
     for b, features in enumerate(rasters.blocks):
@@ -99,7 +99,7 @@ def test_the_kernel_is_the_network(level):
 
 def test_the_kernel_agrees_with_torch(level):
     torch = pytest.importorskip("torch")
-    from agglo_gnn.fast_network import network
+    from agglo_gnn.plane.network import network
 
     rasters = rasterise(level)
     values = arrays(2)
@@ -246,7 +246,7 @@ def test_weights_of_the_plane_are_refused_in_space():
 
 
 def test_bad_model_files_are_refused(tmp_path):
-    from agglo_gnn.fast import _WEIGHTS
+    from agglo_gnn.plane.fast import _WEIGHTS
 
     whole = (_WEIGHTS / "fast.safetensors").read_bytes()
     for content in (whole[:-50], pickle.dumps({"a": 1}), b"", whole[:200] + b"\0" * 40 + whole[240:]):
@@ -264,7 +264,7 @@ import sys
 sys.modules["torch"] = None
 import numpy as np
 from agglo_core import samples
-from agglo_gnn.fast import FastGNN
+from agglo_gnn.plane.fast import FastGNN
 FastGNN().bisect_level(samples.squares(12).graph, np.zeros(1, np.uint64))
 """
     subprocess.run([sys.executable, "-c", script], check=True)
@@ -272,8 +272,8 @@ FastGNN().bisect_level(samples.squares(12).graph, np.zeros(1, np.uint64))
 
 def test_training_repeats_itself_and_starts_from_inertial_bisection():
     pytest.importorskip("torch")
-    from agglo_gnn.fast_network import initial_parameters
-    from agglo_gnn.fast_train import train_fast
+    from agglo_gnn.plane.network import initial_parameters
+    from agglo_gnn.plane.train import train_fast
 
     seen = []
     one, metrics = train_fast(5, steps=4, pieces=60, validation=40, progress=lambda *now: seen.append(now))

@@ -16,7 +16,7 @@ from agglo_core import FileError, OptionError
 from agglo_core.errors import AggloError, PluginError
 from agglo_gnn import model_file
 from agglo_gnn.model import model
-from agglo_gnn.train import train
+from agglo_gnn.training.command import train
 
 pytest.importorskip("safetensors")
 
@@ -226,7 +226,7 @@ def test_options_that_make_no_sense_are_usage_errors():
 
 def test_cuda_is_refused_where_there_is_none(monkeypatch):
     torch = pytest.importorskip("torch")
-    from agglo_gnn.training import choose_device
+    from agglo_gnn.training.loop import choose_device
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert choose_device("auto") == "cpu"

@@ -11,12 +11,12 @@ import agglo_core as agglo
 from agglo_core import Graph, OptionError, samples
 from agglo_core.arrays import frozen_float
 from agglo_core.split.straight_cuts import SweepBisection
-from agglo_gnn.fast import FastGNN
-from agglo_gnn.fast_validation import cut_costs
-from agglo_gnn.spatial_kernels import PRIOR, directions
-from agglo_gnn.spatial_moments import describe_solids
-from agglo_gnn.spatial_network import SPATIAL_FEATURES, SPATIAL_SHAPES, initial_spatial, spatial_network
-from agglo_gnn.spatial_pieces import solid_graphs
+from agglo_gnn.plane.fast import FastGNN
+from agglo_gnn.plane.validation import cut_costs
+from agglo_gnn.space.kernels import PRIOR, directions
+from agglo_gnn.space.moments import describe_solids
+from agglo_gnn.space.network import SPATIAL_FEATURES, SPATIAL_SHAPES, initial_spatial, spatial_network
+from agglo_gnn.space.pieces import solid_graphs
 
 PAIRS = [(0, 1, 2), (0, 2, 1), (1, 2, 0), (1, 0, 2), (2, 0, 1), (2, 1, 0)]
 
@@ -208,7 +208,7 @@ def test_looking_ahead_is_for_the_plane():
 
 def test_training_repeats_itself_and_starts_from_the_longest_axis():
     pytest.importorskip("torch")
-    from agglo_gnn.spatial_train import train_solids
+    from agglo_gnn.space.train import train_solids
 
     one, metrics = train_solids(5, steps=4, pieces=60, validation=40)
     two, _ = train_solids(5, steps=4, pieces=60, validation=40)

@@ -12,7 +12,7 @@ import pytest
 
 from agglo_core import FileError, Mesh, agglomerate, samples
 from agglo_core.problems import named_problem, read_problem
-from agglo_polydg_mg.paper_multigrid import PaperMultigrid
+from agglo_polydg_mg.paper.paper_multigrid import PaperMultigrid
 
 
 @pytest.fixture

@@ -10,9 +10,9 @@ from scipy import sparse
 
 from agglo_core import Hierarchy, OptionError, samples
 from agglo_core.multigrid import injection, parents
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.box_transfer import project_between
-from agglo_polydg_mg.transfer import chosen_levels, diagonal_blocks, l2_projection
+from agglo_polydg_mg.auxiliary.box_transfer import project_between
+from agglo_polydg_mg.auxiliary.transfer import chosen_levels, diagonal_blocks, l2_projection
+from agglo_polydg_mg.space.basis import Basis
 
 
 def hierarchy_of(*levels: list[int]) -> Hierarchy:

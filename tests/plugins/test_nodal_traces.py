@@ -8,11 +8,11 @@ from random_diffusion import graded
 
 from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.conforming_space import ConformingSpace, conforming_space
-from agglo_polydg_mg.nodal_traces import nodal_basis, nodal_network, on_nodes
-from agglo_polydg_mg.penalty import face_penalty
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, conforming_space
+from agglo_polydg_mg.auxiliary.nodal_traces import nodal_basis, nodal_network, on_nodes
+from agglo_polydg_mg.forms.penalty import face_penalty
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.space.basis import Basis
 
 FRESH = (318204, 91177)
 INNER = {2: [0.5], 3: [0.5 - 0.05**0.5, 0.5 + 0.05**0.5]}

@@ -7,7 +7,7 @@ import pytest
 
 from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 FRESH = 730911
 

@@ -14,12 +14,12 @@ from scipy.sparse.linalg import cg
 from agglo_core import Hierarchy, Mesh, agglomerate, samples
 from agglo_core.arrays import trusted_copy
 from agglo_core.authoring import curve_order
-from agglo_core.conformance.mesh_changes import renumbered
+from agglo_core.conformance.inputs.mesh_changes import renumbered
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.deferred import Deferred
-from agglo_polydg_mg import numbering
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.solver import numbering
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 SEED = 20261122
 

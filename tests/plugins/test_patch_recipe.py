@@ -11,9 +11,9 @@ from agglo_core.errors import OptionError
 from agglo_core.mesh import Mesh
 from agglo_core.multigrid import LevelStack, cycle
 from agglo_core.problems import Diffusion, System
-from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.patch_recipe import patch_stack
+from agglo_polydg_mg.auxiliary.patch_recipe import patch_stack
+from agglo_polydg_mg.forms.assembly import discretise
+from agglo_polydg_mg.space.basis import Basis
 
 FRESH = 20261122
 

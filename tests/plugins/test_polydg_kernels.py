@@ -16,11 +16,11 @@ from scipy import sparse
 
 from agglo_core import Mesh, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.penalty import face_penalty, triangle_heights
-from agglo_polydg_mg.polynomials import legendre, orders, slopes
-from agglo_polydg_mg.quadrature import inside, moments, weighted_moments
+from agglo_polydg_mg.forms.assembly import discretise
+from agglo_polydg_mg.forms.penalty import face_penalty, triangle_heights
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.polynomials import legendre, orders, slopes
+from agglo_polydg_mg.space.quadrature import inside, moments, weighted_moments
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from agglo_core.errors import OptionError
 from agglo_core.multigrid import LevelStack
 from agglo_core.problems import Diffusion, Linear, Solution
 from agglo_core.problems.backward_error import LIMIT
-from agglo_polydg_mg.direct import Direct
-from agglo_polydg_mg.plain_cg import PlainCG
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
+from agglo_polydg_mg.direct.plain_cg import PlainCG
+from agglo_polydg_mg.direct.solver import Direct
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 FRESH = 20261122
 SOURCE = Diffusion(source=8.0)
@@ -104,7 +104,7 @@ def test_where_rounding_ends_it_nothing_more_is_to_be_had(seed: int) -> None:
 
 def test_another_recipe_where_rounding_spoils_the_levels(monkeypatch: pytest.MonkeyPatch) -> None:
     """By itself and visibly; if one was asked for it is not exchanged."""
-    from agglo_polydg_mg import recipes
+    from agglo_polydg_mg.solver import recipes
 
     def lost(*given: object, **options: object) -> LevelStack:
         raise np.linalg.LinAlgError("indefinite")
@@ -122,7 +122,7 @@ def test_another_recipe_where_rounding_spoils_the_levels(monkeypatch: pytest.Mon
 def test_a_cycle_that_breaks_down_in_double_precision_leads_to_another(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from agglo_polydg_mg import polydg_multigrid
+    from agglo_polydg_mg.solver import polydg_multigrid
 
     cycle = polydg_multigrid.multigrid.cycle
 
@@ -180,7 +180,7 @@ def test_recipes_cycles_and_precisions(recipe: str, cycle: str, precision: str) 
 
 def test_double_precision_takes_over(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the iterate at which a cycle in single precision turned out to be indefinite."""
-    from agglo_polydg_mg import polydg_multigrid
+    from agglo_polydg_mg.solver import polydg_multigrid
 
     cycle, calls = polydg_multigrid.multigrid.cycle, []
 

@@ -10,16 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from agglo_core import FileError, Mesh, MeshError, OptionError, read, samples
-from agglo_core.io.vtu_arrays import parse
-from agglo_core.io.vtu_solution import write_solution
+from agglo_core.io.vtk.arrays import parse
+from agglo_core.io.vtk.solution import write_solution
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.box_transfer import project_between
-from agglo_polydg_mg.evaluate import evaluate, locate
-from agglo_polydg_mg.norms import errors
+from agglo_polydg_mg.auxiliary.box_transfer import project_between
+from agglo_polydg_mg.forms.norms import errors
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.sampling import sampled, samples_of
-from agglo_polydg_mg.triangulation import triangulate
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.evaluate import evaluate, locate
+from agglo_polydg_mg.space.sampling import sampled, samples_of
+from agglo_polydg_mg.space.triangulation import triangulate
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,12 @@ from solid_meshes import MESHES, Array, gauss_tetrahedron, gauss_triangle, loops
 
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import discretise, jump_penalty, positive
-from agglo_polydg_mg.basis import Basis, stiffness
-from agglo_polydg_mg.norms import errors
-from agglo_polydg_mg.penalty import simplex_heights
+from agglo_polydg_mg.forms.assembly import discretise, jump_penalty, positive
+from agglo_polydg_mg.forms.norms import errors
+from agglo_polydg_mg.forms.penalty import simplex_heights
+from agglo_polydg_mg.forms.sharp_penalty import MARGIN
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.sharp_penalty import MARGIN
+from agglo_polydg_mg.space.basis import Basis, stiffness
 
 NONE = np.empty(0, np.int64)
 

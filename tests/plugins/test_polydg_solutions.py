@@ -18,9 +18,9 @@ from scipy.sparse.linalg import eigsh, spsolve
 import agglo_core as agglo
 from agglo_core import AggloError, Mesh, OptionError, samples
 from agglo_core.problems import Diffusion, System
-from agglo_polydg_mg.assembly import cell_means, discretise, load
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.norms import Errors, errors
+from agglo_polydg_mg.forms.assembly import cell_means, discretise, load
+from agglo_polydg_mg.forms.norms import Errors, errors
+from agglo_polydg_mg.space.basis import Basis
 
 Array = NDArray[np.float64]
 FILES = Path(os.environ.get("AGGLO_MESH_FILES", Path(__file__).parents[2] / "shared/data/meshes"))

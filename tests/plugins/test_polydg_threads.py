@@ -7,7 +7,7 @@ import pytest
 
 from agglo_core import Diffusion, Mesh, samples
 from agglo_core.threads import using_threads
-from agglo_polydg_mg.assembly import discretise
+from agglo_polydg_mg.forms.assembly import discretise
 
 WAVE = Diffusion(source=lambda x: np.sin(x[:, 0]), kappa=lambda x: 2.0 + np.cos(9.0 * x[:, 1]))
 

@@ -9,14 +9,14 @@ import pytest
 from solid_meshes import MESHES, gauss_tetrahedron, loops
 
 from agglo_core import MeshError
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.box_transfer import project_between
-from agglo_polydg_mg.evaluate import evaluate, locate
-from agglo_polydg_mg.penalty import simplex_heights
-from agglo_polydg_mg.polynomials import legendre, orders
-from agglo_polydg_mg.quadrature import moments, weighted_moments
-from agglo_polydg_mg.sampling import sampled
-from agglo_polydg_mg.sides import sides_of
+from agglo_polydg_mg.auxiliary.box_transfer import project_between
+from agglo_polydg_mg.forms.penalty import simplex_heights
+from agglo_polydg_mg.forms.sides import sides_of
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.evaluate import evaluate, locate
+from agglo_polydg_mg.space.polynomials import legendre, orders
+from agglo_polydg_mg.space.quadrature import moments, weighted_moments
+from agglo_polydg_mg.space.sampling import sampled
 
 
 @pytest.mark.parametrize("name", MESHES)

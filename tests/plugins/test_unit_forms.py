@@ -13,11 +13,11 @@ from agglo_core import Hierarchy, Mesh, samples
 from agglo_core.errors import OptionError
 from agglo_core.problems import Diffusion, Solution
 from agglo_core.threads import using_threads
-from agglo_polydg_mg import unit_forms
-from agglo_polydg_mg.assembly import Lifted
+from agglo_polydg_mg.forms import unit_forms
+from agglo_polydg_mg.forms.assembly import Lifted
+from agglo_polydg_mg.forms.unit_forms import UnitForms
 from agglo_polydg_mg.polydg import PolyDG
-from agglo_polydg_mg.polydg_multigrid import PolyDGMultigrid
-from agglo_polydg_mg.unit_forms import UnitForms
+from agglo_polydg_mg.solver.polydg_multigrid import PolyDGMultigrid
 
 Array = NDArray[np.float64]
 

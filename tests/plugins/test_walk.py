@@ -6,9 +6,9 @@ import numpy as np
 
 from agglo_core import samples
 from agglo_core.problems import Diffusion
-from agglo_polydg_mg.assembly import discretise
-from agglo_polydg_mg.basis import Basis
-from agglo_polydg_mg.walk import walk_through
+from agglo_polydg_mg.forms.assembly import discretise
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.walk import walk_through
 
 WIDTH = 4  # unknowns of a cell at degree 1
 

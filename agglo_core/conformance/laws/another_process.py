@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from agglo_core.conformance.hard_cases import SIBLINGS
-from agglo_core.conformance.law import law
-from agglo_core.conformance.new_process import answers_elsewhere, asked_elsewhere, can_be_sent
-from agglo_core.conformance.questions import global_random, plain, same
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.hard_cases import SIBLINGS
+from agglo_core.conformance.inputs.questions import global_random, plain, same
+from agglo_core.conformance.process.new_process import answers_elsewhere, asked_elsewhere, can_be_sent
 
 
 @law(*SIBLINGS, when=can_be_sent)

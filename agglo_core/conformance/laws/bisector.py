@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from agglo_core.agglomeration.border import one_sided_blocks
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.asking import for_target
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import seeds_for
-from agglo_core.conformance.fresh_import import imported_again
-from agglo_core.conformance.hard_cases import crowded, unusual_cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, as_array, every_graph, in_words, plain, same
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.asking import for_target
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import seeds_for
+from agglo_core.conformance.inputs.hard_cases import crowded, unusual_cases
+from agglo_core.conformance.inputs.questions import answer, as_array, every_graph, in_words, plain, same
+from agglo_core.conformance.process.fresh_import import imported_again
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 from agglo_core.protocols import Target

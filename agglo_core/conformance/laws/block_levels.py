@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import frozen_float
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import level_case, part_of_level
-from agglo_core.conformance.hard_cases import crowded, many_parts
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import chunks, in_space, plain, same
-from agglo_core.conformance.speed import too_slow
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.cases import level_case, part_of_level
+from agglo_core.conformance.inputs.hard_cases import crowded, many_parts
+from agglo_core.conformance.inputs.questions import chunks, in_space, plain, same
+from agglo_core.conformance.inputs.speed import too_slow
 
 
 @law("bisector", "refiner", "fixer")

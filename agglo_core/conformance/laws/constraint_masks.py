@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from agglo_core.arrays import Int, Mask, frozen_int
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_cases import bands, marked
-from agglo_core.conformance.own_components import own_components
-from agglo_core.conformance.questions import answer, in_words, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.own_components import own_components
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.mesh_cases import bands, marked
+from agglo_core.conformance.inputs.questions import answer, in_words, questions
 from agglo_core.errors import AggloError
 from agglo_core.graph import Graph
 

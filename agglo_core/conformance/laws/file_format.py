@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_cases import bands
-from agglo_core.conformance.questions import answer, digest, in_words, questions, same
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.mesh_cases import bands
+from agglo_core.conformance.inputs.questions import answer, digest, in_words, questions, same
 from agglo_core.errors import AggloError
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.mesh import Mesh

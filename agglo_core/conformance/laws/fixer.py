@@ -8,13 +8,13 @@ import numpy as np
 
 from agglo_core.agglomeration.border import broken_blocks
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.questions import every_graph, in_space, plain
 from agglo_core.conformance.laws.refiner import loose_parts
-from agglo_core.conformance.questions import every_graph, in_space, plain
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
 
 
 @law("fixer")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from contextlib import suppress
 from pathlib import Path
 
-from agglo_core.conformance.law import ASKED, law
-from agglo_core.conformance.mesh_cases import TAG
-from agglo_core.conformance.questions import answer, fingerprints, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.surroundings import Snapshot, elsewhere
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.law import ASKED, law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.surroundings import Snapshot, elsewhere
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.mesh_cases import TAG
+from agglo_core.conformance.inputs.questions import answer, fingerprints, questions
 from agglo_core.errors import OptionError
 from agglo_core.registry import KINDS
 from agglo_core.registry.containment import PLUGIN_FAILURES

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from agglo_core.arrays import Float
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.fresh_import import imported_again
-from agglo_core.conformance.hard_cases import SIBLINGS, siblings, unusual_cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, global_random, plain, questions, same, taken
-from agglo_core.conformance.speed import bearable
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.hard_cases import SIBLINGS, siblings, unusual_cases
+from agglo_core.conformance.inputs.questions import answer, global_random, plain, questions, same, taken
+from agglo_core.conformance.inputs.speed import bearable
+from agglo_core.conformance.process.fresh_import import imported_again
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 from agglo_core.problems import Solution

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from agglo_core.agglomeration.border import broken_blocks
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.cases import stripes
-from agglo_core.conformance.law import law
-from agglo_core.conformance.own_components import own_components
-from agglo_core.conformance.running import runs_both_ways, runs_with
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.own_components import own_components
+from agglo_core.conformance.base.running import runs_both_ways, runs_with
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import stripes
 from agglo_core.errors import AggloError
 from agglo_core.graph import functionals
 from agglo_core.measure.agglomerates import quality

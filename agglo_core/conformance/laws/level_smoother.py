@@ -9,14 +9,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, in_words, plain, questions
-from agglo_core.conformance.solver_cases import uneven
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.questions import answer, in_words, plain, questions
+from agglo_core.conformance.inputs.solver_cases import uneven
 
 __all__ = ["smoothed"]
 

@@ -9,12 +9,14 @@ from math import inf
 import numpy as np
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, tiny
-from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_changes import Change
-from agglo_core.conformance.metric_cases import by_hand, changed, holed, solids, various
-from agglo_core.conformance.metric_shapes import (
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.cases import cases, tiny
+from agglo_core.conformance.inputs.mesh_changes import Change
+from agglo_core.conformance.inputs.metric_cases import by_hand, changed, holed, solids, various
+from agglo_core.conformance.inputs.metric_shapes import (
     bodies,
     cut_finer,
     cut_finer_in_space,
@@ -22,10 +24,8 @@ from agglo_core.conformance.metric_shapes import (
     ringed,
     shapes,
 )
-from agglo_core.conformance.metric_values import HAND, PLAIN
-from agglo_core.conformance.questions import answer, as_array, in_words, plain
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.inputs.metric_values import HAND, PLAIN
+from agglo_core.conformance.inputs.questions import answer, as_array, in_words, plain
 
 __all__ = ["HAND", "require_bounds", "require_close", "rounding"]
 

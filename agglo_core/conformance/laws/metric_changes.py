@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.metric_cases import by_hand, solids, various
-from agglo_core.conformance.metric_shapes import many_alone
-from agglo_core.conformance.questions import in_words, plain
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.metric_cases import by_hand, solids, various
+from agglo_core.conformance.inputs.metric_shapes import many_alone
+from agglo_core.conformance.inputs.questions import in_words, plain
 from agglo_core.graph import Graph
 from agglo_core.mesh import Mesh
 

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import frozen_int
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.laws.metric import require_bounds, require_close, rounding
-from agglo_core.conformance.mesh_changes import MOTIONS, Change
-from agglo_core.conformance.metric_cases import (
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change
+from agglo_core.conformance.inputs.metric_cases import (
     by_hand,
     cells_renumbered,
     changed,
@@ -21,10 +22,9 @@ from agglo_core.conformance.metric_cases import (
     solids,
     various,
 )
-from agglo_core.conformance.metric_shapes import many_alone
-from agglo_core.conformance.questions import plain
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.inputs.metric_shapes import many_alone
+from agglo_core.conformance.inputs.questions import plain
+from agglo_core.conformance.laws.metric import require_bounds, require_close, rounding
 
 _ROUNDED = 1e-3  # of the largest value: circles that are found by bisection differ by less
 _SCALES = (1e8, 1e-8)  # what is rounded to a fixed number of decimals loses all of them

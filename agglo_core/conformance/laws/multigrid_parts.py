@@ -9,11 +9,11 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, in_words, plain, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.questions import answer, in_words, plain, questions
 
 _NEAR = 0.2  # of a near-null vector, at most so much may lie outside the range of a prolongation
 _LEFT = 0.1  # of the error, at most so much may be left by a coarse solver

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.own_arrays import arrays_in, home, in_own_arrays, written_meanwhile
-from agglo_core.conformance.questions import answer, global_random, plain, questions, same
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.own_arrays import arrays_in, home, in_own_arrays, written_meanwhile
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.questions import answer, global_random, plain, questions, same
 from agglo_core.problems import Linear
 
 _OWNED = ("refiner", "fixer", "metric", "solver", "smoother")

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.hard_cases import unusual_cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, as_array, in_words
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.hard_cases import unusual_cases
+from agglo_core.conformance.inputs.questions import answer, as_array, in_words
 from agglo_core.protocols import Target
 
 _PARTS = (2, 3, 7)

@@ -6,11 +6,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, as_array, chunks, every_graph, in_words, plain
-from agglo_core.conformance.speed import TIME_LIMIT, too_slow
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.questions import answer, as_array, chunks, every_graph, in_words, plain
+from agglo_core.conformance.inputs.speed import TIME_LIMIT, too_slow
 from agglo_core.graph import Graph
 
 __all__ = ["same_parts"]

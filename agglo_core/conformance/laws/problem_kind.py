@@ -7,11 +7,11 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
-from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_cases import on_meshes
-from agglo_core.conformance.questions import answer, in_words, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.mesh_cases import on_meshes
+from agglo_core.conformance.inputs.questions import answer, in_words, questions
 from agglo_core.errors import AggloError
 from agglo_core.registry.containment import PLUGIN_FAILURES
 

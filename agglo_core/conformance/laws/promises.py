@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Int, frozen_int
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases_in_3d, seeds_for
-from agglo_core.conformance.law import ASKED, law
-from agglo_core.conformance.laws.bisector import one_sided
-from agglo_core.conformance.laws.parts import same_parts
-from agglo_core.conformance.laws.refiner import in_more_pieces, loose_parts
-from agglo_core.conformance.mesh_changes import MOTIONS, Change, moved, renumbered
-from agglo_core.conformance.questions import (
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import ASKED, law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases_in_3d, seeds_for
+from agglo_core.conformance.inputs.mesh_changes import MOTIONS, Change, moved, renumbered
+from agglo_core.conformance.inputs.questions import (
     answer,
     chunks,
     digest,
@@ -28,9 +27,10 @@ from agglo_core.conformance.questions import (
     same_labelling,
     taken,
 )
-from agglo_core.conformance.speed import too_slow
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.inputs.speed import too_slow
+from agglo_core.conformance.laws.bisector import one_sided
+from agglo_core.conformance.laws.parts import same_parts
+from agglo_core.conformance.laws.refiner import in_more_pieces, loose_parts
 from agglo_core.mesh import Mesh
 from agglo_core.protocols import Target
 from agglo_core.registry import KINDS

@@ -10,13 +10,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from agglo_core.arrays import Float, Int
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import every_graph, in_space, plain
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.questions import every_graph, in_space, plain
 from agglo_core.graph import Graph
 from agglo_core.graph.objectives import OBJECTIVES, Objective, numbered_parts
 

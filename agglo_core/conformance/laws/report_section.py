@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 
-from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_cases import UNSAFE
-from agglo_core.conformance.questions import answer, in_words, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.mesh_cases import UNSAFE
+from agglo_core.conformance.inputs.questions import answer, in_words, questions
 
 
 @law("section")

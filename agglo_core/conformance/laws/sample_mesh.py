@@ -5,10 +5,10 @@ from __future__ import annotations
 import inspect
 import re
 
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import in_words
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.questions import in_words
 from agglo_core.mesh import Mesh
 from agglo_core.registry.options import options_of
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.law import law
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.questions import plain, questions
 from agglo_core.conformance.laws.level_smoother import smoothed
-from agglo_core.conformance.questions import plain, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _FACTORS = (2.0**20, 2.0**-20)

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agglo_core.arrays import Float
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases, laplacian, with_problem
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import taken
-from agglo_core.conformance.solver_answers import direct, everywhere, first_case, gap, solve as _solve
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases, laplacian, with_problem
+from agglo_core.conformance.inputs.questions import taken
+from agglo_core.conformance.inputs.solver_answers import direct, everywhere, first_case, gap, solve as _solve
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear
 

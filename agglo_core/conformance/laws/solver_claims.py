@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.conformance.law import law
-from agglo_core.conformance.solver_answers import direct, everywhere, matrix_of, solve
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.solver_answers import direct, everywhere, matrix_of, solve
 from agglo_core.problems import Solution
 from agglo_core.problems.backward_error import LIMIT, backward_error
 from agglo_core.problems.iteration_history import TESTS

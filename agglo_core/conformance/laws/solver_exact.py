@@ -12,17 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from agglo_core.arrays import Float
-from agglo_core.conformance.law import law
-from agglo_core.conformance.mesh_changes import Change
-from agglo_core.conformance.solver_answers import (
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.mesh_changes import Change
+from agglo_core.conformance.inputs.solver_answers import (
     first_case,
     gap,
     solve_unless_refused,
     values,
 )
-from agglo_core.conformance.solver_cases import SIDES, block, elsewhere, halves, plate
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.inputs.solver_cases import SIDES, block, elsewhere, halves, plate
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.problems import Diffusion
 

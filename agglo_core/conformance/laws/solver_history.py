@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import with_problem
-from agglo_core.conformance.law import law
-from agglo_core.conformance.solver_answers import (
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.cases import with_problem
+from agglo_core.conformance.inputs.solver_answers import (
     direct,
     first_case,
     gap,
@@ -18,10 +20,8 @@ from agglo_core.conformance.solver_answers import (
     solve,
     solve_unless_refused,
 )
-from agglo_core.conformance.solver_cases import awkward, halves, plate, uneven
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.system_cases import ill_conditioned, rising
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.inputs.solver_cases import awkward, halves, plate, uneven
+from agglo_core.conformance.inputs.system_cases import ill_conditioned, rising
 from agglo_core.errors import AggloError
 from agglo_core.problems import Diffusion, Linear, Solution
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import plain
-from agglo_core.conformance.solver_answers import everywhere, matrix_of, solve_unless_refused
-from agglo_core.conformance.solver_cases import awkward
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.system_cases import definite, unlike_diffusion
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.questions import plain
+from agglo_core.conformance.inputs.solver_answers import everywhere, matrix_of, solve_unless_refused
+from agglo_core.conformance.inputs.solver_cases import awkward
+from agglo_core.conformance.inputs.system_cases import definite, unlike_diffusion
 from agglo_core.errors import AggloError
 
 _ROUNDING = 1e-8

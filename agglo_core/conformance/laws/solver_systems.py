@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from agglo_core.conformance.law import law
-from agglo_core.conformance.solver_answers import first_case, gap, solve_unless_refused
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.system_cases import unlike_diffusion
-from agglo_core.conformance.verdict import require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs.solver_answers import first_case, gap, solve_unless_refused
+from agglo_core.conformance.inputs.system_cases import unlike_diffusion
 from agglo_core.problems import Linear, Solution
 
 _CLOSE = 1e-4

@@ -6,17 +6,17 @@ import time
 
 import numpy as np
 
-from agglo_core.conformance import small_meshes
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import asked, seeds_for
-from agglo_core.conformance.law import law
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import require
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import asked, seeds_for
+from agglo_core.conformance.inputs.questions import answer, plain
+from agglo_core.conformance.inputs.unusual_graphs import clumps
 from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.conformance.laws.parts import same_parts
 from agglo_core.conformance.laws.refiner import in_more_pieces
-from agglo_core.conformance.questions import answer, plain
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.unusual_graphs import clumps
-from agglo_core.conformance.verdict import require
 from agglo_core.graph import Graph
 
 _SMALL, _LARGE = (50, 40), (100, 80)  # cells across and up

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from agglo_core.conformance.asking import for_target
-from agglo_core.conformance.law import law
+from agglo_core.conformance.base.asking import for_target
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken
 from agglo_core.conformance.laws import laws_of
 from agglo_core.conformance.laws.bisector import told
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken
 from agglo_core.errors import AggloError
 from agglo_core.protocols import Target
 

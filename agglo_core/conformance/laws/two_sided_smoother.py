@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import in_words, questions
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.cases import cases
+from agglo_core.conformance.inputs.questions import in_words, questions
 from agglo_core.registry.containment import PLUGIN_FAILURES
 
 _CLOSE = 1e-8

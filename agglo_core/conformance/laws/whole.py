@@ -8,13 +8,15 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from agglo_core.conformance.case import Case
-from agglo_core.conformance.cases import cases_in_3d, tiny
-from agglo_core.conformance.coarsening_cases import PARTS
-from agglo_core.conformance.hard_cases import partitions_in_3d
-from agglo_core.conformance.law import ASKED, law
-from agglo_core.conformance.laws.bisector import one_sided
-from agglo_core.conformance.questions import (
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.law import ASKED, law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.surroundings import stdout_of_process
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.cases import cases_in_3d, tiny
+from agglo_core.conformance.inputs.coarsening_cases import PARTS
+from agglo_core.conformance.inputs.hard_cases import partitions_in_3d
+from agglo_core.conformance.inputs.questions import (
     answer,
     global_random,
     plain,
@@ -23,9 +25,7 @@ from agglo_core.conformance.questions import (
     taken,
     with_suffix,
 )
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.surroundings import stdout_of_process
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.laws.bisector import one_sided
 from agglo_core.errors import AggloError
 from agglo_core.registry import KINDS
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 
-from agglo_core.conformance.coarsening_cases import PARTS
-from agglo_core.conformance.early_ends import early_ends
-from agglo_core.conformance.law import law
-from agglo_core.conformance.questions import answer, fingerprints, global_random
-from agglo_core.conformance.subject import Subject
-from agglo_core.conformance.surroundings import Snapshot, elsewhere, stdout_of_process
-from agglo_core.conformance.verdict import Broken, require
+from agglo_core.conformance.base.law import law
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.surroundings import Snapshot, elsewhere, stdout_of_process
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.coarsening_cases import PARTS
+from agglo_core.conformance.inputs.early_ends import early_ends
+from agglo_core.conformance.inputs.questions import answer, fingerprints, global_random
 
 _KINDS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "constraint", *PARTS)
 

@@ -10,7 +10,7 @@ from conformance.mutants.solvers import LinearOnly
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
-from agglo_core.conformance.reference import TwoPointFlux
+from agglo_core.conformance.engine.reference import TwoPointFlux
 
 
 class TrustsTheRecursion(LinearOnly):

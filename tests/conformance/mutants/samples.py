@@ -6,7 +6,7 @@ import numpy as np
 from conformance.mutants.mutant import Mutant
 
 from agglo_core import Mesh
-from agglo_core.conformance import small_meshes
+from agglo_core.conformance.inputs import small_meshes
 
 
 def bars(n: int = 3, seed: int = 0) -> Mesh:

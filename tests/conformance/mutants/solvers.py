@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, aslinearoperator, spsolve, spsolve_triangular
 
 from agglo_core import OptionError
-from agglo_core.conformance.reference import TwoPointFlux, _system
+from agglo_core.conformance.engine.reference import TwoPointFlux, _system
 from agglo_core.problems import Diffusion, Linear, Solution
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from conformance.mutants.metrics import Extent, Spread
 from conformance.mutants.mutant import Mutant
 
-from agglo_core.conformance.reference import TwoPointFlux
+from agglo_core.conformance.engine.reference import TwoPointFlux
 
 
 class BorrowsTheLabels(Extent):

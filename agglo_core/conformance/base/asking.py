@@ -1,0 +1,109 @@
+"""How each kind of component is called in a case: as its protocol says, and in no other way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Float, UInt64
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.verdict import Broken
+from agglo_core.errors import AggloError
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.problems import MultigridLevel, Problem, require_accepted
+from agglo_core.protocols import Target
+from agglo_core.registry import KINDS
+
+__all__ = ["ask", "for_target"]
+
+
+def ask(kind: str, tool: Any, case: Case) -> Any:
+    """The unchecked answer; exceptions of the component pass through."""
+    special: dict[str, Callable[..., Any]] = {
+        "bisector": _sides,
+        "format": _read_back,
+        "smoother": _smoothed,
+        "coarse_solver": _solved_exactly,
+        "constraint": _masks,
+        "solver": _solved,
+    }
+    if kind in special:
+        return special[kind](tool, *case.given)
+    if kind == "sample":  # building it was the question
+        return tool
+    method = "example" if kind == "problem" else KINDS[kind].methods[0]
+    return getattr(tool, method)(*case.given)
+
+
+def for_target(tool: Any, target: Target) -> Any:
+    """The bisector for a target; Broken if it is none. A target may be refused by an AggloError."""
+    told = tool.for_target(target)
+    bisects = any(callable(getattr(told, name, None)) for name in ("bisect_level", "bisect"))
+    if not bisects or isinstance(told, type):
+        raise Broken(
+            f"for {target} it returned a {type(told).__name__} ({told!r:.40}), expected an object with "
+            "bisect_level or bisect"
+        )
+    return told
+
+
+def _sides(tool: Any, graph: Graph, seeds: UInt64, target: Target | None = None) -> Any:
+    """Sides; labels of a direct partition where a target is given, or where it can do nothing else."""
+    if target is None and hasattr(tool, "bisect_level"):
+        return tool.bisect_level(graph, seeds)
+    blocks = [graph[b] for b in range(graph.n_blocks)] if graph.n_blocks > 1 else [graph]
+    if target is None and hasattr(tool, "bisect"):
+        answers = [
+            tool.bisect(block, np.random.default_rng(int(seed)))
+            for block, seed in zip(blocks, seeds, strict=True)
+        ]
+    else:
+        answers = [
+            tool.partition(block, target or Target(parts=min(2, block.n)), int(seed))
+            for block, seed in zip(blocks, seeds, strict=True)
+        ]
+    return answers[0] if len(answers) == 1 else np.concatenate([np.atleast_1d(a) for a in answers])
+
+
+def _read_back(tool: Any, mesh: Mesh, suffix: str) -> Any:
+    """The mesh written to a file and read from it; an AggloError is only for what cannot be written."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"mesh{suffix}"
+        tool.write(path, mesh)
+        try:
+            return tool.read(path)
+        except AggloError as error:
+            raise Broken(
+                f"on {mesh.name}: it wrote {path.name} and then refused to read it: {error}"
+            ) from None
+
+
+def _smoothed(tool: Any, level: MultigridLevel, b: Float, x: Float) -> Any:
+    return tool.setup(level)(b, x)
+
+
+def _solved_exactly(tool: Any, A: Any, b: Float) -> Any:
+    return tool.solver_for(A)(b)
+
+
+def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
+    """As in ``agglo solve``, a solver that says what it accepts is asked for nothing else."""
+    require_accepted(tool, problem)
+    return tool.solve(problem, hierarchy)
+
+
+def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:
+    """What the constraint says of edges and parts, as far as it has the methods."""
+    tool, graph = tool.for_mesh(mesh) if hasattr(tool, "for_mesh") else tool, mesh.graph
+    arguments = {"forbidden": (graph,), "admissible": (graph, labels), "incomplete": (graph, labels)}
+    return {
+        method: getattr(tool, method)(*given)
+        for method, given in arguments.items()
+        if callable(getattr(tool, method, None))
+    }

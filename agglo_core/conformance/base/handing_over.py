@@ -1,0 +1,59 @@
+"""A component in words, so that another process finds it again."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+from agglo_core.conformance.base.subject import Subject, subject_of
+from agglo_core.errors import OptionError
+from agglo_core.registry import Component
+from agglo_core.registry.options import Text
+
+__all__ = ["environment", "subject_from", "task_of"]
+
+
+def environment() -> dict[str, str]:
+    """The environment of another process that imports what this one does."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+
+
+def task_of(subject: Subject) -> dict[str, Any]:
+    """What another process needs to find the component again.
+
+    Raises
+    ------
+    OptionError
+        If the component is an object, which no other process can have.
+    """
+    texts = [name for name, value in subject.options.items() if isinstance(value, Text)]
+    task: dict[str, Any] = {"kind": subject.kind, "texts": texts}
+    task |= {"options": dict(subject.options), "promises": dict(subject.declared)}
+    task["thorough"] = subject.thorough
+    record, given = subject.record, subject.given
+    if record is not None and record.component is not None:
+        if record.distribution and subject.registry is None:
+            return task | {"name": f"{record.distribution}/{record.name}"}
+        return task | {"component": asdict(record.component)}
+    if hasattr(given, "__qualname__") and "<" not in given.__qualname__ and given.__module__ != "__main__":
+        return task | {"target": [given.__module__, given.__qualname__]}
+    raise OptionError("a timeout needs a name, a declaration or a class that can be imported: not an object")
+
+
+def subject_from(task: Mapping[str, Any]) -> Subject:
+    """The component that :func:`task_of` described."""
+    given: Any = task.get("name")
+    if "component" in task:
+        given = Component(**task["component"] | {"requires": tuple(task["component"]["requires"])})
+    if "target" in task:
+        module, qualname = task["target"]
+        given = importlib.import_module(module)
+        for part in qualname.split("."):
+            given = getattr(given, part)
+    options = task["options"] | {name: Text(task["options"][name]) for name in task["texts"]}
+    subject = subject_of(given, task["kind"], options=options, promises=task["promises"])
+    return replace(subject, thorough=task["thorough"])

@@ -1,0 +1,84 @@
+"""Questions in arrays that the caller owns and may write to, and a look at them while a call is under way."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agglo_core.conformance.base.case import Case
+from agglo_core.problems import Linear
+from agglo_core.registry import KINDS
+
+__all__ = ["arrays_in", "home", "in_own_arrays", "written_meanwhile"]
+
+
+def in_own_arrays(case: Case) -> Case:
+    """The question with copies of its arrays, which may be written to; meshes and graphs are read-only."""
+    return replace(case, given=tuple(map(_own, case.given)))
+
+
+def arrays_in(case: Case) -> list[NDArray[Any]]:
+    """The arrays of :func:`in_own_arrays` that may be written to, those of matrices too."""
+    found: list[NDArray[Any]] = []
+    for each in case.given:
+        if isinstance(each, np.ndarray):
+            found.append(each)
+        elif isinstance(each, Linear):
+            found += [each.b, each.A.data, each.A.indices, each.A.indptr]
+    return [each for each in found if each.flags.writeable]
+
+
+def _own(given: Any) -> Any:
+    if isinstance(given, Linear) and sparse.issparse(given.A) and hasattr(given.A, "indptr"):
+        return replace(given, A=given.A.copy(), b=np.array(given.b))
+    return np.array(given) if isinstance(given, np.ndarray) and given.dtype.kind in "if" else given
+
+
+def home(kind: str, tool: Any) -> Path | None:
+    """The folder of the Python code that answers; None if that is compiled."""
+    method = getattr(tool, KINDS[kind].methods[0])
+    code = getattr(inspect.unwrap(getattr(method, "__func__", method)), "__code__", None)
+    return None if code is None else Path(code.co_filename).parent
+
+
+def written_meanwhile(call: Callable[[], Any], folder: Path, watched: Sequence[NDArray[Any]]) -> int | None:
+    """The line of code in a folder before which one of the arrays is no longer as it was; None if none is.
+
+    Whatever the call raises passes through.
+    """
+    before, found, failed = [each.copy() for each in watched], list[int](), list[BaseException]()
+    inside: dict[str, bool] = {}
+
+    def look(frame: FrameType, event: str, argument: Any) -> Any:
+        name = frame.f_code.co_filename
+        if not inside.setdefault(name, Path(name).parent == folder) or found:
+            return None
+        if any((one != two).any() for one, two in zip(watched, before, strict=True)):
+            found.append(frame.f_lineno)
+        return look
+
+    def traced() -> None:
+        sys.settrace(look)
+        try:
+            call()
+        except Exception as error:  # raised again below
+            failed.append(error)
+        finally:
+            sys.settrace(None)
+
+    thread = threading.Thread(target=traced)
+    thread.start()
+    thread.join()
+    if failed:
+        raise failed[0]
+    return found[0] if found else None

@@ -1,0 +1,125 @@
+"""Runs with a component as users start them: by its name where it has one, by count and by size."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from agglo_core import builtin
+from agglo_core.agglomeration.border import bisect_by_block
+from agglo_core.arrays import UInt64
+from agglo_core.conformance.base.own_components import own_components
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.errors import AggloError
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.registry import Component, Record, Registry, hookimpl
+
+__all__ = ["runs_both_ways", "runs_with"]
+
+_TARGETS: Sequence[Mapping[str, Any]] = ({"n_parts": (9, 4)}, {"h_factor": (2.0, 4.0)})
+
+
+def runs_with(subject: Subject) -> Iterator[tuple[str, Hierarchy]]:
+    """What was asked, and the hierarchy that came of it; errors of the run pass through."""
+    from agglo_core.agglomeration.one_call import agglomerate
+
+    choice, registry = _chosen(subject)
+    for mesh in _meshes(subject):
+        for roles in _roles(subject, choice):
+            for target in _TARGETS:
+                (kind, wanted), *_ = target.items()
+                asked = f"on {mesh.name}, {roles['method']}, {kind}={wanted}"
+                yield asked, agglomerate(mesh, **roles, **target, registry=registry)
+
+
+def runs_both_ways(subject: Subject) -> Iterator[tuple[str, Hierarchy, Hierarchy]]:
+    """What was asked of a bisector that grows, and the hierarchies by its own growth and depth by depth."""
+    from agglo_core.agglomeration.one_call import agglomerate
+
+    own = own_components()
+    for mesh in _meshes(subject):
+        for refiners in ([], [own.build("refiner", "interface")]):
+            one, other = (
+                agglomerate(
+                    mesh, bisector=each, refiners=refiners, polish=False, n_parts=(9, 4), registry=own
+                )
+                for each in (subject.build(), _DepthByDepth(subject.build()))
+            )
+            yield f"on {mesh.name}, {len(refiners)} refiners", one, other
+
+
+@dataclass(frozen=True)
+class _DepthByDepth:
+    """A bisector without what it offers besides its splits."""
+
+    tool: Any
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Any:
+        """Sides ``(n,)`` as the bisector gives them."""
+        if callable(getattr(self.tool, "bisect_level", None)):
+            return self.tool.bisect_level(level, seeds)
+        return bisect_by_block(self.tool, level, seeds)
+
+
+def _meshes(subject: Subject) -> list[Mesh]:
+    space = [small_meshes.boxes()] if subject.promised("3d") else []
+    return [small_meshes.grid(9, 7, jitter=0.2), small_meshes.comb(), *space]
+
+
+def _roles(subject: Subject, choice: Any) -> list[dict[str, Any]]:
+    """The arguments of the runs: a bisector by all its methods, a refiner at both of its places."""
+    own = own_components()
+    beside = {
+        "bisector": own.build("bisector", "inertial"),
+        "fixer": own.build("fixer", "connectivity"),
+        "post_refiners": [own.build("refiner", "compactness")],
+    }
+    recursive = beside | {"refiners": [own.build("refiner", "interface")], "method": "recursive"}
+    if subject.kind == "bisector":
+        bisects = subject.has("bisect") or subject.has("bisect_level")
+        methods = ["recursive"] * bisects + ["kway"] * subject.partitions
+        return [recursive | {"bisector": choice, "method": method} for method in methods]
+    if subject.kind == "refiner":
+        return [recursive | {"refiners": [choice], "post_refiners": [choice]}]
+    return [recursive | {"refiners": [], "fixer": choice}]
+
+
+@dataclass(frozen=True)
+class _Declares:
+    """A plugin with some components."""
+
+    components: Sequence[Component]
+
+    @hookimpl
+    def agglo_components(self) -> Sequence[Component]:
+        return list(self.components)
+
+
+def _chosen(subject: Subject) -> tuple[Any, Registry]:
+    """What stands for the component in a run, and the registry where its name and fallback are found."""
+    record = subject.record
+    if record is None or record.component is None:
+        return subject.build(), own_components()
+    name = f"{record.distribution or record.plugin}/{record.name}"
+    choice = (name, subject.options) if subject.options else name
+    return choice, subject.lookup if _registered(record, name, subject.lookup) else _with(record)
+
+
+def _registered(record: Record, name: str, registry: Registry) -> bool:
+    try:
+        return registry.record(record.kind, name).component is record.component
+    except AggloError:
+        return False
+
+
+def _with(record: Record) -> Registry:
+    """agglo's own components and the declared one, which nobody has registered."""
+    registry = Registry()
+    registry.register(builtin, "defaults", distribution="agglo")
+    declared = [] if record.component is None else [record.component]
+    registry.register(_Declares(declared), record.plugin, distribution=record.distribution)
+    return registry

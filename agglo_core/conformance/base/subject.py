@@ -1,0 +1,224 @@
+"""The component under test: where it comes from, what it promises, how it is built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from agglo_core.conformance.base.asking import for_target
+from agglo_core.conformance.base.verdict import Broken
+from agglo_core.errors import OptionError, PluginError
+from agglo_core.protocols import Target
+from agglo_core.registry import KINDS, Component, Record, Registry, default, describe
+from agglo_core.registry.construct import construct, resolve
+from agglo_core.registry.containment import PLUGIN_FAILURES
+from agglo_core.registry.declarations import faults
+from agglo_core.registry.kinds import kind_of_methods
+from agglo_core.registry.options import wants_registry
+from agglo_core.registry.records import unusable
+
+__all__ = ["Subject", "find", "subject_of"]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A component under test.
+
+    Attributes
+    ----------
+    record : Record or None
+        Its declaration; None for a bare class or object.
+    given : class or object, optional
+        What was handed over instead of a declaration.
+    options : mapping
+        With which it is built.
+    declared : mapping
+        Promises.
+    registry : Registry, optional
+        Where names are looked up; by default the installed plugins.
+    refused : dict
+        Which questions it refused, as far as that was asked: some formats take a second to answer one.
+    thorough : bool
+        Whether the laws that take their time are asked too.
+    pace : list
+        Whether it is too slow for large questions (see :mod:`agglo_core.conformance.inputs.speed`), once
+        asked.
+    disturbed : list of str
+        Settings of the process that building it changed, as far as it has been built.
+    told : Target, optional
+        Of a bisector: what is judged is what its ``for_target`` returns for this.
+    """
+
+    kind: str
+    title: str
+    record: Record | None = None
+    given: Any = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    declared: Mapping[str, bool | float] = field(default_factory=dict)
+    registry: Registry | None = None
+    refused: dict[Any, bool] = field(default_factory=dict, compare=False, repr=False)
+    thorough: bool = False
+    pace: list[Any] = field(default_factory=list, compare=False, repr=False)
+    disturbed: list[str] = field(default_factory=list, compare=False, repr=False)
+    told: Target | None = None
+
+    def build(self) -> Any:
+        """A fresh object (the given one, if an object was handed over), or :class:`Broken`."""
+        try:
+            tool = self.make()
+        except PLUGIN_FAILURES as error:
+            raise Broken("it cannot be built: the law builds says why") from error
+        return tool if self.told is None else for_target(tool, self.told)
+
+    def make(self, **more: Any) -> Any:
+        """A fresh object with further options; whatever its constructor raises passes through.
+
+        The class itself for a kind of problem, which is made from tables and meshes, not by options.
+        """
+        if self._is_class_of_problems:
+            return self.target
+        if self.record is not None:
+            return construct(self.record, {**self.options, **more}, self.registry)
+        if not self.takes_options:
+            return self.given
+        handed = {"registry": self.registry} if wants_registry(self.given) else {}
+        return self.given(**self.options, **more, **handed)
+
+    def problem(self, kind: str) -> Any:
+        """The kind of problem of that name: a class, or what a factory made."""
+        return Subject("problem", kind, self.lookup.record("problem", kind), registry=self.registry).make()
+
+    def metric(self, name: str) -> Any:
+        """The metric of that name; None if there is none."""
+        known = {record.name for record in self.lookup.list() if record.kind == "metric"}
+        return self.lookup.build("metric", name) if name.rpartition("/")[2] in known else None
+
+    @property
+    def takes_options(self) -> bool:
+        """Whether it is made by a call with options: not an object, nor a class of problems."""
+        if self._is_class_of_problems:
+            return False
+        return self.record is not None or isinstance(self.given, type) or self.kind == "sample"
+
+    @property
+    def target(self) -> Any:
+        """What is called to build it: a class or a function, or the object that was handed over."""
+        return resolve(self.record) if self.record is not None else self.given
+
+    @property
+    def lookup(self) -> Registry:
+        """Where names are looked up."""
+        return default() if self.registry is None else self.registry
+
+    @property
+    def _is_class_of_problems(self) -> bool:
+        return self.kind == "problem" and isinstance(self.target, type)
+
+    @property
+    def name(self) -> str:
+        """Declared name; empty if there is no declaration."""
+        return self.record.name if self.record else ""
+
+    @property
+    def fallback(self) -> str | None:
+        """The bisector used where this one leaves a side empty."""
+        return self.record.component.fallback if self.record and self.record.component else None
+
+    def promised(self, promise: str) -> bool | float | None:
+        """Value of a promise; None if it is not made (or made as False)."""
+        value = self.declared.get(promise)
+        return None if value is False else value
+
+    @property
+    def partitions(self) -> bool:
+        """Whether it is a bisector that makes direct partitions."""
+        return self.kind == "bisector" and self.has("partition")
+
+    def has(self, method: str) -> bool:
+        """Whether its objects have this method; True if none can be built, for that is found elsewhere."""
+        try:
+            return callable(getattr(self.build(), method, None))
+        except Broken:
+            return True
+
+
+def subject_of(
+    component: object,
+    kind: str | None = None,
+    *,
+    options: Mapping[str, Any] | None = None,
+    promises: Mapping[str, bool | float] | None = None,
+    registry: Registry | None = None,
+) -> Subject:
+    """Subject from a name (``"mine"``, ``"bisector:mine"``), a declaration, a class or an object.
+
+    Raises
+    ------
+    PluginError
+        If no component has that name, or the one that has cannot be used.
+    OptionError
+        If the kind cannot be told.
+    """
+    chosen = dict(options or {})
+    if isinstance(component, str):
+        record = find(component, kind, registry)
+        if record.state != "ok":
+            raise PluginError(f"{describe(record)} cannot be used: {unusable(record)}")
+        return _declared(record, chosen, promises, registry)
+    if isinstance(component, Component):
+        if wrong := "; ".join(faults(component)):
+            raise PluginError(f"{component.kind} {component.name!r} is not declared well: {wrong}")
+        return _declared(Record(component, component.name), chosen, promises, registry)
+    sort = kind or _kind_of(component)
+    subject = Subject(sort, f"{sort} {_title(component)}", None, component, chosen, promises or {}, registry)
+    if options and not subject.takes_options:
+        raise OptionError(f"{component!r:.60} is built already: options are for names and classes")
+    return subject
+
+
+def find(text: str, kind: str | None = None, registry: Registry | None = None) -> Record:
+    """Record of ``"name"``, ``"plugin/name"`` or either after ``"kind:"``."""
+    known = default() if registry is None else registry
+    before, colon, after = text.partition(":")
+    if colon:
+        return known.record(before, after)
+    if kind:
+        return known.record(kind, text)
+    plain = text.rpartition("/")[2]
+    kinds = sorted({record.kind for record in known.list() if record.name == plain} & set(KINDS))
+    if len(kinds) == 1:
+        return known.record(kinds[0], text)
+    if kinds:
+        raise OptionError(f"{text!r} is the name of a {' and a '.join(kinds)}: say {kinds[0]}:{text}")
+    broken = [record for record in known.list() if record.name == plain and record.state == "broken"]
+    if broken:  # of a kind that does not exist
+        raise PluginError(f"{describe(broken[0])} cannot be used: {unusable(broken[0])}")
+    names = ", ".join(sorted({record.name for record in known.list() if record.kind in KINDS}))
+    failed = "; ".join(f"{describe(r)}: {r.reason}" for r in known.list() if r.kind == "plugin")
+    raise PluginError(
+        f"no component is named {text!r}; there are {names}"
+        + (f"; plugins that cannot be used: {failed}" if failed else "")
+    )
+
+
+def _declared(
+    record: Record,
+    options: Mapping[str, Any],
+    promises: Mapping[str, bool | float] | None,
+    registry: Registry | None,
+) -> Subject:
+    declared = record.component.promises if record.component else {}
+    return Subject(record.kind, describe(record), record, None, options, promises or declared, registry)
+
+
+def _title(component: object) -> str:
+    return str(getattr(component, "__name__", type(component).__name__))
+
+
+def _kind_of(component: object) -> str:
+    kind = kind_of_methods(component)
+    if kind is None:
+        wanted = ", ".join(method for each in KINDS.values() for method in each.methods)
+        raise OptionError(f"{component!r:.60} is not a component: it has none of the methods {wanted}")
+    return kind

@@ -1,0 +1,224 @@
+"""What each format holds, refuses and loses: found by writing small meshes and reading them back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.conformance.base.own_components import own_components
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.mesh_cases import bands
+from agglo_core.errors import AggloError, PluginError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.io import read, read_hierarchy, write
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elsewhere import made_by
+
+__all__ = ["BEGIN", "END", "FOREIGN", "format_names", "format_row", "format_table", "round_trips"]
+
+BEGIN = "<!-- written by `python -m agglo_core.conformance formats` -->"
+END = "<!-- end of what is written -->"
+
+FOREIGN = (".vtk", ".msh", ".avs", ".mesh", ".su2")
+"""Of the many suffixes of meshlane those that have a row of their own."""
+
+_ARRAYS = ("points", "face_offsets", "face_vertices", "face_cells")
+_NAME = "a name, 50 %"
+_CLASSES = {
+    "plane cells": ("polygons", "triangles", "quadrilaterals"),
+    "solid cells": ("polyhedra", "tetrahedra", "hexahedra"),
+}
+_RICH = (
+    "quadrilaterals",
+    "triangles",
+    "hexahedra",
+    "tetrahedra",
+    "holes",
+    "polyhedra",
+    "polygons",
+)  # which one tags are tried with
+_COLUMNS = ("lossless", "plane cells", "holes", "solid cells", "digits", "numbering", "cell tags", "any name",
+            "outer faces", "inner faces", "labels", "targets", "coarse meshes")  # fmt: skip
+
+
+def format_names() -> list[tuple[str, str]]:
+    """Name and first suffix of each of agglo's own formats, those of meshlane one by one."""
+    own = [record.name for record in own_components().list() if record.kind == "format"]
+    first = {name: FOREIGN if name == "meshlane" else _suffixes(name)[:1] for name in own}
+    return [(name, suffix) for name in own for suffix in first[name]]
+
+
+def _suffixes(name: str) -> tuple[str, ...]:
+    """Those of one of agglo's own formats, also if a package that it needs is missing."""
+    component = own_components().record("format", name).component
+    found: Any = made_by(component.target) if component is not None else None
+    suffixes: tuple[str, ...] = found.suffixes
+    return suffixes
+
+
+def format_table() -> str:
+    """The table of all formats (Markdown), between its marks."""
+    rows = [format_row(name, suffix) for name, suffix in format_names()]
+    head = ["files", "format", *_COLUMNS]
+    lines = [_line(head), _line(["---"] * len(head)), *rows]
+    return "\n".join((BEGIN, "", *lines, "", END))
+
+
+def format_row(name: str, suffix: str) -> str:
+    """The row of one format, or of one suffix of meshlane; PluginError if it cannot be used here."""
+    record = own_components().record("format", name)
+    if record.state != "ok":
+        raise PluginError(f"format {name!r}: {record.reason}")
+    files = [suffix] if name == "meshlane" else _suffixes(name)
+    shown = " ".join(f"`{each}`" for each in files)
+    found = round_trips(suffix)
+    answers = found or {"lossless": "only read"}
+    return _line([shown, f"`{name}`", *(answers.get(column, "") for column in _COLUMNS)])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def round_trips(suffix: str) -> dict[str, str] | None:
+    """What became of each thing that was written under a suffix and read; None if nothing can be written.
+
+    ``yes`` if it came back, ``lost`` if it did not, ``refused`` if writing it is an error; of cells the
+    classes that came back. Coarse meshes are ``yes`` if they are files beside: labels say the same.
+    """
+    shapes = {shape: _became(partial(_shape, mesh, suffix)) for shape, mesh in _shapes().items()}
+    kept = [shape for shape, answer in shapes.items() if answer == "yes"]
+    if not kept:
+        return None
+    mesh = _shapes()[max(kept, key=_RICH.index)]
+    answers = {name: _became(partial(trait, mesh, suffix)) for name, trait in _TRAITS.items()}
+    answers["holes"] = shapes["holes"]
+    for column, (whole, *parts) in _CLASSES.items():
+        some = ", ".join(part for part in parts if part in kept)
+        answers[column] = whole if whole in kept else some or shapes[parts[0]]
+    answers["coarse meshes"] = "yes" if answers["coarse meshes"] == "yes" else "no"
+    answers["lossless"] = "no" if {"lost", "refused"} & set(answers.values()) else "yes"
+    return answers
+
+
+def _became(trip: Callable[[], bool]) -> str:
+    try:
+        return "yes" if trip() else "lost"
+    except PluginError:
+        raise
+    except AggloError:
+        return "refused"
+
+
+def _shapes() -> dict[str, Mesh]:
+    """A mesh of each sort, with coordinates that need all their digits."""
+    around = np.ones((5, 5), int)
+    around[1:4, 1:4] = 0
+    whole = {
+        "triangles": small_meshes.halved_squares(),
+        "quadrilaterals": small_meshes.grid(4, 3),
+        "polygons": small_meshes.grid(4, 3).coarsen(frozen_int([0, 0, 0, 1, 0, 2, 2, 1, 3, 3, 1, 1])),
+        "holes": small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())),
+        "tetrahedra": small_meshes.tetrahedra(),
+        "hexahedra": small_meshes.boxes(3, 2, 2),
+        "polyhedra": small_meshes.boxes(3, 2, 2).coarsen(frozen_int([0, 0, 1, 0, 1, 1, 2, 2, 3, 2, 3, 3])),
+    }
+    return {
+        name: replace(mesh, points=frozen_float(mesh.points / 3), name="") for name, mesh in whole.items()
+    }
+
+
+def _back(mesh: Mesh, suffix: str) -> Mesh:
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"m{suffix}"
+        write(file, mesh)
+        return read(file)
+
+
+def _shape(mesh: Mesh, suffix: str) -> bool:
+    back = _back(mesh, suffix)
+    if (back.dim, back.n_cells) != (mesh.dim, mesh.n_cells):
+        return False
+    links = abs(back.graph.to_scipy() - mesh.graph.to_scipy())
+    alike = np.allclose(back.cell_measures, mesh.cell_measures, rtol=1e-9)
+    return bool(alike and links.max() < 1e-9)
+
+
+def _digits(mesh: Mesh, suffix: str) -> bool:
+    ours, theirs = (each.points[np.unique(each.face_vertices)] for each in (mesh, _back(mesh, suffix)))
+    return np.array_equal(ours[np.lexsort(ours.T)], theirs[np.lexsort(theirs.T)])
+
+
+def _numbering(mesh: Mesh, suffix: str) -> bool:
+    back = _back(mesh, suffix)
+    return all(np.array_equal(getattr(mesh, name), getattr(back, name)) for name in _ARRAYS)
+
+
+def _tags(name: str, mesh: Mesh, suffix: str) -> bool:
+    values = np.arange(mesh.n_cells) % 3 - 1
+    found = _back(replace(mesh, cell_tags={name: values}), suffix).cell_tags
+    return name in found and np.array_equal(found[name], values)
+
+
+def _faces(outer: bool, mesh: Mesh, suffix: str) -> bool:
+    """Faces with a name: which are marked is told by where they are."""
+    own = np.flatnonzero((mesh.face_cells[:, 1] < 0) == outer)[::2]
+    marked = np.zeros(mesh.n_faces, np.int64)
+    marked[own] = 1
+    mesh = replace(mesh, face_tags={"inlet": marked})
+    back = _back(mesh, suffix)
+    if "inlet" not in back.face_tags:
+        return False
+    ours, theirs = (each.face_centroids[each.face_tags["inlet"] == 1] for each in (mesh, back))
+    along = np.sqrt([2.0, 3.0, 5.0])[: mesh.dim]  # no two faces are at the same place along it
+    return len(ours) == len(theirs) and np.allclose(np.sort(ours @ along), np.sort(theirs @ along))
+
+
+def _levels(mesh: Mesh, suffix: str) -> tuple[Hierarchy, Hierarchy | None, bool]:
+    """A hierarchy, what came back of it, and whether the coarse mesh came back from a file of its own."""
+    labels = bands(mesh, 2)
+    own = Hierarchy(mesh, mesh.graph, [labels], [{"h_star": 0.5}], nested=True)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / f"m{suffix}"
+        write(file, mesh, own)
+        beside = Path(folder) / f"m_level0{suffix}"
+        coarse = beside.exists() and _same_cells(read(beside), own.mesh(0))
+        return own, read_hierarchy(file)[1], coarse
+
+
+def _same_cells(mesh: Mesh, other: Mesh) -> bool:
+    return mesh.n_cells == other.n_cells and np.allclose(mesh.cell_measures, other.cell_measures)
+
+
+def _labels(mesh: Mesh, suffix: str) -> bool:
+    own, found, _ = _levels(mesh, suffix)
+    return found is not None and np.array_equal(found.levels[0], own.levels[0])
+
+
+def _targets(mesh: Mesh, suffix: str) -> bool:
+    own, found, _ = _levels(mesh, suffix)
+    return found is not None and list(found.targets) == list(own.targets)
+
+
+def _coarse(mesh: Mesh, suffix: str) -> bool:
+    return _levels(mesh, suffix)[2]
+
+
+_TRAITS: Mapping[str, Callable[[Mesh, str], bool]] = {
+    "digits": _digits,
+    "numbering": _numbering,
+    "cell tags": partial(_tags, "rock"),
+    "any name": partial(_tags, _NAME),
+    "outer faces": partial(_faces, True),
+    "inner faces": partial(_faces, False),
+    "labels": _labels,
+    "targets": _targets,
+    "coarse meshes": _coarse,
+}

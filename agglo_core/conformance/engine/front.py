@@ -1,0 +1,74 @@
+"""The pytest front: one line in an author's test file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from agglo_core.conformance.base.subject import Subject, subject_of
+from agglo_core.conformance.engine.judging import judge, laws_for
+from agglo_core.conformance.laws import all_laws
+from agglo_core.errors import AggloError, OptionError
+from agglo_core.registry import Registry
+
+__all__ = ["conformance"]
+
+
+def conformance(
+    component: object,
+    kind: str | None = None,
+    *,
+    xfail: Mapping[str, str] | None = None,
+    options: Mapping[str, Any] | None = None,
+    registry: Registry | None = None,
+) -> Callable[..., None]:
+    """Make a pytest function that judges a component, one test for each law.
+
+    The first test, ``is_found``, fails if the component cannot be used or no law applies.
+
+    Parameters
+    ----------
+    component, kind, options, registry
+        As in :func:`check`.
+    xfail : mapping of law to reason, optional
+        Laws known to fail. Strict: one that passes after all is a failure.
+
+    Raises
+    ------
+    OptionError
+        If ``xfail`` names a law that does not exist.
+
+    Examples
+    --------
+    >>> from agglo_core.conformance import conformance
+    >>> test_conformance = conformance("bisector:inertial")
+    """
+    import pytest
+
+    excused = dict(xfail or {})
+    if unknown := sorted(set(excused) - {law.name for law in all_laws()}):
+        raise OptionError(f"xfail names {unknown[0]!r}, which is not a law")
+    try:
+        subject: Subject | None = subject_of(component, kind, options=options, registry=registry)
+        problem = ""
+    except AggloError as error:
+        subject, problem = None, str(error)
+    laws = {law.name: law for law in laws_for(subject)} if subject else {}
+    if idle := sorted(set(excused) - set(laws)):
+        problem = problem or f"xfail names {idle[0]!r}, which does not apply here"
+    parameters: list[Any] = ["is_found"]
+    for name in laws:
+        marks = [pytest.mark.xfail(strict=True, reason=excused[name])] if name in excused else []
+        parameters.append(pytest.param(name, marks=marks))
+
+    @pytest.mark.parametrize("law", parameters)
+    def test(law: str) -> None:
+        if law == "is_found":
+            assert not problem, problem
+            assert laws, "no law applies to it"
+            return
+        assert subject is not None
+        result = judge(laws[law], subject)
+        assert result.passed, f"{subject.title}: {law}: {result.message}"
+
+    return test

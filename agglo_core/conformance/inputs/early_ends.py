@@ -1,0 +1,59 @@
+"""Questions that may end early: degenerate ones, and those that a component may refuse or fail on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.arrays import frozen_float, frozen_int
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import cases, cases_in_3d, laplacian, tiny
+from agglo_core.conformance.inputs.system_cases import unlike_diffusion
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Diffusion, Linear
+
+__all__ = ["early_ends"]
+
+
+def early_ends(kind: str) -> list[Case]:
+    """Questions of which any may be answered or refused; none need be sensible."""
+    more = [*tiny(kind), *cases_in_3d(kind)]
+    if kind == "solver":
+        return [*more, *_problems(), *unlike_diffusion()]
+    if kind == "metric":
+        mesh = small_meshes.grid(4, 3)
+        wrong = {"labels with a gap": np.arange(12) % 3 * 2, "labels of fewer cells": np.arange(5) % 2}
+        more += [Case(name, (mesh, frozen_int(labels))) for name, labels in wrong.items()]
+    if kind == "smoother":
+        case = cases(kind)[0]
+        level, b, x = case.given
+        nothing = replace(level, A=0.0 * level.A, inherited=0.0 * level.A)
+        more += [
+            replace(case, name="zeros", given=(level, 0.0 * b, 0.0 * x)),
+            replace(case, name="a right-hand side with NaN", given=(level, np.nan * b, x)),
+            replace(case, name="a matrix of zeros", given=(nothing, b, x)),
+        ]
+    return more
+
+
+def _problems() -> list[Case]:
+    """Nothing to do, nothing to be done, and what does not fit."""
+    hierarchy = cases("solver")[0].given[1]
+    graph = hierarchy.graph
+    fine = laplacian(graph, 1)
+    n, none = graph.n, np.zeros(graph.n)
+    bare = Hierarchy(None, graph, list(hierarchy.levels[:1]), list(hierarchy.targets[:1]), nested=True)
+    asked = {
+        "no source": Diffusion(source=0.0),
+        "a source of NaN": Diffusion(source=np.nan),
+        "a negative coefficient": Diffusion(kappa=-1.0),
+        "a right-hand side of zeros": replace(fine, b=frozen_float(none)),
+        "a right-hand side with NaN": replace(fine, b=frozen_float(none + np.nan)),
+        "a singular system": laplacian(graph, 1, shift=0.0),
+        "a matrix of zeros": replace(fine, A=0.0 * fine.A),
+        "a system of fewer cells": Linear(fine.A[1:, 1:], fine.b[1:], np.arange(n)),
+    }
+    more = [Case(name, (problem, hierarchy)) for name, problem in asked.items()]
+    return [*more, Case("diffusion without a mesh", (Diffusion(), bare))]

@@ -1,0 +1,213 @@
+"""Questions about unusual graphs and large levels; about meshes of the same size; about direct partitions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.inputs import small_meshes, unusual_graphs
+from agglo_core.conformance.inputs.cases import asked, laplacian, seeds_for, stripes
+from agglo_core.conformance.inputs.level_cases import multigrid_level, question
+from agglo_core.conformance.inputs.ragged_levels import ragged
+from agglo_core.conformance.inputs.unusual_graphs import clumps, fresh
+from agglo_core.graph import Graph
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion
+from agglo_core.protocols import Target
+
+__all__ = [
+    "SIBLINGS",
+    "as_many_components",
+    "crowded",
+    "large_case",
+    "many_parts",
+    "partitions",
+    "partitions_in_3d",
+    "ragged_cases",
+    "siblings",
+    "unusual_cases",
+]
+
+_KWAY_PARTS = (2, 5)
+
+SIBLINGS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother")
+"""Kinds for which there are questions about meshes of the same size."""
+
+
+def unusual_cases(kind: str) -> list[Case]:
+    """Questions about graphs of one block unlike the ordinary ones; none for other kinds."""
+    graphs = unusual_graphs.unusual()
+    if kind == "bisector":
+        return [
+            Case(name, (graph, seeds_for(1, place))) for place, (name, graph) in enumerate(graphs.items())
+        ]
+    if kind not in ("refiner", "fixer"):
+        return []
+    found = []
+    for name, graph in graphs.items():
+        found.append(asked(kind, graph, name, clumps(graph, 5, strays=0.1), "size"))
+        found.append(asked(kind, graph, f"{name}, in two parts", stripes(graph, 2), "count"))
+    graph = graphs["600 cells"]
+    hundreds = {
+        "600 cells in 300 parts": np.arange(600) // 2,
+        "600 cells, each alone": np.arange(600),
+        "600 cells in one part": np.zeros(600),
+        "600 cells in 150 parts in pieces": clumps(graph, 150, strays=0.2),
+    }
+    return found + [asked(kind, graph, name, frozen_int(labels), "both") for name, labels in hundreds.items()]
+
+
+def large_case(kind: str, seed: int = 0) -> list[Case]:
+    """A question about 2,000 cells; none for kinds that are not given a graph."""
+    if kind not in ("bisector", "refiner", "fixer"):
+        return []
+    graph = fresh(unusual_graphs.large())
+    if kind == "bisector":
+        return [Case("2000 cells", (graph, seeds_for(1, seed)))]
+    return [asked(kind, graph, "2000 cells", clumps(graph, 20, strays=0.02), "both", seed)]
+
+
+def crowded(kind: str, blocks: int = 300) -> Case:
+    """A level of many small blocks and a large one; labels of 1 to 4 parts in pieces, or whole ones.
+
+    It carries data whose size differs from block to block; for refiners and fixers faces and measures of a
+    block are up to 1e9 times those of the next.
+    """
+    level = unusual_graphs.crowd(blocks, 2 if kind == "bisector" else 1)  # single cells are not split
+    place = np.arange(level.n) - level.offsets[level.block_ids]
+    carried = 10.0 ** (level.block_ids * 3 % 7) * (1.0 + place * 5 % 3)
+    level = fresh(replace(level, data={"permeability": frozen_float(carried)}))
+    name = f"a level of {blocks} blocks"
+    if kind == "bisector":
+        return Case(name, (level, seeds_for(blocks, 7)))
+    sizes = level.sizes[level.block_ids]
+    parts = np.minimum(sizes, 1 + level.block_ids % 4)
+    along = np.empty(level.n, np.int64)
+    along[np.lexsort((level.centroids[:, 1], level.centroids[:, 0], level.block_ids))] = place
+    labels = np.where(level.block_ids % 2, place % parts, along * parts // sizes)
+    rows = np.repeat(level.block_ids, np.diff(level.indptr))
+    small, faces = 10.0 ** (-3.0 * (level.block_ids % 4)), 10.0 ** (-3.0 * (rows % 4))
+    level = replace(
+        level,
+        interface=frozen_float(level.interface * faces),
+        measures=frozen_float(level.measures * small),
+        weights=frozen_float(level.weights * small),
+    )
+    return asked(kind, level, name, frozen_int(labels), "both")
+
+
+def many_parts(kind: str) -> Case:
+    """A level of 5,000 blocks, one of them of 60 cells: its parts have more than 65,536 (block, label) pairs.
+
+    Cells are alone in their parts or, in every third block, alternate between two parts.
+    """
+    level = fresh(unusual_graphs.small_blocks())
+    name = f"a level of {level.n_blocks} blocks"
+    if kind == "bisector":
+        return Case(name, (level, seeds_for(level.n_blocks, 3)))
+    place = np.arange(level.n) - level.offsets[level.block_ids]
+    labels = np.where(level.block_ids % 3 == 1, place % 2, place)
+    return asked(kind, level, name, frozen_int(labels), "both")
+
+
+def as_many_components(kind: str) -> Case:
+    """Blocks of two and of three parts, with as many components as if each had three connected ones."""
+    level = fresh(small_meshes.line(24).subgraph(np.arange(24), [0, 12, 24]))
+    return asked(
+        kind, level, "blocks of two and three parts", frozen_int(np.repeat([0, 1, 0, 0, 1, 2], 4)), "both"
+    )
+
+
+def ragged_cases(kind: str) -> list[Case]:
+    """Questions to refiners and fixers about levels of pieces of real meshes, with ragged parts."""
+    return [asked(kind, graph, name, labels, "both") for name, (graph, labels) in ragged().items()]
+
+
+def partitions(seed: int = 0) -> list[Case]:
+    """Questions to a bisector that also makes direct partitions."""
+    meshes = [mesh for mesh in small_meshes.plane_meshes() if mesh.n_cells > max(_KWAY_PARTS)]
+    return [_in_parts(mesh.name, mesh.graph, parts, seed) for mesh in meshes for parts in _KWAY_PARTS]
+
+
+def partitions_in_3d() -> list[Case]:
+    """The same in 3-D."""
+    return [_in_parts("3-D boxes", small_meshes.boxes().graph, parts) for parts in _KWAY_PARTS]
+
+
+def siblings(kind: str, *, partition: bool = False) -> Iterator[Case]:
+    """Questions that are easily taken for one another: as many cells and faces, but another answer.
+
+    Each is made when it is its turn, so that one may lie in memory where the one before has been.
+    """
+    if kind == "bisector":
+        yield from _of_bisectors(partition)
+    elif kind in ("refiner", "fixer"):
+        for place, graph in enumerate(_graphs()):
+            for parts in (3, 4 - place % 2):
+                labels = clumps(graph, parts, strays=0.1 * (1 + place))
+                yield asked(kind, graph, f"63 cells ({place})", labels, "both", seed=place)
+        for graph in _graphs():
+            labels = np.random.default_rng(6).integers(3, size=graph.n)
+            yield asked(kind, graph, "63 cells with the same labels", frozen_int(labels), "both")
+    elif kind == "metric":
+        for make in _MESHES:
+            for labels in (np.arange(63) // 16, np.arange(63) % 9 // 3):
+                yield Case("63 cells", (make(), frozen_int(labels)))
+    elif kind == "solver":
+        for make in _MESHES[:2]:
+            mesh = make()
+            hierarchy = _hierarchy(mesh, stripes(mesh.graph, 4))
+            for problem in (Diffusion(), Diffusion(source=3.0), laplacian(mesh.graph, 1)):
+                yield Case("63 cells", (problem, hierarchy))
+    elif kind == "smoother":
+        for make in _MESHES:
+            graph = make().graph
+            yield question("63 cells", multigrid_level(graph, stripes(graph, 4), corrected=True))
+
+
+def _of_bisectors(partition: bool) -> Iterator[Case]:
+    for place, graph in enumerate(_graphs()):
+        yield Case(f"63 cells ({place})", (graph, seeds_for(1, place)))
+    if partition:
+        for graph in _graphs():
+            for parts in (3, 4):
+                yield _in_parts("63 cells", graph, parts)
+
+
+def _graphs() -> Iterator[Graph]:
+    for make in _MESHES:
+        yield make().graph
+    graph = _wide().graph
+    yield replace(graph, weights=frozen_float(graph.measures * np.linspace(0.1, 4.0, graph.n)))
+
+
+def _wide() -> Mesh:
+    return small_meshes.grid(9, 7, width=3.0, jitter=0.2)
+
+
+def _high() -> Mesh:
+    """The same neighbours, but other distances and directions: higher than wide, and then turned."""
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    high = small_meshes.grid(9, 7, height=3.0, jitter=0.2)
+    return unusual_graphs.mapped(high, lambda points: points @ quarter)
+
+
+def _turned() -> Mesh:
+    return replace(small_meshes.grid(7, 9, width=3.0, jitter=0.2), name="9 by 7 grid")
+
+
+_MESHES: Sequence[Callable[[], Mesh]] = (_wide, _high, _turned)
+
+
+def _in_parts(name: str, graph: Graph, parts: int, seed: int = 0) -> Case:
+    target = Target(parts=parts)
+    return Case(f"{name} in {parts} parts", (graph, seeds_for(1, seed), target))
+
+
+def _hierarchy(mesh: Mesh, labels: Int) -> Hierarchy:
+    return Hierarchy(mesh, mesh.graph, [labels], [{"n_parts": int(labels.max()) + 1}], nested=True)

@@ -1,0 +1,77 @@
+"""Questions to smoothers: levels of a multigrid method for small symmetric positive definite systems."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.graph import Graph
+from agglo_core.problems import MultigridLevel, Patches
+
+__all__ = ["levels", "multigrid_level", "question", "single_unknown"]
+
+
+def levels() -> list[Case]:
+    """Two-level Poisson problems, of one unknown per cell and of three, with a coarse correction and without.
+
+    The matrix is the graph Laplacian, shifted a little; ``x`` is random and not a solution.
+    """
+    squares = small_meshes.grid(8, 8)
+    jittered = small_meshes.grid(9, 7, jitter=0.2)
+    row, column = np.divmod(np.arange(64), 8)
+    fours = frozen_int(row // 2 * 4 + column // 2)
+    sevens = frozen_int(np.arange(63) // 9)
+    asked = {
+        "squares": multigrid_level(squares.graph, fours, corrected=False),
+        "squares with a coarse correction": multigrid_level(squares.graph, fours, corrected=True),
+        "quadrilaterals": multigrid_level(jittered.graph, sevens, corrected=False),
+        "three unknowns per cell": multigrid_level(squares.graph, fours, per_cell=3, corrected=False),
+    }
+    return [question(name, level) for name, level in asked.items()]
+
+
+def single_unknown() -> list[Case]:
+    """A level of one cell."""
+    graph = small_meshes.grid(1, 1).graph
+    return [question("one unknown", multigrid_level(graph, frozen_int([0]), corrected=False))]
+
+
+def multigrid_level(
+    graph: Graph, labels: Int, *, per_cell: int = 1, corrected: bool, shift: float = 0.05
+) -> MultigridLevel:
+    """The finest level of a method whose coarse unknowns are the parts of ``labels``.
+
+    Its patches are each cell with its neighbours.
+    """
+    adjacency = sparse.csr_array(graph.to_scipy())
+    scalar = sparse.diags_array(adjacency.sum(axis=1) + shift) - adjacency
+    inject = sparse.csr_array((np.ones(graph.n), (np.arange(graph.n), labels)))
+    A = sparse.csr_array(sparse.kron(scalar, _coupling(per_cell)))
+    P = sparse.csr_array(sparse.kron(inject, sparse.eye_array(per_cell)))
+    offsets = frozen_int(np.arange(graph.n + 1) * per_cell)
+    solve = splu(sparse.csc_array(P.T @ A @ P)).solve
+
+    def correction(residual: Float) -> Float:
+        return np.asarray(P @ solve(P.T @ residual))
+
+    cells = frozen_int(np.arange(graph.n))
+    around = sparse.csr_array(adjacency + sparse.eye_array(graph.n))
+    patches = Patches(frozen_int(around.indptr), frozen_int(around.indices))
+    return MultigridLevel(A, A, offsets, cells, P, correction if corrected else None, 2, patches)
+
+
+def _coupling(width: int) -> Float:
+    """A symmetric positive definite block ``(width, width)``."""
+    return np.eye(width) + 0.05 * (np.ones((width, width)) - np.eye(width))
+
+
+def question(name: str, level: MultigridLevel) -> Case:
+    """The question to smooth a random ``x`` on a level."""
+    n = level.A.shape[0]
+    x = np.random.default_rng(n).standard_normal(n)
+    b = np.cos(np.arange(n) + 1.0)
+    return Case(name, (level, frozen_float(b), frozen_float(x)))

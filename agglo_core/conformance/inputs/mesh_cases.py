@@ -1,0 +1,100 @@
+"""Questions about whole meshes: to formats, problems, constraints and sections of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.measure import RunResult, measure_levels
+from agglo_core.mesh import Mesh
+
+__all__ = ["TAG", "UNSAFE", "bands", "in_space", "marked", "of_one_cell", "on_meshes", "tagged"]
+
+TAG = "region"
+"""Cell tag that the meshes of formats and constraints have: 1 in the left half, 2 in the right one.
+
+Those of constraints have a face tag of that name as well."""
+
+UNSAFE = '<b id="it\'s">R&D</b>'
+"""Name of a mesh and of a run that a section of the report must escape."""
+
+
+def on_meshes(kind: str) -> list[Case]:
+    """Questions on 2-D meshes."""
+    if kind == "problem":
+        return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
+    if kind == "constraint":
+        meshes = [*small_meshes.plane_meshes(), small_meshes.apart()]
+        return [Case(mesh.name, (marked(mesh), bands(mesh, 3))) for mesh in meshes]
+    if kind == "section":
+        return [_reported(small_meshes.grid(6, 4)), _reported(replace(small_meshes.mixed(), name=UNSAFE))]
+    around = np.ones((5, 5), int)
+    around[1:4, 1:4] = 0
+    meshes = [
+        replace(small_meshes.halved_squares(), name="triangles"),
+        tagged(small_meshes.grid(6, 4, jitter=0.2)),
+        small_meshes.mixed(),
+        replace(small_meshes.grid(5, 5).coarsen(frozen_int(around.ravel())), name="a cell with a hole"),
+    ]
+    return [Case(mesh.name, (mesh, "")) for mesh in meshes]
+
+
+def in_space(kind: str) -> list[Case]:
+    """The same in 3-D; to formats also tetrahedra, as some hold nothing else."""
+    boxes = _about(kind, replace(small_meshes.boxes(3, 2, 2), name="3-D boxes"))
+    return [boxes, _about(kind, small_meshes.tetrahedra())] if kind == "format" else [boxes]
+
+
+def of_one_cell(kind: str) -> list[Case]:
+    """The same about a mesh of a single cell."""
+    return [_about(kind, replace(small_meshes.grid(1, 1), name="one cell"))]
+
+
+def bands(mesh: Mesh, parts: int) -> Int:
+    """Labels by equal counts of cells along the longest direction."""
+    centres = mesh.local_centroids
+    axis = int(np.argmax(np.ptp(centres, axis=0)))
+    rank = np.argsort(np.argsort(centres[:, axis], kind="stable"), kind="stable")
+    return frozen_int(rank * min(parts, mesh.n_cells) // mesh.n_cells)
+
+
+def tagged(mesh: Mesh) -> Mesh:
+    """The mesh with the cell tag :data:`TAG`."""
+    return replace(mesh, cell_tags={TAG: 1 + bands(mesh, 2)})
+
+
+def marked(mesh: Mesh) -> Mesh:
+    """The mesh with the tag :data:`TAG` on cells, and on faces: 1 between the halves, 2 and 3 outside."""
+    mesh = tagged(mesh)
+    halves, (one, other) = mesh.cell_tags[TAG], mesh.face_cells.T
+    faces = np.where(other < 0, 1 + halves[one], halves[one] != halves[other])
+    return replace(mesh, face_tags={TAG: faces})
+
+
+def _about(kind: str, mesh: Mesh) -> Case:
+    given: Sequence[object] = (mesh,)
+    if kind == "format":
+        given = (mesh, "")
+    elif kind == "constraint":
+        given = (marked(mesh), bands(mesh, 3))
+    elif kind == "section":
+        return _reported(mesh)
+    return Case(mesh.name, tuple(given))
+
+
+def _reported(mesh: Mesh) -> Case:
+    """A run of two levels and one that failed."""
+    levels = [bands(mesh, 4), bands(mesh, 4) // 2]
+    targets = [{"n_parts": int(labels.max()) + 1} for labels in levels]
+    hierarchy = Hierarchy(mesh, mesh.graph, levels, targets, nested=True)
+    runs = [
+        RunResult(mesh.name, hierarchy, measure_levels(mesh, hierarchy), 0.25),
+        RunResult("another", None, error=f"it could not be run on {UNSAFE}"),
+    ]
+    return Case(f"a report on {mesh.name!r}", (mesh, runs))

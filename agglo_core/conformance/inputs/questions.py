@@ -1,0 +1,281 @@
+"""Putting a question to a component: its answer, its errors, and what it did to its input."""
+
+from __future__ import annotations
+
+import hashlib
+import random
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from agglo_core.conformance.base.asking import ask
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken
+from agglo_core.conformance.inputs.cases import cases, cases_in_3d, level_case
+from agglo_core.conformance.inputs.hard_cases import (
+    as_many_components,
+    crowded,
+    large_case,
+    many_parts,
+    partitions,
+    ragged_cases,
+    unusual_cases,
+)
+from agglo_core.conformance.inputs.speed import bearable
+from agglo_core.errors import AggloError
+from agglo_core.graph import Graph
+from agglo_core.problems import Solution
+from agglo_core.registry.containment import PLUGIN_FAILURES
+
+__all__ = [
+    "answer",
+    "as_array",
+    "chunks",
+    "digest",
+    "every_graph",
+    "fingerprints",
+    "global_random",
+    "in_space",
+    "in_words",
+    "plain",
+    "questions",
+    "refuses",
+    "same",
+    "same_labelling",
+    "taken",
+    "with_suffix",
+]
+
+_CHOOSY = ("solver", "format", "constraint")
+_IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "coarse_solver")
+_OWN_PROBLEMS = ("diffusion", "linear")
+
+
+def answer(subject: Subject, tool: Any, case: Case) -> Any:
+    """What the component returns, unchecked; whatever it raises becomes :class:`Broken`."""
+    try:
+        return ask(subject.kind, tool, case)
+    except Broken:
+        raise
+    except PLUGIN_FAILURES as error:
+        raise Broken(f"on {case.name}: {_blame(subject, tool, error)}") from error
+
+
+def as_array(given: Any) -> NDArray[Any]:
+    """An answer as the core takes it: lists become arrays, and what cannot become one an array of objects."""
+    try:
+        return np.asarray(given)
+    except ValueError:
+        return np.asarray(given, dtype=object)
+
+
+def questions(subject: Subject, seed: int = 0) -> list[Case]:
+    """The ordinary questions to a component, less what it refuses as a whole; none to a format never written.
+
+    A format that holds no plane mesh at all, and promises 3-D, is asked about those in 3-D.
+
+    The largest is about 2,000 cells, as some components take another way from some size on. A solver that
+    names further kinds of problem in ``accepts`` is asked for their examples too, a bisector that makes
+    direct partitions for some of them.
+    """
+    more = partitions(seed) if subject.partitions else _further_problems(subject)
+    large = bearable(subject, large_case(subject.kind, seed))
+    asked = taken(subject, [*cases(subject.kind, seed), *large, *more])
+    return asked if asked or subject.kind != "format" else taken(subject, in_space(subject))
+
+
+def every_graph(subject: Subject) -> list[Case]:
+    """Questions to a bisector, refiner or fixer about ordinary graphs, unusual ones and levels.
+
+    A bisector without ``bisect_level`` is called once for each block, and is asked about fewer of them; one
+    with a fallback need not split thousands of pieces of two cells. A refiner or fixer that is too slow is
+    asked about few cells.
+    """
+    kind = subject.kind
+    ordinary = [*cases(kind), *unusual_cases(kind), level_case(kind)]
+    if kind == "bisector":
+        if not subject.has("bisect_level"):
+            return [*ordinary, crowded(kind, 40)]
+        return [*ordinary, crowded(kind), *([] if subject.fallback else [many_parts(kind)])]
+    levels = [as_many_components(kind), crowded(kind), *ragged_cases(kind), many_parts(kind)]
+    return bearable(subject, [*ordinary, *levels])
+
+
+def in_space(subject: Subject) -> list[Case]:
+    """The questions in 3-D to a component that promises to answer them."""
+    return cases_in_3d(subject.kind) if subject.promised("3d") else []
+
+
+def taken(subject: Subject, asked: list[Case]) -> list[Case]:
+    """Of some questions, those that the component takes.
+
+    A solver may refuse a sort of problem as a whole (see :attr:`Case.sort`), by answering the first question
+    of that sort with an AggloError. What it takes in one case it must take in all. A format may refuse a
+    mesh that it cannot hold, a constraint a graph without the data it needs.
+    """
+    if subject.kind not in _CHOOSY:
+        return asked
+    if subject.kind == "format":
+        asked = with_suffix(subject, asked)
+    first: dict[str, Case] = {}
+    by_sort = [*cases("solver"), *_further_problems(subject)] if subject.kind == "solver" else asked
+    for case in by_sort:
+        first.setdefault(case.sort, case)
+    refused = {sort for sort, case in first.items() if refuses(subject, case)}
+    return [case for case in asked if case.sort not in refused]
+
+
+def with_suffix(subject: Subject, asked: list[Case]) -> list[Case]:
+    """Questions to a format with the first of its suffixes that it writes; none if it writes nothing."""
+    if not subject.has("write"):
+        return []
+    suffixes = tuple(subject.build().suffixes)
+    simple = cases("format")[0]
+    written = (each for each in suffixes if not refuses(subject, _as(simple, each)))
+    suffix = suffixes[0] if len(suffixes) == 1 else next(written, suffixes[0])
+    return [_as(case, suffix) for case in asked]
+
+
+def _as(case: Case, suffix: str) -> Case:
+    return replace(case, given=(case.given[0], suffix))
+
+
+def _further_problems(subject: Subject) -> list[Case]:
+    """Examples of the kinds of problem a solver accepts besides those of the suite."""
+    if subject.kind != "solver":
+        return []
+    accepts = getattr(subject.build(), "accepts", ())
+    if isinstance(accepts, str):
+        raise Broken(f"accepts is {accepts!r}, expected a tuple such as ('{accepts}',)")
+    kinds = [kind for kind in accepts if kind not in _OWN_PROBLEMS]
+    if not kinds:
+        return []
+    hierarchy = cases("solver")[0].given[1]
+    examples = {kind: subject.problem(kind).example(hierarchy.fine) for kind in kinds}
+    return [Case(f"the example of problem {kind!r}", (it, hierarchy)) for kind, it in examples.items()]
+
+
+def refuses(subject: Subject, case: Case) -> bool:
+    """Whether the component answers a question by an AggloError; asked once."""
+    key = case.name, case.given[-1] if subject.kind == "format" else ""
+    if key not in subject.refused:
+        subject.refused[key] = _raises_ours(subject, case)
+    return subject.refused[key]
+
+
+def _raises_ours(subject: Subject, case: Case) -> bool:
+    try:
+        answer(subject, subject.build(), case)
+    except Broken as error:
+        return isinstance(error.__cause__, AggloError)
+    return False
+
+
+def plain(subject: Subject, tool: Any, case: Case) -> NDArray[Any]:
+    """The answer as an array: sides as integers, labels, values, a solution; of anything else a digest."""
+    given = answer(subject, tool, case)
+    if subject.kind not in _IN_ARRAYS:
+        return digest(given)
+    values = np.asarray(given.x if isinstance(given, Solution) else given)
+    if values.dtype.kind not in "iubf" or values.ndim != 1 or case.size not in (None, len(values)):
+        raise Broken(
+            f"on {case.name}: {in_words(given)} is not an answer; fix the law above that says so first"
+        )
+    sides = subject.kind == "bisector" and len(case.given) == 2
+    return values >= 0.5 if sides and values.dtype.kind == "f" else values
+
+
+def digest(value: Any) -> NDArray[np.uint8]:
+    """Numbers that differ where two meshes, records, masks or texts do."""
+    seen = hashlib.sha256(repr(list(fingerprints(value))).encode())
+    return np.frombuffer(seen.digest(), np.uint8)
+
+
+def same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Whether two answers are equal; floats to 1e-9 of the largest."""
+    if one.dtype.kind != "f" or one.shape != other.shape:
+        return np.array_equal(one, other)
+    scale = float(np.nanmax(np.abs(one), initial=0.0))  # NaN: an undefined value
+    return bool(np.allclose(one, other, rtol=1e-9, atol=1e-9 * scale, equal_nan=True))
+
+
+def same_labelling(before: NDArray[Any], after: NDArray[Any], swap: bool) -> bool:
+    """Whether two labellings are equal, or with ``swap`` equal up to exchanging the two sides."""
+    return np.array_equal(before, after) or (swap and np.array_equal(before, 1 - after.astype(np.int64)))
+
+
+def chunks(level: Graph, values: NDArray[Any]) -> list[NDArray[Any]]:
+    """Values of each block."""
+    return np.split(values, level.offsets[1:-1])
+
+
+def in_words(value: Any) -> str:
+    """What a value is, in a few words."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and {value.dtype}"
+    return f"a {type(value).__name__} ({value!r:.40})"
+
+
+def fingerprints(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Paths and contents of all that can be changed in a component's input."""
+    if isinstance(value, np.ndarray):
+        yield path, (value.shape, value.dtype.str, value.tobytes())
+    elif sparse.issparse(value):
+        yield path, value.tocoo().toarray().tobytes()
+    elif is_dataclass(value):
+        for each in fields(value):
+            yield from fingerprints(getattr(value, each.name), f"{path}.{each.name}".lstrip("."))
+    elif isinstance(value, Mapping):
+        yield path, tuple(map(str, value))
+        for key, item in value.items():
+            yield from fingerprints(item, f"{path}[{key!r}]")
+    elif value is None or isinstance(value, str | int | float | np.generic):
+        yield path, repr(value)
+    elif isinstance(value, list | tuple):
+        for place, item in enumerate(value):
+            yield from fingerprints(item, f"{path}[{place}]")
+
+
+@contextmanager
+def global_random(seed: int) -> Iterator[Callable[[], bool]]:
+    """Seed the global generators of Python, numpy and torch; yields a function: are they unchanged?"""
+    torch = sys.modules.get("torch")
+
+    def state() -> list[Any]:
+        _, keys, *place = np.random.get_state()  # noqa: NPY002 - that state is what is being watched
+        drawn = [random.getstate(), np.asarray(keys).tobytes(), place]
+        return [*drawn, torch.get_rng_state().numpy().tobytes()] if torch else drawn
+
+    before = random.getstate(), np.random.get_state(), torch.get_rng_state() if torch else None  # noqa: NPY002
+    try:
+        random.seed(seed)
+        np.random.seed(seed)  # noqa: NPY002
+        if torch:
+            torch.manual_seed(seed)
+        start = state()
+        yield lambda: state() == start
+    finally:
+        random.setstate(before[0])
+        np.random.set_state(before[1])  # noqa: NPY002
+        if torch:
+            torch.set_rng_state(before[2])
+
+
+def _blame(subject: Subject, tool: Any, error: BaseException) -> str:
+    """The error, the line of the component it came from, and what to do."""
+    home = sys.modules.get(type(tool).__module__)
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if frame.filename == getattr(home, "__file__", None)] or frames
+    where = f"{own[-1].filename}:{own[-1].lineno}"
+    text = f"it raised {type(error).__name__}: {error} ({where})"
+    if "read-only" in str(error):
+        return f"{text}. Input arrays are read-only because others use them too: change a copy (a = a.copy())"
+    return f"{text}. It must answer here: treat this case, or say in an AggloError what it cannot do"

@@ -1,0 +1,102 @@
+"""What laws ask of solvers: solutions, matrices of any form, values at points, options by name."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from agglo_core.arrays import Float
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.base.verdict import Broken, require
+from agglo_core.conformance.inputs.questions import answer, in_space, questions, taken
+from agglo_core.errors import AggloError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.problems import Diffusion, Linear, Problem, Solution
+
+__all__ = [
+    "direct",
+    "everywhere",
+    "first_case",
+    "gap",
+    "matrix_of",
+    "option_named",
+    "solve",
+    "solve_unless_refused",
+    "values",
+]
+
+
+def solve(subject: Subject, case: Case, tool: Any = None) -> Solution:
+    """The solution of a fresh object, or of ``tool``."""
+    given = answer(subject, subject.build() if tool is None else tool, case)
+    require(isinstance(given, Solution), f"on {case.name}: it returned {given!r:.60}, expected a Solution")
+    return given  # type: ignore[no-any-return]
+
+
+def solve_unless_refused(
+    subject: Subject, name: str, problem: Problem, hierarchy: Hierarchy, tool: Any = None
+) -> Solution | None:
+    """The solution; None if the solver refuses the problem by an AggloError."""
+    try:
+        return solve(subject, Case(name, (problem, hierarchy)), tool)
+    except Broken as error:
+        if isinstance(error.__cause__, AggloError):
+            return None
+        raise
+
+
+def first_case(subject: Subject, sort: type[Diffusion] | type[Linear]) -> list[Case]:
+    """The first question about a Diffusion or a Linear problem, if the solver takes any."""
+    return [case for case in questions(subject) if isinstance(case.given[0], sort)][:1]
+
+
+def everywhere(subject: Subject) -> list[Case]:
+    """The ordinary questions, and those in 3-D if it promises to answer them."""
+    return [*questions(subject), *taken(subject, in_space(subject))]
+
+
+def matrix_of(A: Any) -> Any:
+    """A sparse matrix, an array or a ``LinearOperator`` as a sparse matrix."""
+    if not sparse.issparse(A) and not isinstance(A, np.ndarray):
+        A = A @ np.eye(A.shape[1])
+    return sparse.csc_array(A)
+
+
+def direct(solution: Solution) -> Float:
+    """The solution ``(n,)`` of its system by factorisation."""
+    return np.atleast_1d(spsolve(matrix_of(solution.A), solution.b))
+
+
+def gap(x: Float, wanted: Float) -> float:
+    """Norm of the difference, relative to what is wanted."""
+    return float(np.linalg.norm(x - wanted) / max(float(np.linalg.norm(wanted)), 1e-300))
+
+
+def values(tool: Any, hierarchy: Hierarchy, x: Float, one: Float | None) -> tuple[Float, Float] | None:
+    """Points ``(q, d)`` inside the cells and the values ``(q,)`` there; None if nobody knows what x means.
+
+    A solver with a discretisation is asked; otherwise one unknown per cell is taken as the value there, in a
+    unit that ``one``, the unknowns of the constant 1, tells (1 where that was refused).
+    """
+    mesh, how = hierarchy.fine, getattr(tool, "discretisation", None)
+    assert mesh is not None
+    points = mesh.cell_centroids
+    if how is not None:
+        return points, np.asarray(how.evaluate(mesh, x, points))
+    unit = np.ones(mesh.n_cells) if one is None else one
+    if len(x) == mesh.n_cells and np.abs(unit).min() > 0.0:
+        return points, x / unit
+    return None
+
+
+def option_named(subject: Subject, *names: str) -> str | None:
+    """The first of some names that is an option of the component."""
+    if not subject.takes_options:
+        return None
+    known = inspect.signature(subject.target).parameters
+    return next((name for name in names if name in known), None)

@@ -1,0 +1,79 @@
+"""How fast a refiner or fixer is, asked in steps, so that a slow one does not hold up the laws."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from agglo_core.conformance.base.asking import ask
+from agglo_core.conformance.base.case import Case
+from agglo_core.conformance.base.subject import Subject
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.conformance.inputs.cases import asked, level_case
+from agglo_core.conformance.inputs.unusual_graphs import clumps
+from agglo_core.registry.containment import PLUGIN_FAILURES
+
+__all__ = ["TIME_LIMIT", "Slow", "bearable", "too_slow"]
+
+TIME_LIMIT = 20.0
+"""Seconds a refiner or fixer may take for 5,000 cells; ours take milliseconds."""
+
+_TIMED = ("refiner", "fixer")
+_SIZES = ((8, 8), (16, 8), (16, 16), (32, 16), (32, 32), (64, 32))  # and a level of 4,960 cells
+_FEWEST = 250  # cells: fewer may take as long as these
+_BOTHER = 0.25  # seconds: what takes longer is not asked again and again
+
+
+@dataclass(frozen=True)
+class Slow:
+    """The first question that took too long: its cells, seconds, and the most cells that are no bother."""
+
+    cells: int
+    seconds: float
+    most: int
+
+
+def too_slow(subject: Subject) -> Slow | None:
+    """The first of some questions, each twice as large, that takes longer than its share of the limit.
+
+    Asked once; what it answers and whether it fails is for laws to judge.
+    """
+    if subject.kind not in _TIMED:
+        return None
+    if not subject.pace:
+        subject.pace.append(_measured(subject))
+    found: Slow | None = subject.pace[0]
+    return found
+
+
+def bearable(subject: Subject, asked: list[Case]) -> list[Case]:
+    """Of some questions those that do not take too long."""
+    slow = too_slow(subject)
+    return asked if slow is None else [case for case in asked if case.given[0].n <= slow.most]
+
+
+def _measured(subject: Subject) -> Slow | None:
+    most = 0
+    _seconds(subject, _case(subject.kind, *_SIZES[0]))  # kernels compile here, off the clock
+    for place in range(len(_SIZES) + 1):
+        case = _case(subject.kind, *_SIZES[place]) if place < len(_SIZES) else level_case(subject.kind)
+        cells = case.given[0].n
+        taken = _seconds(subject, case)
+        if taken > TIME_LIMIT * max(cells, _FEWEST) / 5000:
+            return Slow(cells, taken, most)
+        most = cells if taken <= _BOTHER else most
+    return None
+
+
+def _seconds(subject: Subject, case: Case) -> float:
+    tool, start = subject.build(), time.perf_counter()
+    try:
+        ask(subject.kind, tool, case)
+    except PLUGIN_FAILURES:
+        return 0.0
+    return time.perf_counter() - start
+
+
+def _case(kind: str, nx: int, ny: int) -> Case:
+    graph = small_meshes.grid(nx, ny, jitter=0.2).graph
+    return asked(kind, graph, f"{graph.n} cells", clumps(graph, graph.n // 16, strays=0.02), "both")

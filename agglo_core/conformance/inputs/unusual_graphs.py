@@ -1,0 +1,227 @@
+"""Graphs that are correct but unlike the ordinary ones: where careless components show what they assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+
+from agglo_core import samples
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.conformance.inputs import small_meshes
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+
+__all__ = [
+    "clumps",
+    "crowd",
+    "fresh",
+    "large",
+    "level_in_space",
+    "mapped",
+    "small_blocks",
+    "tower",
+    "unusual",
+]
+
+_SMALL = (1, 2, 3, 4, 5, 7, 8, 9, 16, 60)
+"""Sizes of the blocks of a crowd, one after the other, ..."""
+_LARGE = 2000
+"""... and of the one in their midst."""
+
+
+def unusual() -> dict[str, Graph]:
+    """Connected graphs of one block, by what is unusual about them; new arrays in each call."""
+    made: dict[str, Callable[[], Graph]] = {
+        "cells whose weights are not their measures": _uneven,
+        "cells whose measures differ a million times": _graded,
+        "cells without weight": _weightless,
+        "interfaces of which a third have no measure": _thin,
+        "a cell with 300 neighbours": _hub,
+        "triangles of random points": _random_triangles,
+        "cells on both sides of a slit": _slit,
+        "600 cells": _six_hundred,
+        "a chain of 2000 cells": _chain,
+        "cells whose weights differ a trillion times": _steep,
+        "cells that weigh a trillionth": lambda: _weighing(1e-12),
+        "cells that weigh a trillion": lambda: _weighing(1e12),
+        "cells of a size of 1e-8": lambda: _sized(1e-8),
+        "cells of a size of 1e8": lambda: _sized(1e8),
+        "cells far from the origin": _far,
+    }
+    return {name: fresh(graph()) for name, graph in made.items()}
+
+
+def fresh(graph: Graph) -> Graph:
+    """The graph with arrays of its own, so that nothing done to them stays."""
+    values = {each.name: getattr(graph, each.name) for each in fields(graph)}
+    arrays = {name: value.copy() for name, value in values.items() if isinstance(value, np.ndarray)}
+    return replace(graph, **arrays, data={name: value.copy() for name, value in graph.data.items()})
+
+
+@cache
+def crowd(blocks: int, smallest: int) -> Graph:
+    """A level of that many blocks of up to 60 cells, and one of 2,000, their cells in no order."""
+    sizes = np.resize([size for size in _SMALL if size >= smallest], blocks)
+    sizes[blocks // 2] = _LARGE
+    rows = -(-int(sizes.sum()) // 48) // 2 * 2 + 1  # odd, so that each strip ends where the next begins
+    mesh = small_meshes.grid(48, rows, jitter=0.2)
+    row, column = np.divmod(np.arange(mesh.n_cells), 48)
+    strip, across = np.divmod(column, 3)
+    down = np.where(strip % 2, rows - 1 - row, row)  # there and back: neighbours on the way are neighbours
+    way = np.lexsort((np.where(down % 2, -across, across), down, strip))[: sizes.sum()]
+    offsets = np.concatenate(([0], np.cumsum(sizes)))
+    shuffled = np.lexsort((np.random.default_rng(4).random(len(way)), np.repeat(np.arange(blocks), sizes)))
+    graph: Graph = mesh.graph.subgraph(way[shuffled], offsets)
+    return graph
+
+
+@cache
+def small_blocks() -> Graph:
+    """A level of 5,000 blocks, the first of 60 cells in a row, the others of 2, 3, 2, 3, ..."""
+    sizes = np.where(np.arange(5000) % 2, 2, 3)
+    sizes[0] = 60
+    offsets = np.concatenate(([0], np.cumsum(sizes)))
+    graph: Graph = small_meshes.line(int(offsets[-1])).subgraph(np.arange(offsets[-1]), offsets)
+    return graph
+
+
+@cache
+def large() -> Graph:
+    """Two thousand cells in one block."""
+    graph: Graph = small_meshes.grid(50, 40, jitter=0.2).graph
+    return graph
+
+
+@cache
+def tower() -> Graph:
+    """A column of eight boxes, one above the other: nothing can be told from two coordinates."""
+    graph: Graph = small_meshes.boxes(1, 1, 8).graph
+    return graph
+
+
+@cache
+def level_in_space() -> Graph:
+    """Three blocks of boxes, each on its own side of the middle."""
+    graph: Graph = small_meshes.boxes(6, 4, 3).graph
+    rank = np.argsort(np.argsort(graph.centroids[:, 0], kind="stable"))
+    return graph.split(rank // 24)[0]
+
+
+def clumps(graph: Graph, parts: int, strays: float = 0.0) -> Int:
+    """Labels of the nearest of some cells; a share of ``strays`` has any label. Every label occurs."""
+    rng = np.random.default_rng(graph.n + parts)
+    seeds = rng.choice(graph.n, parts, replace=False)
+    centroids = graph.centroids / np.ptp(graph.centroids, axis=0).max()
+    squares = ((centroids[:, None] - centroids[seeds][None]) ** 2).sum(axis=2)
+    labels = squares.argmin(axis=1)
+    labels = np.where(rng.random(graph.n) < strays, rng.integers(parts, size=graph.n), labels)
+    labels[seeds] = np.arange(parts)
+    return frozen_int(labels)
+
+
+@cache
+def _uneven() -> Graph:
+    mesh = small_meshes.grid(12, 10, jitter=0.2)
+    far = mapped(mesh, lambda points: points + np.array([-4e5, -7e5]))
+    rng = np.random.default_rng(2)
+    east = far.local_centroids[:, 0] / np.ptp(far.local_centroids[:, 0])
+    weights = np.exp(4.0 * east) * 10.0 ** rng.uniform(-3, 0, mesh.n_cells)
+    weights[rng.choice(mesh.n_cells, 12, replace=False)] = 0.0
+    data = {"material": rng.integers(5, size=mesh.n_cells), "velocity": rng.random((mesh.n_cells, 3))}
+    graph: Graph = replace(far.graph, weights=weights, data=data)
+    return graph.subgraph(rng.permutation(graph.n), [0, graph.n])
+
+
+@cache
+def _graded() -> Graph:
+    """Squares that become rectangles, each wider and higher than the one before."""
+    graph: Graph = mapped(small_meshes.grid(14, 14), lambda points: 1600.0 ** (points / 14)).graph
+    return graph
+
+
+@cache
+def _weightless() -> Graph:
+    graph: Graph = small_meshes.grid(11, 9, jitter=0.2).graph
+    return replace(graph, weights=np.zeros(graph.n))
+
+
+@cache
+def _steep() -> Graph:
+    graph: Graph = small_meshes.grid(10, 9, jitter=0.2).graph
+    return replace(graph, weights=10.0 ** np.random.default_rng(8).uniform(-6, 6, graph.n))
+
+
+@cache
+def _weighing(weight: float) -> Graph:
+    graph: Graph = small_meshes.grid(8, 7, jitter=0.2).graph
+    return replace(graph, weights=weight * np.random.default_rng(9).uniform(1, 2, graph.n))
+
+
+@cache
+def _sized(size: float) -> Graph:
+    graph: Graph = mapped(small_meshes.grid(9, 8, jitter=0.2), lambda points: size * points).graph
+    return graph
+
+
+@cache
+def _far() -> Graph:
+    """A bare graph: the centroids of a mesh would be relative to its middle."""
+    graph: Graph = small_meshes.grid(9, 7, jitter=0.2).graph
+    away = np.array([4e6, -7e6])
+    return replace(graph, centroids=graph.centroids + away, points=graph.points + away)
+
+
+@cache
+def _thin() -> Graph:
+    graph: Graph = small_meshes.grid(13, 9, jitter=0.2).graph
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    thin = (np.minimum(rows, graph.indices) + np.maximum(rows, graph.indices)) % 3 == 0
+    return replace(graph, interface=np.where(thin, 0.0, graph.interface))
+
+
+@cache
+def _random_triangles() -> Graph:
+    """Many triangles meet at a point, and few share a side: neighbours by points are not neighbours."""
+    graph: Graph = samples.random_triangles(60, seed=3).graph
+    return graph
+
+
+@cache
+def _slit() -> Graph:
+    """Cells next to one another, with a side in common, and no interface."""
+    graph: Graph = small_meshes.grid(9, 8, jitter=0.2).graph
+    row, column = np.divmod(np.arange(graph.n), 9)
+    rows = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    across = (np.minimum(column[rows], column[graph.indices]) == 4) & (column[rows] != column[graph.indices])
+    slit: Graph = graph.without_edges(across & (row[rows] < 6))
+    return slit
+
+
+@cache
+def _hub() -> Graph:
+    n = 300
+    ring = small_meshes.ring(n)
+    cells = [*np.split(ring.boundary_loops.vertices, n), np.arange(n)]
+    graph: Graph = Mesh.from_polygons(ring.points, cells).graph
+    return graph
+
+
+@cache
+def _six_hundred() -> Graph:
+    graph: Graph = small_meshes.grid(25, 24, jitter=0.2).graph
+    return graph
+
+
+@cache
+def _chain() -> Graph:
+    return small_meshes.line(2000)
+
+
+def mapped(mesh: Mesh, move: Callable[[Float], Float]) -> Mesh:
+    """The mesh with its points ``(p, 2)`` moved."""
+    loops = mesh.boundary_loops
+    cells = np.split(loops.vertices, loops.loop_offsets[1:-1])
+    return Mesh.from_polygons(move(mesh.points), cells, name=mesh.name)

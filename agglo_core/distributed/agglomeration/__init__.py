@@ -1,0 +1,1 @@
+"""Agglomeration across ranks: domains, levels, goals, rules."""

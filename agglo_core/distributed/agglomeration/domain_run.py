@@ -1,0 +1,79 @@
+"""One domain of a distributed run: its levels, made as those of a whole mesh are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agglo_core.agglomeration import Pipeline
+from agglo_core.agglomeration.constraints import naming
+from agglo_core.agglomeration.enforcing import PartRules
+from agglo_core.agglomeration.goals import Goal
+from agglo_core.agglomeration.lines import line_levels
+from agglo_core.agglomeration.ordered_levels import ordered_levels
+from agglo_core.agglomeration.polishing import PostPass
+from agglo_core.agglomeration.run import Run
+from agglo_core.arrays import Int, UInt64, frozen_int, splitmix
+from agglo_core.constraints.barriers import Barriers
+from agglo_core.distributed.agglomeration.domain import Domain
+from agglo_core.distributed.agglomeration.rules import Kept
+from agglo_core.registry.attribution import Member
+
+__all__ = ["DomainRun"]
+
+
+@dataclass(frozen=True)
+class DomainRun:
+    """How domains are agglomerated.
+
+    Attributes
+    ----------
+    pipeline : Pipeline
+    run : Run
+        Its components; what happens is added up in its statistics.
+    kept : Kept
+        What constraints ask.
+    """
+
+    pipeline: Pipeline
+    run: Run
+    kept: Kept
+
+    def levels(self, domain: Domain, goals: Sequence[Goal], number: int, turn: int) -> list[Int]:
+        """Labels ``(n,)`` of each level of domain ``number``; ``turn``: how often domains have changed."""
+        if domain.n == 0:
+            return [frozen_int(np.empty(0))] * len(goals)
+        kway = self.pipeline.method == "kway"
+        run, post = self._seeded(number, turn), self._post(domain, self.kept.bounds)
+        with naming(self.kept.members):
+            make = self._maker(domain)
+            return make(domain.by_itself(), goals, run, post, kway=kway, nested=self.pipeline.nested)
+
+    def intermediate(self, domain: Domain, goal: Goal, number: int, turn: int) -> Int:
+        """Labels of a level that nobody asked for, to make larger domains of: without bounds."""
+        if domain.n == 0:
+            return frozen_int(np.empty(0))
+        run, post = self._seeded(number, turn), self._post(domain, ())
+        return self._maker(domain)(domain.by_itself(), [goal], run, post, kway=False, nested=True)[0]
+
+    def _maker(self, domain: Domain) -> Callable[..., list[Int]]:
+        """How levels are made; agglomerates hold whole lines already."""
+        return line_levels if self.pipeline.lines and (domain.cells == 1).all() else ordered_levels
+
+    def _post(self, domain: Domain, bounds: Sequence[Member]) -> PostPass:
+        members = domain.counted(bounds)
+        if len(domain.barriers):
+            members.append(Member(Barriers(domain.barriers), "constraint 'barriers'"))
+        nodes = frozen_int(np.arange(domain.n))
+        rules = PartRules(domain.graph, members, nodes) if members else None
+        return PostPass(self.pipeline.merge, bool(self.run.post_refiners), rules)
+
+    def _seeded(self, number: int, turn: int) -> Run:
+        """The run with random numbers of this domain's own; those of the first one are the run's."""
+        if number == turn == 0:
+            return self.run
+        root: UInt64 = np.array([self.run.seed], np.uint64)
+        mixed = splitmix(splitmix(root) + np.uint64((turn << 32) + number))
+        return replace(self.run, seed=int(mixed[0] >> np.uint64(1)))

@@ -1,0 +1,57 @@
+"""The domains a distributed run starts from: the cells of each rank, or blocks whatever the rank."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.distributed.agglomeration.cells import Cells, among
+from agglo_core.distributed.agglomeration.domain import Domain, Links
+from agglo_core.distributed.agglomeration.rules import Kept
+
+__all__ = ["first_domains"]
+
+
+def first_domains(cells: Cells, kept: Kept, block: Int, ours: Iterable[int]) -> list[tuple[int, Domain]]:
+    """Domains, or pieces of them: own cells by ``block (n,)``, which is known of ghosts as well.
+
+    There is one for each block with own cells, and for each number of ``ours``, if need be without cells.
+    """
+    graph, rows, own = cells.graph, cells.rows, cells.own
+    within = own[rows] & own[graph.indices] & (block[rows] == block[graph.indices])
+    nodes = np.flatnonzero(own)
+    nodes = nodes[np.argsort(block[nodes], kind="stable")]
+    numbers = np.union1d(block[nodes], np.array(list(ours), np.int64))
+    offsets = np.searchsorted(block[nodes], np.append(numbers, numbers.max(initial=0) + 1))
+    allowed = graph.without_edges(kept.forbidden & within)
+    level = allowed.subgraph(nodes, offsets)
+    place = np.full(graph.n, -1)
+    place[nodes] = np.arange(len(nodes)) - np.repeat(offsets[:-1], np.diff(offsets))
+    pairs = kept.barriers[(own[kept.barriers]).any(axis=1)]
+    inner = pairs[own[pairs].all(axis=1) & (block[pairs[:, 0]] == block[pairs[:, 1]])]
+    beyond = np.flatnonzero(own[rows] & ~within)
+    row, column = rows[beyond], graph.indices[beyond].astype(np.int64)
+    links = Links(
+        frozen_int(place[row]),
+        frozen_int(cells.ids[column]),
+        frozen_int(block[column]),
+        frozen_float(graph.interface[beyond]),
+        kept.forbidden[beyond],
+        among(row, column, pairs, graph.n),
+    )
+    made = []
+    for i, number in enumerate(numbers.tolist()):
+        inside, of_block = nodes[offsets[i] : offsets[i + 1]], block[row] == number
+        barriers = np.sort(place[inner[block[inner[:, 0]] == number]], axis=1)
+        domain = Domain(
+            level[i],
+            frozen_int(cells.ids[inside]),
+            frozen_int(np.ones(len(inside))),
+            frozen_float(kept.weights[inside]),
+            frozen_int(np.unique(barriers, axis=0).reshape(-1, 2)),
+            links.chosen(of_block),
+        )
+        made.append((number, domain))
+    return made

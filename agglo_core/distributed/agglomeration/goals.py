@@ -1,0 +1,134 @@
+"""Goals of a distributed run: which levels so many domains can make, and the share of each in a count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
+from agglo_core.agglomeration.quotas import TooFewPartsError, apportion
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.distributed.agglomeration.domain import Domain
+from agglo_core.registry.attribution import Member
+
+__all__ = ["Census", "census_of", "ready_goals", "row_of"]
+
+LEAST_PARTS = 16
+"""Parts of a domain below which a level is made of fewer domains: parts do not cross their borders."""
+
+
+class Census(NamedTuple):
+    """What is known of all domains of a stage, one item each: the same on every rank."""
+
+    nodes: Int
+    alone: Int  # nodes without neighbours, here or elsewhere
+    open: Int  # components with neighbours in other domains
+    fewest: Int  # parts there must be, those alone included
+    mass: Float  # of the nodes that are not alone
+    estimates: Float  # (domains, goals): parts of each goal of a size
+
+    @property
+    def domains(self) -> int:
+        """How many are not empty."""
+        return int(np.count_nonzero(self.nodes))
+
+    @property
+    def scattered(self) -> int:
+        """Pieces that only the borders of domains make, beyond one for each."""
+        return int(np.maximum(self.open - 1, 0).sum())
+
+    def expected(self, goal: Goal, place: int) -> float:
+        """How many parts the goal number ``place`` will have."""
+        return float(goal.parts) if isinstance(goal, CountGoal) else float(self.estimates[:, place].sum())
+
+
+def row_of(domain: Domain, goals: Sequence[Goal], bounds: Sequence[Member]) -> list[float]:
+    """What is asked of one domain for the census."""
+    graph = domain.graph
+    if domain.n == 0:
+        return [0.0] * (5 + len(goals))
+    leading_out = np.zeros(graph.n, bool)
+    leading_out[domain.links.node[~domain.links.barred]] = True
+    alone = (np.diff(graph.indptr) == 0) & ~leading_out
+    components = graph.components()
+    fewest = int(components.max()) + 1
+    for member in domain.counted(bounds):
+        fewest = max(fewest, member.tool.fewest(graph, components))
+    sizes = [float(goal.estimate(graph)) if isinstance(goal, SizeGoal) else 0.0 for goal in goals]
+    return [
+        domain.n,
+        int(alone.sum()),
+        len(np.unique(components[leading_out])),
+        fewest,
+        float(graph.mass[~alone].sum()),
+        *sizes,
+    ]
+
+
+def census_of(rows: Sequence[Sequence[float]]) -> Census:
+    """The census from the rows of all domains."""
+    table = np.array(rows)
+    nodes, alone, open_, fewest = (frozen_int(column) for column in table[:, :4].T)
+    return Census(nodes, alone, open_, fewest, frozen_float(table[:, 4]), frozen_float(table[:, 5:]))
+
+
+def ready_goals(goals: Sequence[Goal], census: Census) -> list[list[Goal]]:
+    """The goals, finest first, of each domain that can be met where things are; for one domain all.
+
+    Counts are shared out by mass, each domain getting what it cannot do without, and never less than for a
+    coarser goal.
+    """
+    count = len(census.nodes)
+    number = len(goals)
+    while number and count > 1 and not _fits(goals, number, census):
+        number -= 1
+    shares: list[list[Goal]] = []
+    least = census.fewest
+    for goal in reversed(goals[:number]):
+        if isinstance(goal, CountGoal) and count > 1:
+            least = _shares(goal.parts, census, least)
+            shares.append([replace(goal, parts=int(share)) for share in least])
+        else:
+            shares.append([_at_least(goal, int(fewest)) for fewest in census.fewest])
+    return [list(each) for each in zip(*reversed(shares), strict=True)] if shares else [[]] * count
+
+
+def _at_least(goal: Goal, fewest: int) -> Goal:
+    """The goal, a mean size with as many parts as a domain cannot do without."""
+    if isinstance(goal, SizeGoal) or goal.exact:
+        return goal
+    return replace(goal, parts=max(goal.parts, fewest))
+
+
+def _fits(goals: Sequence[Goal], number: int, census: Census) -> bool:
+    """Whether the first so many goals can be met by each domain for itself."""
+    coarsest = goals[number - 1]
+    expected = census.expected(coarsest, number - 1)
+    if expected < max(LEAST_PARTS * census.domains, 2 * census.scattered):
+        return False
+    try:
+        least = census.fewest
+        for goal in reversed(goals[:number]):
+            least = _shares(goal.parts, census, least) if isinstance(goal, CountGoal) else least
+    except TooFewPartsError:
+        return False
+    return True
+
+
+def _shares(parts: int, census: Census, least: Int) -> Int:
+    """Parts of each domain: those alone and a share of the others."""
+    alone, rest = census.alone, census.nodes - census.alone
+    some = np.flatnonzero(rest)
+    shares = np.array(alone)
+    if not len(some):
+        if parts < shares.sum():
+            raise TooFewPartsError(parts, int(shares.sum()))
+        return frozen_int(shares)
+    needed = np.minimum(np.maximum(least - alone, 1)[some], rest[some])
+    shares[some] += apportion(
+        parts - int(alone.sum()), census.mass[some], frozen_int(rest[some]), frozen_int(needed)
+    )
+    return frozen_int(shares)

@@ -1,0 +1,155 @@
+"""The levels of a distributed run, from domain to domain: agglomerate, coarsen, join, and begin again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from agglo_core.agglomeration.goals import CountGoal, Goal, SizeGoal
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.agglomeration.domain import Domain
+from agglo_core.distributed.agglomeration.domain_run import DomainRun
+from agglo_core.distributed.agglomeration.goals import Census, census_of, ready_goals, row_of
+from agglo_core.distributed.agglomeration.stages import Numbering, Stage
+from agglo_core.distributed.communication import Traffic
+from agglo_core.progress import Tell
+
+__all__ = ["Level", "made_levels"]
+
+_NODES_PER_PART = 32
+"""Nodes that a part of larger domains is made of, at least: with fewer its shape suffers."""
+
+_CELLS_PER_NODE = 16
+"""Nodes that go into one before domains are joined, at most."""
+
+_FEWEST_CELLS = 4
+"""Nodes that go into one, at least: with fewer it is not worth it."""
+
+_SIZES_PER_PART = 4.0
+"""How many of them fit in a row into a part of a given size: they are never larger than it."""
+
+_FEW_NODES = 4096
+"""Nodes of a domain that may be sent as they are."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Parts of a level: ids by own domain, node by node, how ids are shared out, what was sent for it."""
+
+    ids: Mapping[int, Int]
+    numbering: Numbering
+    sent: Traffic
+
+    def with_ids(self, ids: Mapping[int, Int], sent: Traffic | None = None) -> Level:
+        """The same parts, told to other nodes, for which so much more was ``sent``."""
+        return replace(self, ids=ids, sent=self.sent + (sent or Traffic()))
+
+
+def made_levels(
+    stage: Stage, goals: Sequence[Goal], maker: DomainRun, turn: int = 0, told: Tell | None = None
+) -> list[Level]:
+    """Levels of all goals, finest first.
+
+    Goals with enough parts for the domains there are come first, all at once; the others are made of their
+    agglomerates on half as many domains. If there is no such goal, agglomerates are made in between.
+    """
+    if not goals:
+        return []
+    if told is not None:
+        told(0.0, f"{len(goals)} levels, {stage.count} domains")
+    census = census_of(stage.of_all(lambda domain: row_of(domain, goals, maker.kept.bounds)))
+    shares = ready_goals(goals, census)
+    if shares[0]:
+        return _agglomerated(stage, goals, shares, maker, turn, told)
+    between = _between(census, goals[0])
+    if between is not None:
+        return _through(stage, between, goals, maker, turn, told)
+    fewer, way = stage.halved()
+    levels = made_levels(fewer, goals, maker, turn + 1, told)
+    own = sorted(stage.domains)
+    back = []
+    for level in levels:
+        ids = dict(zip(own, way.brought(level.ids), strict=True))
+        back.append(level.with_ids(ids, stage.ranks.since_last()))
+    return back
+
+
+def _agglomerated(
+    stage: Stage,
+    goals: Sequence[Goal],
+    shares: Sequence[Sequence[Goal]],
+    maker: DomainRun,
+    turn: int,
+    told: Tell | None,
+) -> list[Level]:
+    """The levels that these domains can make, and those made of them."""
+    with stage.ranks.together():
+        labels = {
+            number: maker.levels(domain, shares[number], number, turn)
+            for number, domain in stage.domains.items()
+        }
+    levels = []
+    for place in range(len(shares[0])):
+        own = {number: each[place] for number, each in labels.items()}
+        numbering = stage.numbered(own)
+        ids = {n: frozen_int(numbering.first[n] + each) for n, each in own.items()}
+        levels.append(Level(ids, numbering, stage.ranks.since_last()))
+    rest = goals[len(levels) :]
+    if not rest:
+        return levels
+    return levels + _above(stage, own, numbering, rest, maker, turn, told)
+
+
+def _through(
+    stage: Stage,
+    between: Goal,
+    goals: Sequence[Goal],
+    maker: DomainRun,
+    turn: int,
+    told: Tell | None,
+) -> list[Level]:
+    """The levels made of agglomerates of a level ``between``."""
+    total = sum(int(nodes) for (nodes,) in stage.of_all(lambda domain: [domain.n]))
+    with stage.ranks.together():
+        own = {
+            number: maker.intermediate(domain, _share(domain, between, total), number, turn)
+            for number, domain in stage.domains.items()
+        }
+    return _above(stage, own, stage.numbered(own), goals, maker, turn, told)
+
+
+def _above(
+    stage: Stage,
+    labels: Mapping[int, Int],
+    numbering: Numbering,
+    goals: Sequence[Goal],
+    maker: DomainRun,
+    turn: int,
+    told: Tell | None,
+) -> list[Level]:
+    """Levels of the agglomerates ``labels``, told to the nodes in them."""
+    coarse = stage.coarsened(labels, numbering)
+    levels = made_levels(coarse, goals, maker, turn + 1, told)
+    return [
+        level.with_ids({number: frozen_int(level.ids[number][labels[number]]) for number in labels})
+        for level in levels
+    ]
+
+
+def _between(census: Census, goal: Goal) -> Goal | None:
+    """What is to be made before domains are joined; None if nodes are few, or parts would be of few."""
+    total = int(census.nodes.sum())
+    expected = max(census.expected(goal, 0), 1.0)
+    nodes = min(_CELLS_PER_NODE, int(total / (_NODES_PER_PART * expected)))
+    if total <= _FEW_NODES * census.domains or nodes < _FEWEST_CELLS:
+        return None
+    if isinstance(goal, SizeGoal):  # which no agglomerate may exceed
+        return SizeGoal(goal.h_star / _SIZES_PER_PART)
+    return CountGoal(total // nodes)
+
+
+def _share(domain: Domain, between: Goal, total: int) -> Goal:
+    """The goal of one domain: its share of a count."""
+    if domain.n == 0 or isinstance(between, SizeGoal):
+        return between
+    return CountGoal(max(1, round(between.parts * domain.n / total)), exact=False)

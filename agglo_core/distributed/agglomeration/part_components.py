@@ -1,0 +1,114 @@
+"""Connected components across ranks: of parts, and of the domain."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.graph import Graph
+
+__all__ = ["component_sizes", "components_of_parts", "first_cells"]
+
+
+def components_of_parts(mesh: DistributedMesh, labels: Int, bounds: Int) -> Int:
+    """Number of connected components of each part that this rank has.
+
+    Each rank finds the components of its own cells; who has the part joins those that touch across ranks.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    labels : (n_own,) int
+        Global part of each own cell.
+    bounds : (size + 1,) int
+        Rank r has the parts ``bounds[r]:bounds[r + 1]``.
+    """
+    ranks = mesh.ranks
+    told = _touching(mesh, mesh.local.graph, labels)[1]
+    owner = np.searchsorted(bounds, told[:, 0], side="right") - 1
+    parcels = {rank: told[owner == rank] for rank in np.unique(owner).tolist()}
+    found = np.concatenate([np.empty((0, 3), np.int64), *ranks.exchanged(parcels).values()])
+    first, count = int(bounds[ranks.rank]), int(bounds[ranks.rank + 1] - bounds[ranks.rank])
+    component, ends = _joined(found[:, 1:])
+    of_parts = np.unique(np.stack((found[:, 0], component[ends[:, 0]]), axis=1), axis=0)
+    return frozen_int(np.bincount(of_parts[:, 0] - first, minlength=count))
+
+
+def first_cells(mesh: DistributedMesh) -> Int:
+    """The first cell of the component of the domain that each own cell ``(n_own,)`` is in.
+
+    All ranks must call it.
+    """
+    ranks, own = mesh.ranks, mesh.global_ids[mesh.own]
+    names, told = _touching(mesh, mesh.local.graph, frozen_int(np.zeros(len(own))))
+    pieces, place, which = np.unique(names, return_index=True, return_inverse=True)
+    found = np.concatenate(ranks.gathered(told[:, 1:]))
+    first = np.concatenate(ranks.gathered(np.stack((pieces, own[place]), axis=1)))
+    component, _ = _joined(found)
+    every = np.unique(found)
+    least = np.full(component.max(initial=-1) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(least, component[np.searchsorted(every, first[:, 0])], first[:, 1])
+    return frozen_int(least[component[np.searchsorted(every, pieces)]][which])
+
+
+def component_sizes(mesh: DistributedMesh, forbidden: Mask) -> Int:
+    """Number of cells of each component of the domain, in any order. All ranks must call it.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    forbidden : (m,) bool
+        Entries of the local graph that join no cells, the same on both sides of a border between ranks.
+    """
+    ranks = mesh.ranks
+    with ranks.together():
+        graph = mesh.local.graph.without_edges(forbidden)
+    names, told = _touching(mesh, graph, frozen_int(np.zeros(len(mesh.own))))
+    edges = told[told[:, 1] != told[:, 2], 1:]
+    pieces, sizes = np.unique(names, return_counts=True)
+    beyond = np.isin(pieces, edges)  # pieces that go on on other ranks; of the others sizes will do
+    whole = np.stack(np.unique(sizes[~beyond], return_counts=True))
+    every = ranks.gathered((edges.T, np.stack((pieces[beyond], sizes[beyond])), whole))
+    edges, joined, whole = (np.concatenate(each, axis=1) for each in zip(*every, strict=True))
+    of_whole = np.repeat(whole[0], whole[1])
+    if not edges.size:
+        return frozen_int(of_whole)
+    component = _joined(edges.T)[0][np.searchsorted(np.unique(edges), joined[0])]
+    return frozen_int(np.concatenate((np.bincount(component, joined[1]), of_whole)))
+
+
+def _touching(mesh: DistributedMesh, graph: Graph, labels: Int) -> tuple[Int, Int]:
+    """The piece that each own cell is in ``(n_own,)``, and ``(e, 3)``: part, two pieces of it that touch.
+
+    A piece is what of a part is connected on a rank, by the ``graph`` of local cells; each is beside itself,
+    too.
+    """
+    ranks = mesh.ranks
+    part = np.asarray(mesh.exchange(labels))
+    with ranks.together():
+        own = graph.subgraph(mesh.own, [0, len(mesh.own)])
+        component = own.components(_numbered(labels)) if own.n else np.empty(0, np.int64)
+    names = np.zeros(len(part), np.int64)
+    names[mesh.own] = component * ranks.size + ranks.rank  # of a component, on no other rank
+    names = np.asarray(mesh.exchange(frozen_int(names[mesh.own])))
+    row = np.repeat(np.arange(graph.n), np.diff(graph.indptr))
+    ours = mesh.owners == ranks.rank
+    across = ours[row] & ~ours[graph.indices] & (part[row] == part[graph.indices])
+    edges = np.stack((part[row], names[row], names[graph.indices]), axis=1)[across]
+    alone = np.stack((labels, names[mesh.own], names[mesh.own]), axis=1)
+    return frozen_int(names[mesh.own]), frozen_int(np.unique(np.concatenate((alone, edges)), axis=0))
+
+
+def _numbered(labels: Int) -> Int:
+    return frozen_int(np.unique(labels, return_inverse=True)[1])
+
+
+def _joined(edges: Int) -> tuple[Int, Int]:
+    """Component of each piece, in order of their names, and the places of the ends of ``edges (e, 2)``."""
+    names, place = np.unique(edges, return_inverse=True)
+    ends = place.reshape(-1, 2)
+    joins = sparse.coo_array((np.ones(len(ends), bool), tuple(ends.T)), shape=(len(names), len(names)))
+    return frozen_int(connected_components(joins, directed=False)[1]), frozen_int(ends)

@@ -1,0 +1,67 @@
+"""Metrics of parts that lie on several ranks: each rank measures those it has, and means are put together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.errors import OptionError
+from agglo_core.measure.selection import Metric, built_metrics
+from agglo_core.registry import Registry
+from agglo_core.registry.attribution import Member, attributed
+from agglo_core.shapes.metrics import UniformityFactor
+
+__all__ = ["means"]
+
+
+def means(
+    coarse: DistributedMesh, components: Int, metrics: Iterable[Metric], registry: Registry | None
+) -> dict[str, float]:
+    """Means over the cells of a distributed mesh of parts; NaN where no part has a value.
+
+    Parameters
+    ----------
+    coarse : DistributedMesh
+    components : (n_own,) int
+        Number of components of each own part.
+    metrics, registry
+        As for :func:`agglo_core.quality`.
+    """
+    ranks, largest = coarse.ranks, coarse.h
+    with ranks.together():
+        chosen = built_metrics(metrics, registry)
+        for member in chosen.values():
+            _refuse_unknown(member)
+        own = {name: _values(coarse, member, largest) for name, member in chosen.items()}
+        own["connected"] = (components == 1).astype(np.float64)
+        defined = {name: values[~np.isnan(values)] for name, values in own.items()}
+        sums = {name: (float(values.sum()), len(values)) for name, values in defined.items()}
+    every = ranks.gathered(sums)
+    found = {"max_diameter": largest}
+    for name in own:
+        total, count = map(sum, zip(*(each[name] for each in every), strict=True))
+        found[name] = total / count if count else float("nan")
+    return found
+
+
+def _refuse_unknown(member: Member) -> None:
+    if not getattr(member.tool, "shape_only", False):
+        raise OptionError(
+            f"{member.title} looks at the cells inside of parts, which may lie on several ranks"
+        )
+    if getattr(member.tool, "relative", False) and not isinstance(member.tool, UniformityFactor):
+        raise OptionError(f"{member.title} compares parts with one another, which lie on several ranks")
+
+
+def _values(coarse: DistributedMesh, member: Member, largest: float) -> Float:
+    """Values of own parts; those relative to the largest diameter with that of all ranks."""
+    local = coarse.local
+    if not len(coarse.own):
+        return np.empty(0)
+    with attributed(member.title):
+        values: Float = np.asarray(member.tool.measure(local, np.arange(local.n_cells)), float)[coarse.own]
+    relative = isinstance(member.tool, UniformityFactor)
+    return values * (local.cell_diameters.max() / largest) if relative else values

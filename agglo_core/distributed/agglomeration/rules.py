@@ -1,0 +1,131 @@
+"""Constraints of a distributed run: asked on each rank of its cells and their neighbours, and agreed upon.
+
+What forbids edges is kept whatever it is. What asks something of whole parts is known in two kinds, bounds
+and barriers, which can be asked of agglomerates as well; others are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.agglomeration import Pipeline
+from agglo_core.agglomeration.constraints import forbidden_by
+from agglo_core.agglomeration.rules import BOUNDS, Rules
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.constraints.barriers import Barriers
+from agglo_core.constraints.bounds import Bounds
+from agglo_core.distributed.agglomeration.cells import Cells, agreed
+from agglo_core.distributed.communication import Ranks
+from agglo_core.errors import OptionError
+from agglo_core.graph import Graph
+from agglo_core.mesh import Mesh
+from agglo_core.registry import Registry
+from agglo_core.registry.attribution import Member
+
+__all__ = ["Kept", "kept_rules", "with_ghosts"]
+
+_OF_PARTS = ("admissible", "incomplete")
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What constraints ask, in numbers of the cells of one rank and its ghosts.
+
+    Attributes
+    ----------
+    forbidden : (m,) bool
+        Entries of the graph that no part may cross.
+    barriers : (p, 2) int
+        Pairs of cells that no part may both hold.
+    bounds : sequence of Member
+        Bounds on the size of parts.
+    weights : (n, len(bounds)) float
+        Weights of cells to which each of them refers.
+    members : sequence of Member
+        All constraints, for what is said of them.
+    """
+
+    forbidden: Mask
+    barriers: Int
+    bounds: Sequence[Member]
+    weights: Float
+    members: Sequence[Member]
+
+
+def kept_rules(cells: Cells, pipeline: Pipeline, mesh: Mesh, registry: Registry) -> Kept:
+    """The constraints of a run, asked of the cells of this rank with their ghosts.
+
+    A rule that finds nothing to bind on some ranks, such as a patch that is not there, binds the others.
+
+    Raises
+    ------
+    OptionError
+        If a rule fits on no rank, or asks of whole parts what cannot be asked of agglomerates.
+    """
+    ranks, graph = cells.ranks, mesh.graph
+    with ranks.together():
+        pipeline.cell_weights(graph)  # those of one rank may be wrong
+    asked = (_asked(ranks, rule, mesh, graph, registry) for rule in _single_rules(pipeline))
+    members = [member for found in asked for member in found]
+    forbidden, pairs, bounds = np.zeros(len(graph.indices), bool), [], []
+    with ranks.together():
+        for member in members:
+            if isinstance(member.tool, Bounds):
+                bounds.append(member)
+                continue
+            if isinstance(member.tool, Barriers):
+                pairs.append(member.tool.pairs)
+            elif any(callable(getattr(member.tool, name, None)) for name in _OF_PARTS):
+                raise OptionError(
+                    f"{member.title} asks something of whole parts; across ranks only bounds and barriers do"
+                )
+            forbidden |= forbidden_by(member, graph)
+    with ranks.together():
+        weights = np.empty((graph.n, len(bounds)))
+        for column, member in enumerate(bounds):
+            weights[:, column] = member.tool.weights(graph)
+    barriers = np.concatenate([np.empty((0, 2), np.int64), *pairs])
+    return Kept(agreed(cells, forbidden), frozen_int(barriers), bounds, frozen_float(weights), members)
+
+
+def _single_rules(pipeline: Pipeline) -> Iterator[Rules]:
+    """The rules of a run one by one, so that one which does not fit takes no other with it."""
+    for each in pipeline.constraints:
+        yield Rules(constraints=(each,))
+    for name in ("regions", "barriers", "where", "boundary_rules"):
+        if getattr(pipeline, name) is not None:
+            yield replace(Rules(), **{name: getattr(pipeline, name)})
+    bounds = {name: getattr(pipeline, name) for name in BOUNDS}
+    if any(value is not None for value in bounds.values()):
+        yield replace(Rules(), **bounds, weights=pipeline.weights)
+
+
+def _asked(ranks: Ranks, rule: Rules, mesh: Mesh, graph: Graph, registry: Registry) -> list[Member]:
+    """The constraints of one rule on this rank; the error of the first rank if it fits on none."""
+    refusal: OptionError | None = None
+    found: list[Member] = []
+    with ranks.together():
+        try:
+            found = rule.members(mesh, graph, registry)
+        except OptionError as error:
+            refusal = error
+    if all(ranks.gathered(refusal is not None)):
+        message = ranks.from_first(str(refusal))
+        raise OptionError(message)
+    return found
+
+
+def with_ghosts(pipeline: Pipeline, exchange: Callable[[NDArray[Any]], NDArray[Any]], n_own: int) -> Pipeline:
+    """The pipeline with arrays of own cells as arrays of all local ones."""
+    changed: dict[str, Any] = {}
+    for each in fields(Rules):
+        value = getattr(pipeline, each.name)
+        of_cells = isinstance(value, np.ndarray) and value.shape[:1] == (n_own,) and each.name != "barriers"
+        if of_cells and not (each.name == "metric" and value.ndim == 2):
+            changed[each.name] = exchange(value)
+    return replace(pipeline, **changed)

@@ -1,0 +1,115 @@
+""":func:`agglomerate` across ranks: from a distributed mesh to its coarse levels."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields, replace
+
+from agglo_core.agglomeration import Pipeline
+from agglo_core.agglomeration.choices import short_name
+from agglo_core.agglomeration.recursion import warn_of_large_cells
+from agglo_core.agglomeration.run import Run, Statistics
+from agglo_core.distributed.agglomeration.domain_run import DomainRun
+from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
+from agglo_core.distributed.agglomeration.levels import made_levels
+from agglo_core.distributed.agglomeration.start import started
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.progress import Listener, followed, phase
+from agglo_core.registry import Registry, default
+from agglo_core.threads import using_threads
+
+__all__ = ["agglomerate"]
+
+
+def agglomerate(
+    mesh: DistributedMesh,
+    pipeline: Pipeline | None = None,
+    *,
+    independent_of_ranks: bool | None = None,
+    block_cells: int | None = None,
+    registry: Registry | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
+    threads: int | None = None,
+) -> DistributedHierarchy:
+    """Agglomerate a distributed mesh; all ranks must call it with the same arguments.
+
+    Cells are agglomerated in blocks by their coordinates if each block lies on one rank, as in a mesh shared
+    out by :meth:`DistributedMesh.scatter`: the labels are then the same for any number of ranks, also one.
+    Otherwise each rank agglomerates its own cells. Counts are shared out by one exchange. Levels of few parts
+    are made of the agglomerates of a finer level, on fewer ranks where need be, so that parts grow across the
+    borders of blocks and ranks there.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    pipeline : Pipeline, optional
+        Components, targets and rules, as for a mesh on one machine; arrays hold a value for each own cell
+        (``barriers``: for each face of ``mesh.local``). Lines of cells end at the borders of ranks.
+    independent_of_ranks : bool, optional
+        Whether the labels must be the same for any number of ranks, also one: True sends the cells of each
+        block to one rank where they do not lie so, False has each rank agglomerate its own. By default it is
+        blocks if nothing need be sent; ``statistics["independent_of_ranks"]`` says whether it was.
+    block_cells : int, optional
+        How many cells make a block, at most about, by default 16,384, in space 131,072; as for
+        :meth:`DistributedMesh.scatter`.
+    registry, progress, verbose, threads : optional
+        As for :func:`agglo_core.agglomerate`; only rank 0 tells of progress.
+
+    Returns
+    -------
+    DistributedHierarchy
+        Every part connected, sizes and counts kept, as on one machine.
+
+    Raises
+    ------
+    OptionError, PluginError, RankError
+        As on one machine; what fails on one rank fails on all.
+
+    Examples
+    --------
+    >>> from agglo_core import Pipeline, distributed, samples
+    >>> mesh = distributed.DistributedMesh.scatter(samples.squares(16))
+    >>> distributed.agglomerate(mesh, Pipeline(n_parts=(16, 4))).parts
+    [16, 4]
+    """
+    given = Pipeline() if pipeline is None else pipeline
+    known, ranks = default() if registry is None else registry, mesh.ranks
+    sent = replace(ranks.traffic)
+    first = ranks.rank == 0
+    with followed(progress if first else None, verbose and first) as listen, using_threads(threads):
+        start = started(mesh, given, known)
+        begun = start.begun(independent_of_ranks, block_cells)
+        with ranks.together():
+            run = given.new_run(known)
+        with phase(listen, "agglomerating") as tell:
+            ranks.since_last()
+            levels = made_levels(begun.stage, start.goals, DomainRun(given, run, start.kept), told=tell)
+        labels = [begun.of_own_cells(level.ids) for level in levels]
+    statistics = _of_all_ranks(ranks, run)
+    if first:
+        warn_of_large_cells(start.goals, replace(run, statistics=statistics))
+    return DistributedHierarchy(
+        mesh,
+        labels,
+        [level.numbering.bounds for level in levels],
+        [goal.record(level.numbering.parts) for goal, level in zip(start.goals, levels, strict=True)],
+        given.nested or len(levels) == 1,
+        asdict(statistics)
+        | {"bisector": short_name(given.bisector), "method": given.method}
+        | {"independent_of_ranks": begun.in_blocks}
+        | {"messages": ranks.traffic.messages - sent.messages, "bytes": ranks.traffic.bytes - sent.bytes}
+        | {"sent_by_level": [asdict(level.sent) for level in levels]},
+    )
+
+
+def _of_all_ranks(ranks: Ranks, run: Run) -> Statistics:
+    """Counts added up, the depth of the deepest rank, and of each phase the seconds of the slowest."""
+    every = ranks.gathered(run.statistics)
+    total = Statistics()
+    for name in (each.name for each in fields(Statistics) if each.name != "seconds"):
+        values = [getattr(each, name) for each in every]
+        setattr(total, name, max(values) if name == "depth" else sum(values))
+    for name in dict.fromkeys(name for each in every for name in each.seconds):
+        total.seconds[name] = max(each.seconds.get(name, 0.0) for each in every)
+    return total

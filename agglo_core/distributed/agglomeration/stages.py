@@ -1,0 +1,184 @@
+"""Stages of a distributed run: the domains that a level is made in, coarsened or joined on the way up.
+
+Which rank has which domain follows from their number alone, and the order of domains is that of ranks: ids of
+the parts of a level are consecutive on every rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.agglomeration.blocks_by_coordinates import rank_of_block
+from agglo_core.distributed.agglomeration.domain import Domain, joined
+from agglo_core.distributed.communication import Ranks
+
+__all__ = ["Numbering", "Return", "Stage", "moved"]
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """Global ids of the parts of a level, domain after domain.
+
+    Attributes
+    ----------
+    first : (count + 1,) int
+        First id of each domain, and the number of parts.
+    bounds : (size + 1,) int
+        First id of each rank, and the number of parts.
+    """
+
+    first: Int
+    bounds: Int
+
+    @property
+    def parts(self) -> int:
+        """Number of parts on all ranks."""
+        return int(self.first[-1])
+
+
+@dataclass(frozen=True)
+class Stage:
+    """All domains of a run at some time.
+
+    Attributes
+    ----------
+    ranks : Ranks
+    count : int
+        Number of domains on all ranks.
+    domains : mapping of number to Domain
+        Those of this rank.
+    """
+
+    ranks: Ranks
+    count: int
+    domains: Mapping[int, Domain]
+
+    def rank_of(self, domain: Int) -> Int:
+        """The ranks that have these domains."""
+        return rank_of_block(domain, self.count, self.ranks.size)
+
+    def of_all(self, asked: Callable[[Domain], Sequence[float]]) -> list[tuple[float, ...]]:
+        """What is asked of each domain, on every rank: one row for each domain of all ranks, in order."""
+        with self.ranks.together():
+            own = {number: tuple(asked(domain)) for number, domain in self.domains.items()}
+        rows = {number: row for told in self.ranks.gathered(own) for number, row in told.items()}
+        return [rows[number] for number in range(self.count)]
+
+    def numbered(self, labels: Mapping[int, Int]) -> Numbering:
+        """Ids for parts ``labels`` 0..k−1 of each own domain."""
+        own = {number: int(each.max(initial=-1)) + 1 for number, each in labels.items()}
+        counts = {number: k for told in self.ranks.gathered(own) for number, k in told.items()}
+        first = np.concatenate(([0], np.cumsum([counts[number] for number in range(self.count)])))
+        owner = self.rank_of(frozen_int(np.arange(self.count)))
+        return Numbering(
+            frozen_int(first), frozen_int(first[np.searchsorted(owner, np.arange(self.ranks.size + 1))])
+        )
+
+    def coarsened(self, labels: Mapping[int, Int], numbering: Numbering) -> Stage:
+        """The domains of agglomerates ``labels`` of each own domain."""
+        new = self._ids_beyond(labels, numbering)
+        with self.ranks.together():
+            domains = {
+                number: domain.coarsened(labels[number], int(numbering.first[number]), new[number])
+                for number, domain in self.domains.items()
+            }
+        return Stage(self.ranks, self.count, domains)
+
+    def _ids_beyond(self, labels: Mapping[int, Int], numbering: Numbering) -> dict[int, Int]:
+        """New ids of the nodes that the links of each domain lead to: each domain tells its neighbours."""
+        parcels: dict[int, list[tuple[int, int, Int, Int]]] = {}
+        for number, domain in self.domains.items():
+            for there in np.unique(domain.links.domain).tolist():
+                nodes = np.unique(domain.links.node[domain.links.domain == there])
+                new = numbering.first[number] + labels[number][nodes]
+                told = (number, there, domain.ids[nodes], new)
+                parcels.setdefault(int(self.rank_of(frozen_int(there))), []).append(told)
+        arrived = self.ranks.exchanged(parcels)
+        known = {(here, there): ids for each in arrived.values() for there, here, *ids in each}
+        found = {}
+        for number, domain in self.domains.items():
+            to = np.empty(len(domain.links.to), np.int64)
+            for there in np.unique(domain.links.domain).tolist():
+                which = np.flatnonzero(domain.links.domain == there)
+                old, new = known[number, there]
+                to[which] = new[np.searchsorted(old, domain.links.to[which])]
+            found[number] = frozen_int(to)
+        return found
+
+    def halved(self) -> tuple[Stage, Return]:
+        """Half as many domains, on half of the ranks if each has one: two neighbours become one."""
+        pieces = [(number // 2, domain) for number, domain in sorted(self.domains.items())]
+        return moved(self.ranks, pieces, (self.count + 1) // 2, lambda numbers: numbers // 2)
+
+
+@dataclass(frozen=True)
+class Return:
+    """The way back from joined domains to the pieces they were made of.
+
+    Attributes
+    ----------
+    sent : mapping of rank to list of int
+        Places of the pieces that this rank sent there, among all it sent.
+    received : mapping of rank to list of (int, (n,) int)
+        Which own domain each piece went to that came from there, and where its nodes are in it.
+    """
+
+    ranks: Ranks
+    sent: Mapping[int, Sequence[int]]
+    received: Mapping[int, Sequence[tuple[int, Int]]]
+
+    def brought(self, values: Mapping[int, Int]) -> list[Int]:
+        """Values of the nodes of each piece, as they were sent; ``values`` are by own domain."""
+        parcels = {
+            rank: [values[number][place] for number, place in pieces]
+            for rank, pieces in self.received.items()
+        }
+        arrived = self.ranks.exchanged(parcels)
+        pairs = [
+            (place, each)
+            for rank, found in arrived.items()
+            for place, each in zip(self.sent[rank], found, strict=True)
+        ]
+        return [each for _, each in sorted(pairs, key=lambda pair: pair[0])]
+
+
+def moved(
+    ranks: Ranks, pieces: Sequence[tuple[int, Domain]], count: int, renumbered: Callable[[Int], Int]
+) -> tuple[Stage, Return]:
+    """Pieces of domains sent to where the domains are to be, and joined there.
+
+    Parameters
+    ----------
+    ranks : Ranks
+    pieces : sequence of (int, Domain)
+        What this rank has, and the number of the domain each becomes part of; each domain gets one at least,
+        from whichever rank.
+    count : int
+        Number of domains on all ranks.
+    renumbered : callable
+        New numbers of the domains that links lead to.
+    """
+    sent: dict[int, list[int]] = {}
+    for place, (number, _) in enumerate(pieces):
+        sent.setdefault(int(rank_of_block(frozen_int(number), count, ranks.size)), []).append(place)
+    with ranks.together():
+        packed = {
+            rank: [(pieces[place][0], pieces[place][1].to_send()) for place in places]
+            for rank, places in sent.items()
+        }
+    arrived = ranks.exchanged(packed)
+    together: dict[int, list[Domain]] = {}
+    for number, piece in (each for found in arrived.values() for each in found):
+        together.setdefault(number, []).append(piece)
+    with ranks.together():
+        made = {number: joined(each, number, renumbered) for number, each in sorted(together.items())}
+    waiting = {number: iter(places) for number, (_, places) in made.items()}
+    received = {
+        rank: [(number, next(waiting[number])) for number, _ in found] for rank, found in arrived.items()
+    }
+    stage = Stage(ranks, count, {number: domain for number, (domain, _) in made.items()})
+    return stage, Return(ranks, sent, received)

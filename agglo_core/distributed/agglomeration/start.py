@@ -1,0 +1,124 @@
+"""Where a distributed run starts: rules and goals agreed upon, cells shared out among domains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from agglo_core.agglomeration import Pipeline
+from agglo_core.agglomeration.goals import CountGoal, Goal
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.constraints.metric import in_metric
+from agglo_core.distributed.agglomeration.blocks_by_coordinates import (
+    coordinate_blocks,
+    halvings,
+    rank_of_block,
+)
+from agglo_core.distributed.agglomeration.cells import Cells
+from agglo_core.distributed.agglomeration.domain import Domain
+from agglo_core.distributed.agglomeration.first_domains import first_domains
+from agglo_core.distributed.agglomeration.part_components import component_sizes
+from agglo_core.distributed.agglomeration.rules import Kept, kept_rules, with_ghosts
+from agglo_core.distributed.agglomeration.stages import Return, Stage, moved
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.registry import Registry
+
+__all__ = ["Beginning", "Start", "started"]
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Cells, rules and goals of a run, the same goals on every rank."""
+
+    mesh: DistributedMesh
+    cells: Cells
+    kept: Kept
+    goals: Sequence[Goal]
+
+    def begun(self, independent_of_ranks: bool | None, block_cells: int | None) -> Beginning:
+        """Domains by coordinates or as cells lie; None: by coordinates if all cells are where those go."""
+        if independent_of_ranks is False:
+            return self.where_they_lie()
+        ranks, mesh = self.cells.ranks, self.mesh
+        depth = halvings(mesh.n_cells, mesh.local.dim, block_cells)
+        block = coordinate_blocks(mesh.local.local_centroids[mesh.own], depth, ranks.reduced)
+        away = bool((rank_of_block(block, 1 << depth, ranks.size) != ranks.rank).any())
+        there = not any(ranks.gathered(away))
+        if independent_of_ranks is None and not there:
+            return self.where_they_lie()
+        return self._in_blocks(frozen_int(mesh.exchange(block)), 1 << depth, there=there)
+
+    def where_they_lie(self) -> Beginning:
+        """Each rank has one domain: its cells."""
+        ranks = self.cells.ranks
+        with ranks.together():
+            domains = first_domains(self.cells, self.kept, self.cells.owners, [ranks.rank])
+        return Beginning(self.cells, Stage(ranks, ranks.size, dict(domains)), domains, None, in_blocks=False)
+
+    def _in_blocks(self, block: Int, count: int, *, there: bool) -> Beginning:
+        """Domains are blocks ``(n,)`` of cells, sent to their ranks unless all are there."""
+        ranks, numbers = self.cells.ranks, frozen_int(np.arange(count))
+        ours = np.flatnonzero(rank_of_block(numbers, count, ranks.size) == ranks.rank)
+        with ranks.together():
+            pieces = first_domains(self.cells, self.kept, block, ours.tolist())
+        if there:
+            return Beginning(self.cells, Stage(ranks, count, dict(pieces)), pieces, None, in_blocks=True)
+        stage, way = moved(ranks, pieces, count, lambda numbers: numbers)
+        return Beginning(self.cells, stage, pieces, way, in_blocks=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Beginning:
+    """The first domains, and the way back from them to the cells of each rank.
+
+    Attributes
+    ----------
+    cells : Cells
+    stage : Stage
+    pieces : sequence of (int, Domain)
+        The own cells, by number of the domain.
+    way : Return or None
+        Back from the domains to the pieces; None if these are the same.
+    in_blocks : bool
+        Whether domains are blocks by coordinates.
+    """
+
+    cells: Cells
+    stage: Stage
+    pieces: Sequence[tuple[int, Domain]]
+    way: Return | None
+    in_blocks: bool
+
+    def of_own_cells(self, values: Mapping[int, Int]) -> Int:
+        """Values of the own cells of this rank, in the order of their ids; ``values`` are by own domain."""
+        way, ids = self.way, np.concatenate([piece.ids for _, piece in self.pieces])
+        found = [values[number] for number, _ in self.pieces] if way is None else way.brought(values)
+        return frozen_int(np.concatenate(found)[np.argsort(ids)])
+
+
+def started(mesh: DistributedMesh, given: Pipeline, registry: Registry) -> Start:
+    """The start of a run of ``given`` components and rules."""
+    ranks, local = mesh.ranks, mesh.local
+    pipeline = with_ghosts(given, mesh.exchange, len(mesh.own))
+    with ranks.together():
+        there = local.graph if pipeline.metric is None else in_metric(local, local.graph, pipeline.metric)
+    cells = Cells(ranks, there, mesh.global_ids, mesh.owners)
+    kept = kept_rules(cells, pipeline, local, registry)
+    goals = _goals(mesh, pipeline, cells, kept)
+    counts = isinstance(goals[0], CountGoal)
+    with ranks.together():
+        pipeline.mass(there)  # may refuse the weights of one rank
+    masses = pipeline.balanced(there, counts=counts, total=cells.total)
+    return Start(mesh, replace(cells, graph=masses), kept, goals)
+
+
+def _goals(mesh: DistributedMesh, pipeline: Pipeline, cells: Cells, kept: Kept) -> tuple[Goal, ...]:
+    def mesh_size() -> float:
+        if pipeline.metric is None:
+            return mesh.h
+        own = cells.graph.part_diameters(np.arange(cells.graph.n))[cells.own]
+        return cells.ranks.largest(float(own.max(initial=0.0)))
+
+    return pipeline.goals(mesh.n_cells, mesh_size, lambda: component_sizes(mesh, kept.forbidden))

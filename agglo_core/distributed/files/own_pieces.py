@@ -1,0 +1,87 @@
+"""One piece of a grid of VTK for each rank: what all ranks must agree upon, and what earlier ones left."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, fits_in_index, frozen_int
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.io.build.listed_faces import usual_values
+from agglo_core.io.file_checks import naming
+from agglo_core.io.tags import BRIDGES
+from agglo_core.io.vtk.document import Piece, write_document
+from agglo_core.io.vtk.grid_pieces import Share, piece_of
+from agglo_core.io.vtk.pvtu_write import piece_name, pvtu_list
+from agglo_core.io.vtk.vtu_write import face_stream, written_by_agglo
+
+__all__ = ["remove_pieces", "write_agreed", "write_pieces"]
+
+
+def write_pieces(
+    folder: Path,
+    stem: str,
+    mesh: DistributedMesh,
+    tags: Mapping[str, Int],
+    derived: Mapping[str, NDArray[Any]],
+    *,
+    compress: bool,
+) -> None:
+    """Write ``STEM.pvtu`` and in ``STEM/`` the own cells of each rank, with data of them ``(n_own,)``."""
+    ranks = mesh.ranks
+    share = Share(mesh.own, frozen_int(mesh.global_ids[mesh.own]), mesh.point_ids, _usual(mesh))
+    with ranks.together():
+        piece = piece_of(mesh.local, face_stream, tags, derived, share)
+    write_agreed(folder, stem, _with_loops(piece, mesh), ranks, compress=compress)
+
+
+def write_agreed(folder: Path, stem: str, piece: Piece, ranks: Ranks, *, compress: bool = False) -> None:
+    """Write ``STEM.pvtu`` and in ``STEM/`` the piece of each rank; names of arrays are the same on all.
+
+    Arrays get the same types, too: VTK looks at those of one piece.
+    """
+    data = {**piece.cell_data, **piece.derived}
+    wide = {name for name, each in data.items() if each.dtype == np.int64 and not fits_in_index(each)}
+    piece = piece._replace(wide=frozenset().union(*ranks.gathered(sorted(wide))))
+    sources = [piece_name(stem, rank) for rank in range(ranks.size)]
+    with ranks.together(), naming(Path(sources[ranks.rank])):
+        (folder / stem).mkdir(exist_ok=True)
+        write_document(folder / sources[ranks.rank], piece, compress=compress)
+        if ranks.rank == 0:
+            (folder / f"{stem}.pvtu").write_bytes(pvtu_list(piece, sources))
+
+
+def _usual(mesh: DistributedMesh) -> dict[str, int]:
+    """The value of face tags that is not written: the most common one of the first rank with cells."""
+    with mesh.ranks.together():
+        own = usual_values(mesh.local) if len(mesh.own) else None
+    found = [usual for usual in mesh.ranks.gathered(own) if usual is not None]
+    return found[0] if found else {}
+
+
+def _with_loops(piece: Piece, mesh: DistributedMesh) -> Piece:
+    """With the numbers of loops of its cells if another rank has them."""
+    told = mesh.ranks.gathered(BRIDGES in piece.cell_data)
+    if BRIDGES in piece.cell_data or not any(told):
+        return piece
+    single = frozen_int(np.ones(len(mesh.own)))
+    return piece._replace(cell_data={**piece.cell_data, BRIDGES: single})
+
+
+def remove_pieces(folder: Path, size: int) -> None:
+    """Remove pieces of ranks from ``size`` on, which an earlier writing left; may raise OSError."""
+    pattern = re.compile(re.escape(folder.name) + r"_(0|[1-9]\d*)\.vtu", re.ASCII)
+    for file in sorted(folder.iterdir()) if folder.is_dir() else ():
+        found = pattern.fullmatch(file.name)
+        if not found or int(found[1]) < size or file.is_symlink():
+            continue
+        if written_by_agglo(file, solutions=True):
+            file.unlink()
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()

@@ -1,0 +1,183 @@
+"""The pieces that ranks have read, joined to one distributed mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int, trusted_copy
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.distributed.mesh.halo import own_cells, part_of_whole
+from agglo_core.distributed.mesh.joining_ranks import joined_across
+from agglo_core.distributed.mesh.touching_ranks import outer_faces_touch
+from agglo_core.distributed.mesh.whole_cells import WholeCells
+from agglo_core.errors import FileError, MeshError
+from agglo_core.io.build.bridges import single_loops
+from agglo_core.io.build.listed_faces import usual_values
+from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.io.build.soup import Soup
+from agglo_core.io.file_checks import naming
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.vtk.joined_pieces import in_global_order
+from agglo_core.io.vtk.pieces import Stored, mesh_of_soup, soup_of_pieces
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import gather
+
+__all__ = ["mesh_of_pieces"]
+
+
+class _Own(NamedTuple):
+    """Cells of this rank as a mesh of their own, and what global ids its points and cells have."""
+
+    mesh: Mesh
+    point_ids: Int | None
+    cell_ids: Int | None
+
+
+def mesh_of_pieces(stored: Stored, file: Path, ranks: Ranks, *, allow_gaps: bool) -> DistributedMesh:
+    """Join the pieces of all ranks, of which this one has ``stored``, maybe none.
+
+    Raises
+    ------
+    FileError, MeshError
+        Naming the file; on other ranks RankError.
+    """
+    with ranks.together(), naming(file):
+        own = _own_cells(stored, file.stem, allow_gaps=allow_gaps)
+    told = ranks.gathered(None if own is None else _facts(own))
+    facts = [each for each in told if each is not None]
+    if not facts:
+        raise MeshError(f"{file}: the mesh is empty: none of its pieces has a cell")
+    if len({each.dim for each in facts}) > 1:
+        raise MeshError(f"{file}: some of its pieces are plane, others are solid")
+    tags = [name for name in facts[0].cell_tags if all(name in each.cell_tags for each in facts)]
+    with ranks.together(), naming(file):
+        usual = _common(facts)
+        given = _given(own, facts, tags, usual)
+    if all(each.point_ids for each in facts):
+        return _with_usual(DistributedMesh.from_local(ranks, **given, allow_gaps=allow_gaps), usual)
+    del given["point_ids"]
+    mesh = DistributedMesh.from_pieces(ranks, **given, allow_gaps=True)
+    if not allow_gaps and outer_faces_touch(_whole_own(mesh), ranks):
+        mesh = _without_gaps(mesh)
+    return _with_usual(mesh, usual)
+
+
+def _whole_own(mesh: DistributedMesh) -> WholeCells:
+    ids = mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids
+    return own_cells(mesh.local, *ids, mesh.ranks.rank)
+
+
+def _without_gaps(mesh: DistributedMesh) -> DistributedMesh:
+    """The same with outer faces that lie on one another made one, across ranks."""
+    ranks, whole = mesh.ranks, _whole_own(mesh)
+    alone = joined_across(whole, ranks, mesh.local.name)
+    own = None if alone is None else _Own(alone, None, whole.cells)
+    facts = [each for each in ranks.gathered(None if own is None else _facts(own)) if each is not None]
+    with ranks.together():
+        given = _given(own, facts, facts[0].cell_tags, dict.fromkeys(facts[0].usual, 0))
+    del given["point_ids"]
+    return DistributedMesh.from_pieces(ranks, **given)
+
+
+class _Facts(NamedTuple):
+    """What all ranks that have cells must know of one another."""
+
+    dim: int
+    point_ids: bool
+    cell_ids: bool
+    cell_tags: list[str]
+    usual: Mapping[str, int]
+
+
+def _facts(own: _Own) -> _Facts:
+    usual = usual_values(own.mesh)
+    return _Facts(
+        own.mesh.dim, own.point_ids is not None, own.cell_ids is not None, list(own.mesh.cell_tags), usual
+    )
+
+
+def _own_cells(stored: Stored, name: str, *, allow_gaps: bool) -> _Own | None:
+    soup, ghosts = soup_of_pieces(stored.pieces) if stored.pieces else (None, 0)
+    if soup is None or not len(soup.types):
+        return None
+    soup = in_global_order(soup if stored.ours else soup._replace(cell_ids=None))
+    merge = soup.point_ids is None
+    options: ReadOptions = {"merge_points": merge, "allow_gaps": True, "drop_flat": False}
+    mesh = mesh_of_soup(soup, ghosts, stored.left_out, name=name, **options)
+    if not (allow_gaps or merge) and mesh.conforming(merge_points=False).n_faces != mesh.n_faces:
+        raise FileError(
+            "outer faces of its pieces lie on one another, but global ids say that their points are not the "
+            "same: either they are to stay apart (allow_gaps=True), or rank 0 reads the file with "
+            "agglo.read, which joins them, and shares the mesh out"
+        )
+    point_ids = None if soup.point_ids is None else _of_used_points(soup, mesh)
+    return _Own(mesh, point_ids, soup.cell_ids)
+
+
+def _of_used_points(soup: Soup, mesh: Mesh) -> Int:
+    """Global ids of the points of the mesh, which come as in the file, without those that no cell uses."""
+    used = np.zeros(len(soup.points), bool)
+    used[soup.vertices] = used[soup.solids.vertices] = True
+    places = np.flatnonzero(used)
+    if not np.array_equal(soup.points[places, : mesh.dim], mesh.points):
+        raise FileError("points of lines or faces are not those of cells: global ids cannot be told")
+    assert soup.point_ids is not None
+    return frozen_int(soup.point_ids[places])
+
+
+def _common(facts: list[_Facts]) -> dict[str, int]:
+    """For each face tag of any rank the value that most faces of the first such rank have."""
+    common: dict[str, int] = {}
+    for each in facts:
+        common = {**each.usual, **common}
+    return common
+
+
+def _given(
+    own: _Own | None, facts: list[_Facts], tags: list[str], usual: Mapping[str, int]
+) -> dict[str, Any]:
+    """What this rank gives to :meth:`DistributedMesh.from_local`."""
+    if own is None:
+        return {"points": np.empty((0, 0)), "cells": [], "point_ids": []}
+    mesh = own.mesh
+    offsets, vertices, loops = single_loops(mesh) if mesh.dim == 2 else (None, None, np.ones(1))
+    return {
+        "points": mesh.points,
+        "cells": tuple(half_faces(mesh)) if mesh.dim == 3 else (offsets, vertices),
+        "point_ids": own.point_ids,
+        "cell_ids": own.cell_ids if all(each.cell_ids for each in facts) else None,
+        "cell_tags": {name: mesh.cell_tags[name] for name in tags},
+        "face_tags": {name: _listed(mesh, name, value) for name, value in usual.items()},
+        "weak": bool((loops > 1).any()),
+        "name": mesh.name,
+    }
+
+
+def _listed(mesh: Mesh, name: str, usual: int) -> tuple[tuple[Int, Int], Int]:
+    """Faces of another value than the usual one, as lists of points, and by how much they differ.
+
+    Where no cell of lower dimension says anything the tag is -1: so it is on ranks that have none of them.
+    """
+    values = mesh.face_tags.get(name, frozen_int(np.full(mesh.n_faces, -1)))
+    faces = frozen_int(np.flatnonzero(values != usual))
+    offsets, places = gather(mesh.face_offsets, faces)
+    return (offsets, frozen_int(mesh.face_vertices[places])), frozen_int(values[faces] - usual)
+
+
+def _with_usual(mesh: DistributedMesh, usual: Mapping[str, int]) -> DistributedMesh:
+    """With the usual values added; tags of faces that are hidden stay 0."""
+    local = mesh.local
+    if not any(usual.values()):
+        return mesh
+    tags = {
+        name: frozen_int(np.where(mesh.hidden, 0, values + usual[name]))
+        for name, values in local.face_tags.items()
+    }
+    changed = part_of_whole(trusted_copy(local, face_tags=tags), local.origin, mesh.hidden)
+    return replace(mesh, local=changed)

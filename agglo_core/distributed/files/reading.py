@@ -1,0 +1,99 @@
+"""Reading a distributed mesh: pieces by the ranks that are to have them, other files by rank 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from agglo_core.arrays import Int
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.files.pieces_read import mesh_of_pieces
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.errors import FileError
+from agglo_core.files.regular import file_bytes
+from agglo_core.io import read as read_whole
+from agglo_core.io.file_checks import naming
+from agglo_core.io.vtk.pvtu_read import sources_of, stored_piece, stored_together
+from agglo_core.registry import Registry
+
+__all__ = ["read"]
+
+
+def read(
+    path: str | PathLike[str],
+    ranks: Ranks | None = None,
+    *,
+    allow_gaps: bool = False,
+    registry: Registry | None = None,
+) -> DistributedMesh:
+    """Distributed mesh of a file; all ranks must call it with the same arguments.
+
+    The pieces of a ``.pvtu`` are shared out as they follow one another, about as many bytes to each rank:
+    a rank may get several, or none. Points with the same global id are one, where all pieces have such ids,
+    else those at exactly the same place, and vertices that hang on faces of other cells, on whichever ranks,
+    are inserted there as by :meth:`agglo_core.Mesh.conforming`. Cells are numbered as
+    :func:`agglo_core.read` does: by their global ids in files of :func:`write`, else piece by piece. A file
+    of any other format is read by rank 0 and shared out by coordinates, as by
+    :meth:`DistributedMesh.scatter`.
+
+    Parameters
+    ----------
+    path : path
+    ranks : Ranks, optional
+        By default those of ``MPI.COMM_WORLD``.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are. By default they are joined, as by
+        :func:`agglo_core.read`; pieces with global ids of points and with such faces are refused.
+    registry : Registry, optional
+        Where formats are looked up; by default the installed plugins.
+
+    Raises
+    ------
+    FileError, MeshError
+        As :func:`agglo_core.read`, naming the piece; what fails on one rank is a RankError on the others.
+
+    Examples
+    --------
+    >>> from agglo_core import distributed, samples, write
+    >>> write("squares.vtu", samples.squares(4))
+    >>> distributed.read("squares.vtu").n_cells
+    16
+    """
+    ranks = ranks or Ranks()
+    with ranks.together():
+        file = Path(path)
+        pieces = file.suffix.lower() == ".pvtu"
+        whole = None
+        if ranks.rank == 0 and not pieces:
+            whole = read_whole(file, allow_gaps=allow_gaps, registry=registry)
+    if not pieces:
+        return DistributedMesh.scatter(whole, ranks)
+    with ranks.together(), naming(file):
+        shares = _shared_out(file, ranks.size) if ranks.rank == 0 else []
+    own = ranks.from_first(shares)[ranks.rank]
+    with ranks.together(), naming(file):
+        stored = stored_together([stored_piece(file.parent, source) for source in own])
+    return mesh_of_pieces(stored, file, ranks, allow_gaps=allow_gaps)
+
+
+def _shared_out(file: Path, size: int) -> list[list[str]]:
+    """The pieces of each rank."""
+    sources = sources_of(file_bytes(file))
+    if not sources:
+        raise FileError("there is no Piece in it")
+    rank = _ranks_of([_bytes(file.parent / source) for source in sources], size)
+    return [[sources[i] for i in np.flatnonzero(rank == each)] for each in range(size)]
+
+
+def _ranks_of(weights: Sequence[int], size: int) -> Int:
+    """A rank for each weight, rising, so that each has about the same sum."""
+    ends = np.cumsum(weights, dtype=np.float64)
+    middles = ends - 0.5 * np.asarray(weights)
+    return np.asarray(np.minimum(size * middles / max(ends[-1], 1.0), size - 1), np.int64)
+
+
+def _bytes(piece: Path) -> int:
+    return piece.stat().st_size if piece.is_file() else 0

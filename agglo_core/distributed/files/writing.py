@@ -1,0 +1,163 @@
+"""Writing a distributed mesh and its hierarchy: one piece for each rank, one list of the pieces."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.files.own_pieces import remove_pieces, write_pieces
+from agglo_core.distributed.files.shared_staging import shared_staging
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.errors import FileError, MeshError, OptionError
+from agglo_core.io.atomic import check_replaceable
+from agglo_core.io.file_checks import naming
+from agglo_core.io.level_values import under_free_names
+from agglo_core.io.tags import BRIDGES, check_names, is_level, tags_and_levels
+from agglo_core.io.vtk.pvtu_write import PIECES
+
+if TYPE_CHECKING:
+    from agglo_core.distributed.agglomeration.hierarchy import DistributedHierarchy
+
+__all__ = ["check_parallel_target", "write"]
+
+_log = logging.getLogger("agglo")
+
+
+def write(
+    path: str | PathLike[str],
+    mesh: DistributedMesh,
+    hierarchy: DistributedHierarchy | None = None,
+    *,
+    compress: bool = False,
+) -> None:
+    """Write a distributed mesh, and its hierarchy if given, as ``.pvtu``; all ranks must call it.
+
+    Each rank writes its own cells to ``NAME/NAME_<rank>.vtu``, rank 0 the list ``NAME.pvtu``, which ParaView
+    opens. The cells carry their tags, the labels of all levels as ``level_0``, … and global ids, so that
+    :func:`agglo_core.read` gives the mesh as it was before it was shared out. With a hierarchy each coarse
+    mesh is written as ``NAME_level0.pvtu``, …, with label, parent, number of cells, measure and
+    diameter of each agglomerate. Files appear whole or not at all, the lists last.
+
+    Parameters
+    ----------
+    path : path
+        The same on all ranks, in a folder that all of them see.
+    mesh : DistributedMesh
+    hierarchy : DistributedHierarchy, optional
+        Of this mesh.
+    compress : bool
+        Smaller files, which take longer to write and to read.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be written. What fails on one rank fails on all, there with a RankError.
+    MeshError
+        If the hierarchy belongs to another mesh, or a cell tag has a name that the file cannot hold.
+
+    Examples
+    --------
+    >>> from agglo_core import distributed, read, samples
+    >>> mesh = distributed.DistributedMesh.scatter(samples.squares(4))
+    >>> distributed.write("squares.pvtu", mesh)
+    >>> read("squares.pvtu").n_cells
+    16
+    """
+    ranks = mesh.ranks
+    with ranks.together():
+        target = Path(path)
+        check_parallel_target(target)
+        if hierarchy is not None and hierarchy.mesh is not mesh:
+            raise MeshError(f"the hierarchy belongs to another mesh: {hierarchy.mesh!r}, not {mesh!r}")
+        levels = hierarchy.levels if hierarchy is not None else None
+        own = {name: frozen_int(values[mesh.own]) for name, values in mesh.local.cell_tags.items()}
+        tags = tags_and_levels(own, levels)
+        check_names(tags)
+        check_names(mesh.local.face_tags, "face")
+    with shared_staging(target, ranks) as folder:
+        write_pieces(folder, target.stem, mesh, tags, {}, compress=compress)
+        for level in range(len(levels) if levels is not None else 0):
+            assert hierarchy is not None
+            stem = f"{target.stem}_level{level}"
+            coarse, kept, known = _coarse(hierarchy, level, {BRIDGES, *filter(_no_level, own)})
+            write_pieces(folder, stem, coarse, kept, known, compress=compress)
+    with ranks.together():
+        if ranks.rank == 0:
+            _remove_stale(target, ranks.size, None if levels is None else len(levels))
+
+
+def check_parallel_target(target: Path) -> None:
+    """Raise OptionError or FileError unless a list of pieces can be written there."""
+    if target.suffix.lower() != ".pvtu":
+        raise OptionError(f"{target}: what lies on several ranks is written as .pvtu, not {target.suffix!r}")
+    if target.is_dir():
+        raise FileError(f"{target}: is a folder, expected a file name")
+    if not target.parent.is_dir():
+        raise FileError(f"{target}: the folder {target.parent} does not exist")
+    with naming(target):
+        check_replaceable(target)
+
+
+def _no_level(name: str) -> bool:
+    return not is_level(name)
+
+
+def _coarse(
+    hierarchy: DistributedHierarchy, level: int, taken: set[str]
+) -> tuple[DistributedMesh, Mapping[str, Int], Mapping[str, NDArray[Any]]]:
+    """The mesh of a level, tags of its own cells, and what is known of these agglomerates."""
+    coarse = hierarchy.mesh_of(level)
+    counts = _cells_of_parts(hierarchy, level)
+    parents = np.full(len(coarse.own), -1)
+    if hierarchy.nested and level + 1 < len(hierarchy.levels):
+        parents = np.asarray(hierarchy.parents(level))
+    with coarse.ranks.together():
+        local, own = coarse.local, coarse.own
+        known: dict[str, NDArray[Any]] = {
+            "agglomerate": coarse.global_ids[own],
+            "parent": parents,
+            "cells": counts,
+            "measure": local.cell_measures[own],
+            "diameter": local.cell_diameters[own],
+        }
+        tags = {name: frozen_int(each[own]) for name, each in local.cell_tags.items() if not is_level(name)}
+        return coarse, tags, under_free_names(known, taken)
+
+
+def _cells_of_parts(hierarchy: DistributedHierarchy, level: int) -> Int:
+    """Number of cells of each agglomerate that this rank has, on whatever ranks they lie."""
+    ranks, bounds = hierarchy.mesh.ranks, hierarchy.bounds[level]
+    parts, cells = np.unique(hierarchy.levels[level], return_counts=True)
+    owners = np.searchsorted(bounds, parts, side="right") - 1
+    parcels = {int(r): np.stack((parts[owners == r], cells[owners == r])) for r in np.unique(owners)}
+    counts = np.zeros(bounds[ranks.rank + 1] - bounds[ranks.rank], np.int64)
+    for part_ids, numbers in ranks.exchanged(parcels).values():
+        counts[part_ids - bounds[ranks.rank]] += numbers
+    return frozen_int(counts)
+
+
+def _remove_stale(target: Path, size: int, levels: int | None) -> None:
+    """Remove pieces of more ranks, and levels of a deeper hierarchy, that an earlier writing left."""
+    stem = re.escape(target.stem)
+    for file in sorted(target.parent.glob("*.pvtu")):
+        found = re.fullmatch(stem + r"(?:_level(0|[1-9]\d*))?\.pvtu", file.name, re.ASCII)
+        if found is None:
+            continue
+        stale = found[1] is not None and levels is not None and levels <= int(found[1])
+        fresh = found[1] is None or (levels is not None and not stale)
+        try:
+            if stale and file.read_bytes()[: len(PIECES)] == PIECES:
+                file.unlink()
+                _log.info("removed %s, a level of an earlier hierarchy", file)
+            if stale or fresh:
+                remove_pieces(target.parent / file.stem, 0 if stale else size)
+        except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
+            _log.warning("cannot remove what an earlier writing left of %s: %s", file, error.strerror)

@@ -1,0 +1,1 @@
+"""Meshes across ranks: cells, ghosts, shared faces and points, redistribution."""

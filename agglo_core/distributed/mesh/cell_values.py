@@ -1,0 +1,128 @@
+"""Values of cells that lie on several ranks: own ones, those of ghosts, all."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import Int, frozen, frozen_int, plain_array
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.whole_cells import distinct
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+
+__all__ = ["CellValues"]
+
+
+class CellValues:
+    """The part of :class:`~agglo_core.distributed.DistributedMesh` that knows whose ghosts its cells are."""
+
+    ranks: Ranks
+    local: Mesh
+    global_ids: Int
+    owners: Int
+
+    @cached_property
+    def own(self) -> Int:
+        """Places of the own cells in the local mesh ``(n_own,)``, rising."""
+        return frozen_int(np.flatnonzero(self.owners == self.ranks.rank))
+
+    @cached_property
+    def h(self) -> float:
+        """Mesh size: the largest diameter of a cell of the whole mesh. All ranks must ask for it."""
+        return self.ranks.largest(float(self.local.cell_diameters[self.own].max(initial=0.0)))
+
+    @cached_property
+    def ghosts_elsewhere(self) -> dict[int, Int]:
+        """Which own cells are ghosts of each other rank: places among the own ones, rising."""
+        sides = np.append(self.owners, -1)[self.local.face_cells]
+        here = self.ranks.rank
+        face, side = np.nonzero((sides == here) & (sides[:, ::-1] != here) & (sides[:, ::-1] >= 0))
+        to, cell = sides[face, 1 - side], self.local.face_cells[face, side]
+        return {
+            int(rank): frozen_int(np.searchsorted(self.own, distinct(cell[to == rank])))
+            for rank in distinct(to)
+        }
+
+    def exchange(self, values: ArrayLike) -> NDArray[Any]:
+        """Values of all local cells ``(n_local, …)``: ghosts get those of their owners.
+
+        Parameters
+        ----------
+        values : (n_own, …)
+            Of the own cells, by rising global id.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> from agglo_core.distributed import DistributedMesh
+        >>> whole = DistributedMesh.scatter(samples.squares(2))
+        >>> whole.exchange([5, 6, 7, 8]).tolist()
+        [5, 6, 7, 8]
+        """
+        own = self.checked(values)
+        arrived = self.ranks.exchanged({rank: own[cells] for rank, cells in self.ghosts_elsewhere.items()})
+        everything = np.empty((len(self.owners), *own.shape[1:]), own.dtype)
+        everything[self.own] = own
+        for rank, found in arrived.items():
+            everything[self.owners == rank] = found
+        return frozen(everything, everything.dtype)
+
+    def gather(self, values: ArrayLike) -> NDArray[Any]:
+        """Values of all cells of the mesh ``(n_cells, …)`` by global id, on every rank: for small meshes.
+
+        Parameters
+        ----------
+        values : (n_own, …)
+            Of the own cells, by rising global id.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
+
+        Examples
+        --------
+        >>> from agglo_core import samples
+        >>> from agglo_core.distributed import DistributedMesh
+        >>> DistributedMesh.scatter(samples.squares(2)).gather([5, 6, 7, 8]).tolist()
+        [5, 6, 7, 8]
+        """
+        parts = self.ranks.gathered((self.global_ids[self.own], self.checked(values)))
+        order = np.argsort(np.concatenate([ids for ids, _ in parts]))
+        return np.concatenate([own for _, own in parts])[order]
+
+    def checked(self, values: ArrayLike) -> NDArray[Any]:
+        """Values of the own cells as an array ``(n_own, …)``, of one type and as wide on all ranks.
+
+        Raises
+        ------
+        MeshError
+            If there are not as many values as own cells, on other ranks RankError; on all if ranks differ in
+            the shape of a value.
+        """
+        here, n = self.ranks.rank, len(self.own)
+        with self.ranks.together():
+            array = plain_array(values, f"rank {here}: values")
+            if array.ndim == 0 or len(array) != n:
+                raise MeshError(f"rank {here} has {n} own cells, but the values have shape {array.shape}")
+        kinds = self.ranks.gathered((array.shape[1:], array.dtype) if n else None)
+        given = [(rank, *kind) for rank, kind in enumerate(kinds) if kind is not None]
+        first, shape, _ = given[0]
+        for rank, other, _ in given:
+            if other != shape:
+                raise MeshError(
+                    f"values of a cell have shape {shape} on rank {first}, {other} on rank {rank}"
+                )
+        dtype = np.result_type(*(kind for _, _, kind in given))
+        return array.astype(dtype, copy=False) if n else np.empty((0, *shape), dtype)

@@ -1,0 +1,179 @@
+"""The cells that each rank gives: checked together, and built as a mesh in the order of their global ids."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.shared_points import check_ids, numbered_by_place
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import (
+    check_finite,
+    check_indices,
+    check_offsets,
+    check_points,
+    check_tags,
+    whole_numbers,
+)
+from agglo_core.mesh.elements import Polyhedra, gather, take_cells
+from agglo_core.mesh.polygons import loops_as_csr
+from agglo_core.mesh.polyhedra import solids_as_csr
+
+__all__ = ["GivenCells", "given_cells"]
+
+
+class GivenCells(NamedTuple):
+    """Cells of one rank as a mesh, cells and points by rising global id."""
+
+    mesh: Mesh
+    cells: Int  # global ids
+    points: Int  # global ids
+    numbers: Int  # (n_given_points,) number in the mesh of each point given, -1 if no cell uses it
+
+
+class _Lists(NamedTuple):
+    """Cells as they were given, in lists: vertices of polygons, or loops of polyhedra and their vertices."""
+
+    points: Float
+    point_ids: Int
+    offsets: tuple[Int, ...]
+    vertices: Int
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.offsets[0]) - 1
+
+    @property
+    def dim(self) -> int:
+        return int(self.points.shape[1])
+
+    def ordered(self, order: Int) -> _Lists:
+        """The same with the cells in this order."""
+        if self.dim == 3:
+            solids = Polyhedra(self.offsets[0], self.offsets[1], self.vertices)
+            cells, loops, vertices = take_cells(solids, order)
+            return self._replace(offsets=(cells, loops), vertices=vertices)
+        offsets, places = gather(self.offsets[0], order)
+        return self._replace(offsets=(offsets,), vertices=self.vertices[places])
+
+    def mesh(self, tags: Mapping[str, Int], name: str, *, weak: bool) -> Mesh:
+        """The cells as a mesh that knows nothing of other ranks."""
+        if not self.n_cells:
+            nothing = frozen_int([0]), frozen_int([]), np.empty((0, 2), np.int64)
+            return trusted(Mesh, self.points, *nothing, tags)
+        build: Callable[..., Mesh] = (
+            Mesh.from_polyhedra if self.dim == 3 else partial(Mesh.from_polygons, weak=weak)
+        )
+        cells = (*self.offsets, self.vertices)
+        return build(self.points, cells, cell_tags=tags, merge_points=False, allow_gaps=True, name=name)
+
+
+def given_cells(
+    points: ArrayLike,
+    cells: Any,
+    point_ids: ArrayLike | None,
+    cell_ids: ArrayLike | None,
+    cell_tags: Mapping[str, ArrayLike] | None,
+    ranks: Ranks,
+    *,
+    weak: bool,
+    name: str,
+) -> GivenCells:
+    """The cells of this rank; arguments and errors are those of :meth:`DistributedMesh.from_local`.
+
+    Without ``point_ids``, on all ranks, points at exactly the same place are one.
+    """
+    with ranks.together():
+        lists = _listed(points, cells, point_ids)
+    dim = _agreed([each or None for each in ranks.gathered(lists.dim)], "a mesh in {} dimensions", ranks)
+    if not lists.n_cells:
+        lists = lists._replace(points=np.empty((0, dim)), offsets=(frozen_int([0]),) * (dim - 1))
+    if point_ids is None:
+        lists = lists._replace(point_ids=numbered_by_place(lists.points, ranks))
+    counts = ranks.gathered(lists.n_cells)
+    tagged = ranks.gathered(sorted(cell_tags or {}) if lists.n_cells else None)
+    names = _agreed(tagged, "cell tags {}", ranks)
+    with ranks.together():
+        ids = _ids(cell_ids, counts, ranks.rank)
+        tags = check_tags(
+            "cell", cell_tags or {} if lists.n_cells else dict.fromkeys(names, ids), lists.n_cells
+        )
+    check_ids(ids, sum(counts), ranks)
+    order = frozen_int(np.argsort(ids, kind="stable"))
+    tags = {key: values[order] for key, values in tags.items()}
+    with ranks.together():
+        distinct, known, numbers = _distinct(lists)
+        try:
+            mesh = distinct.ordered(order).mesh(tags, name, weak=weak)
+        except MeshError:
+            # likely to fail for the same reason, which is then told in numbers that the caller knows
+            lists.mesh({}, name, weak=weak)
+            raise
+    return GivenCells(mesh, ids[order], known, numbers)
+
+
+def _listed(points: ArrayLike, cells: Any, point_ids: ArrayLike | None) -> _Lists:
+    if not len(cells) or (isinstance(cells, tuple) and len(cells[0]) < 2):
+        return _Lists(np.empty((0, 0)), frozen_int([]), (frozen_int([0]),), frozen_int([]))
+    where = check_points(points)
+    ids = whole_numbers(np.arange(len(where)) if point_ids is None else point_ids, "point_ids")
+    if len(ids) != len(where):
+        raise MeshError(f"there are {len(where)} points, but {len(ids)} point_ids")
+    *offsets, vertices = (solids_as_csr if where.shape[1] == 3 else loops_as_csr)(cells)
+    for each, entries in pairwise([*offsets, vertices]):
+        check_offsets(each, len(entries) - (entries is not vertices), "cell")
+    first = offsets[0] if len(offsets) == 1 else offsets[1][offsets[0]]
+    check_indices(first, vertices, len(where))
+    check_finite(where, vertices)
+    return _Lists(where, ids, tuple(offsets), vertices)
+
+
+def _agreed(given: list[Any], what: str, ranks: Ranks) -> Any:
+    """What all ranks that have cells give, or MeshError on all."""
+    told = [(rank, each) for rank, each in enumerate(given) if each is not None]
+    if not told:
+        raise MeshError("the mesh is empty: no rank has a cell")
+    (first, said), *others = told
+    for rank, each in others:
+        if each != said:
+            raise MeshError(f"rank {first} has {what.format(said)}, rank {rank} {what.format(each)}")
+    return said
+
+
+def _ids(given: ArrayLike | None, counts: list[int], rank: int) -> Int:
+    """Global ids of the cells; without any given they are numbered rank after rank."""
+    if given is None:
+        return frozen_int(np.arange(counts[rank]) + sum(counts[:rank]))
+    ids = whole_numbers(given, "cell_ids")
+    if len(ids) != counts[rank]:
+        raise MeshError(f"there are {counts[rank]} cells, but {len(ids)} cell_ids")
+    return ids
+
+
+def _distinct(lists: _Lists) -> tuple[_Lists, Int, Int]:
+    """The cells with each point in use listed once; its global id; the new number of each point given."""
+    used = np.zeros(len(lists.points), bool)
+    used[lists.vertices] = True
+    rows = np.flatnonzero(used)
+    known, first, number = np.unique(lists.point_ids[rows], return_index=True, return_inverse=True)
+    points = lists.points[rows[first]]
+    wrong = np.flatnonzero((lists.points[rows] != points[number]).any(axis=1))
+    if len(wrong):
+        one, other = rows[first[number[wrong[0]]]], rows[wrong[0]]
+        raise MeshError(
+            f"points {one} and {other} have the global id {lists.point_ids[one]}, but are at different "
+            f"places: {lists.points[one].tolist()} and {lists.points[other].tolist()}"
+        )
+    numbers = np.full(len(lists.points), -1)
+    numbers[rows] = number
+    vertices = frozen_int(numbers[lists.vertices])
+    distinct = lists._replace(points=frozen_float(points), point_ids=frozen_int(known), vertices=vertices)
+    return distinct, frozen_int(known), frozen_int(numbers)

@@ -1,0 +1,142 @@
+"""Ghosts: cells of other ranks that share a face with an own one, and the mesh of own cells and ghosts."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen, frozen_float, frozen_int, trusted
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, parcels, places, taken
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import gather
+
+__all__ = [
+    "LocalMesh",
+    "all_cells",
+    "common_origin",
+    "faces_of",
+    "ghosts",
+    "local_mesh",
+    "own_cells",
+    "part_of_whole",
+]
+
+
+class LocalMesh(NamedTuple):
+    """A mesh of own cells and ghosts; ``hidden (n_faces,)`` are faces to cells that are not in it."""
+
+    mesh: Mesh
+    hidden: Mask
+
+
+def ghosts(own: WholeCells, ranks: Ranks) -> list[WholeCells]:
+    """The ghosts of this rank, from each rank that has some: nobody asks, as faces know both ranks."""
+    sides = own.face_owners
+    border = np.flatnonzero(((sides != ranks.rank) & (sides >= 0)).any(axis=1))
+    one = (sides[border, 1] == ranks.rank).astype(np.int64)  # the side of border faces that is own
+    cells = places(own.face_cells[border, one], own.cells)
+    near = _near(own, distinct(cells))
+    to, where = sides[border, 1 - one], places(own.cells[cells], near.cells)
+    rows, ends = faces_of(near)
+    offsets, entries = gather(ends, where)
+    faces = frozen_int(np.repeat(to, np.diff(offsets))), frozen_int(rows[entries])
+    return list(ranks.exchanged(parcels(near, (to, where), faces)).values())
+
+
+def _near(own: WholeCells, cells: Int) -> WholeCells:
+    """Only the cells at these places."""
+    chosen = np.zeros(len(own.cells) + 1, bool)
+    chosen[cells] = True
+    faces = chosen[places(own.face_cells, own.cells)].any(axis=1)
+    return taken(own, cells, frozen_int(np.flatnonzero(faces)))
+
+
+def faces_of(whole: WholeCells) -> tuple[Int, Int]:
+    """Faces cell by cell, and where those of each cell begin ``(n + 1,)``."""
+    sides = places(whole.face_cells, whole.cells).ravel()
+    order = np.argsort(sides, kind="stable")
+    ends = np.searchsorted(sides[order], np.arange(len(whole.cells) + 1))
+    return frozen_int(order // 2), frozen_int(ends)
+
+
+def own_cells(
+    mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int, rank: int
+) -> WholeCells:
+    """The own cells of a local mesh, without its ghosts."""
+    everything = all_cells(mesh, global_ids, owners, point_ids, face_ids)
+    cells = np.flatnonzero(owners == rank)
+    faces = np.flatnonzero((everything.face_owners == rank).any(axis=1))
+    return taken(everything, frozen_int(cells), frozen_int(faces))
+
+
+def all_cells(mesh: Mesh, global_ids: Int, owners: Int, point_ids: Int, face_ids: Int) -> WholeCells:
+    """The cells of a local mesh, ghosts and all; nothing lies beyond their hidden faces."""
+    sides = mesh.face_cells
+    rank_of = np.append(owners, -1)
+    number = np.append(global_ids, -1)
+    return WholeCells(
+        global_ids,
+        owners,
+        mesh.cell_tags,
+        face_ids,
+        mesh.face_offsets,
+        mesh.face_vertices,
+        frozen_int(number[sides]),
+        frozen_int(rank_of[sides]),
+        mesh.face_tags,
+        point_ids,
+        mesh.points,
+    )
+
+
+def local_mesh(whole: WholeCells, origin: Float, name: str) -> LocalMesh:
+    """The cells as a mesh.
+
+    A face of a ghost to a cell that is not here becomes an outer face: where that cell was its owner, the
+    loop is turned round, as the owner must be here. Such faces are in no tag. Own cells see none of this:
+    all their neighbours are here.
+    """
+    sides = places(whole.face_cells, whole.cells)
+    hidden: Mask = np.asarray(((sides < 0) & (whole.face_cells >= 0)).any(axis=1))
+    turned = sides[:, 0] < 0
+    mesh = trusted(
+        Mesh,
+        whole.coordinates,
+        whole.face_offsets,
+        _turned(whole.face_offsets, whole.face_vertices, turned),
+        frozen_int(np.where(turned[:, None], sides[:, ::-1], sides)),
+        cell_tags=whole.cell_tags,
+        face_tags={key: np.where(hidden, 0, values) for key, values in whole.face_tags.items()},
+        name=name,
+    )
+    return LocalMesh(part_of_whole(mesh, origin, hidden), hidden)
+
+
+def part_of_whole(mesh: Mesh, origin: Float, hidden: Mask) -> Mesh:
+    """The same mesh, whose cached properties say what it cannot know by itself.
+
+    Geometry relative to the centre of the whole mesh is the same on any number of ranks; hidden faces are not
+    on the boundary.
+    """
+    mesh.__dict__["origin"] = origin
+    mesh.__dict__["outer_faces"] = frozen((mesh.face_cells[:, 1] < 0) & ~hidden, np.bool_)
+    return mesh
+
+
+def _turned(offsets: Int, vertices: Int, turned: Mask) -> Int:
+    if not turned.any():
+        return vertices
+    sizes = np.diff(offsets)
+    position = np.arange(len(vertices))
+    mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - position
+    return frozen_int(vertices[np.where(np.repeat(turned, sizes), mirrored, position)])
+
+
+def common_origin(own: WholeCells, ranks: Ranks) -> Float:
+    """Centre ``(d,)`` of the bounding box of the own cells of all ranks."""
+    x = own.coordinates
+    box = [(column.min(initial=np.inf), column.max(initial=-np.inf)) for column in x.T]
+    boxes = np.array(ranks.gathered(np.array(box)))  # (size, d, 2)
+    return frozen_float(0.5 * (boxes[:, :, 0].min(axis=0) + boxes[:, :, 1].max(axis=0)))

@@ -1,0 +1,111 @@
+"""Outer faces that lie on one another made one, on whichever ranks their cells are.
+
+Each rank decides about the faces of its own cells, looking at the cells of others that touch them. Both sides
+of a face come to the same: a vertex that hangs there is a point that one of them has.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Int, Mask, frozen_int, trusted_copy
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.halo import common_origin, local_mesh
+from agglo_core.distributed.mesh.touching_ranks import cells_near
+from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, taken
+from agglo_core.errors import MeshError
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.conforming import TOLERANCE, reach
+from agglo_core.mesh.touching import facing_pairs, find_contacts, outer_faces
+
+__all__ = ["joined_across"]
+
+
+def joined_across(own: WholeCells, ranks: Ranks, name: str) -> Mesh | None:
+    """Own cells, with all points that hang on their faces, as a mesh that ends where others begin.
+
+    Parameters
+    ----------
+    own : WholeCells
+        The cells of this rank, which know their neighbours on others.
+    ranks : Ranks
+    name : str
+        Of the mesh.
+
+    Returns
+    -------
+    Mesh or None
+        Cells in the same order; None if there are none.
+
+    Raises
+    ------
+    MeshError
+        As :meth:`agglo_core.Mesh.conforming`; on other ranks RankError.
+    """
+    near, origin = cells_near(own, ranks), common_origin(own, ranks)
+    with ranks.together():
+        if not len(own.cells):
+            return None
+        whole = joined([own, near])
+        mesh, hidden = local_mesh(whole, origin, name)
+        is_own = whole.owners == ranks.rank
+        shut = hidden | _not_ours(mesh, hidden, is_own)
+        try:
+            together = _shut(trusted_copy(mesh, cell_tags={}), shut).conforming(merge_points=True)
+        except MeshError as error:
+            raise MeshError(
+                f"{error} (cells are counted on this rank, with those of others beside)"
+            ) from None
+        return _cells_of(together, own, whole, is_own)
+
+
+def _shut(mesh: Mesh, faces: Mask) -> Mesh:
+    """With one more cell behind these outer faces, so that they are outer no more."""
+    sides = mesh.face_cells.copy()
+    sides[faces, 1] = mesh.n_cells
+    return trusted_copy(mesh, face_cells=frozen_int(sides))
+
+
+def _not_ours(mesh: Mesh, hidden: Mask, is_own: Mask) -> Mask:
+    """Outer faces of others in space that are no tiles of an own face, nor the same.
+
+    A large one is its owner's to split: here some of those that lie on it may be missing. In the plane each
+    edge is cut at the points on it, whatever becomes of others.
+    """
+    shut = np.zeros(mesh.n_faces, bool)
+    if mesh.dim == 2:
+        return shut
+    outer = outer_faces(_shut(mesh, hidden))
+    owner = mesh.face_cells[outer.faces, 0]
+    pairs = facing_pairs(outer)
+    pairs = frozen_int(pairs[is_own[owner[pairs]].sum(axis=1) == 1])
+    found = find_contacts(outer, pairs, reach(mesh, outer, pairs, TOLERANCE))
+    others = ~is_own[owner[found.pairs]]
+    shut[outer.faces[~is_own[owner]]] = True
+    shut[outer.faces[found.pairs[others & (found.share > 1 - found.slack[:, None])]]] = False
+    return shut
+
+
+def _cells_of(mesh: Mesh, own: WholeCells, whole: WholeCells, is_own: Mask) -> Mesh:
+    """The own cells of a mesh of own and other ones, with their tags."""
+    number = np.append(np.where(is_own, np.cumsum(is_own) - 1, -1), (-1, -1))  # shut faces, and -1
+    sides = frozen_int(number[mesh.face_cells])
+    alone = WholeCells(
+        frozen_int(np.arange(len(own.cells))),
+        own.owners,
+        own.cell_tags,
+        _numbers(mesh.n_faces),
+        mesh.face_offsets,
+        mesh.face_vertices,
+        sides,
+        sides,
+        mesh.face_tags,
+        _numbers(mesh.n_points),
+        mesh.points,
+    )
+    faces = frozen_int(np.flatnonzero((sides >= 0).any(axis=1)))
+    return local_mesh(taken(alone, alone.cells, faces), mesh.origin, mesh.name).mesh
+
+
+def _numbers(n: int) -> Int:
+    return frozen_int(np.arange(n))

@@ -1,0 +1,160 @@
+"""Cells that each rank gives by itself, joined to one mesh across the ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.given_cells import GivenCells
+from agglo_core.distributed.mesh.shared_faces import Beyond, FaceKeys, cells_beyond, face_keys
+from agglo_core.distributed.mesh.shared_points import shared_points
+from agglo_core.distributed.mesh.whole_cells import WholeCells, distinct, places
+from agglo_core.errors import MeshError
+from agglo_core.mesh.checks import check_offsets, whole_numbers
+from agglo_core.mesh.elements import gather
+from agglo_core.mesh.polygons import loops_as_csr
+
+__all__ = ["FaceTags", "across_ranks"]
+
+FaceTags = Mapping[str, tuple[Any, ArrayLike]]
+"""For each name faces, lists of their points, and their values."""
+
+
+def across_ranks(given: GivenCells, face_tags: FaceTags | None, ranks: Ranks) -> WholeCells:
+    """The cells of this rank, their faces numbered and oriented as if all cells had been given in one place.
+
+    A face belongs to the one of its cells with the smaller global id; faces follow the cells that they
+    belong to, in the order of the faces of each.
+    """
+    mesh, offsets = given.mesh, given.mesh.face_offsets
+    vertices = given.points[mesh.face_vertices]
+    names = sorted(set().union(*ranks.gathered(set(face_tags or {}))))
+    with ranks.together():
+        tags = _listed_tags(face_tags or {}, names, given, vertices)
+    cells = np.append(given.cells, -1)[mesh.face_cells]
+    shared = shared_points(given.points, mesh.points, ranks)[mesh.face_vertices]
+    if mesh.n_faces:  # a face may have a cell of another rank if that knows all its points
+        shared = np.logical_and.reduceat(shared, offsets[:-1])
+    near = frozen_int(np.flatnonzero(shared))
+    loops, entries = gather(offsets, near)
+    found = cells_beyond(vertices[entries], loops, frozen_int(cells[near]), tags[near], near, ranks)
+    tags[near] = np.where(tags[near] != 0, tags[near], found.tags)
+    across = found.cells >= 0
+    beyond = Beyond(*(each[across] for each in found))
+    border = frozen_int(near[across])
+    mine = np.ones(mesh.n_faces, bool)
+    mine[border] = cells[border, 0] < beyond.cells
+    faces = _numbered(cells[:, 0], mine, ranks)
+    faces, vertices = _from_owners(faces, mine, offsets, vertices, border, beyond, ranks)
+    sides, owners = _sides(cells, border, beyond, ranks.rank)
+    order = np.argsort(faces)
+    new_offsets, entries = gather(offsets, frozen_int(order))
+    return WholeCells(
+        given.cells,
+        frozen_int(np.full(len(given.cells), ranks.rank)),
+        mesh.cell_tags,
+        frozen_int(faces[order]),
+        new_offsets,
+        places(frozen_int(vertices[entries]), given.points),
+        frozen_int(sides[order]),
+        frozen_int(owners[order]),
+        {name: frozen_int(tags[order, k]) for k, name in enumerate(names)},
+        given.points,
+        mesh.points,
+    )
+
+
+def _listed_tags(
+    face_tags: FaceTags, names: list[str], given: GivenCells, vertices: Int
+) -> NDArray[np.int64]:
+    """Tags ``(n_faces, len(names))`` of faces given by their points; 0 on those that are not listed."""
+    tags = np.zeros((given.mesh.n_faces, len(names)), np.int64)
+    if not face_tags:
+        return tags
+    keys = face_keys(vertices, given.mesh.face_offsets)
+    for name, (faces, values) in face_tags.items():
+        column = tags[:, names.index(name)]
+        found = _listed(f"face tag {name!r}", faces, given, keys)
+        said = whole_numbers(values, f"face tag {name!r}")
+        if len(said) != len(found):
+            raise MeshError(f"face tag {name!r} lists {len(found)} faces, but {len(said)} values")
+        column[found] = said
+        if (column[found] != said).any():
+            raise MeshError(f"face tag {name!r} lists a face twice, with different values")
+    return tags
+
+
+def _listed(what: str, faces: Any, given: GivenCells, keys: FaceKeys) -> Int:
+    """Numbers of faces given as lists of points."""
+    offsets, points = loops_as_csr(faces)
+    check_offsets(offsets, len(points), "face")
+    known = (points >= 0) & (points < len(given.numbers))
+    known[known] = given.numbers[points[known]] >= 0
+    if not known.all():
+        raise MeshError(f"{what}: no cell of this rank has point {points[np.argmin(known)]}")
+    found = _found(face_keys(given.points[given.numbers[points]], offsets), keys)
+    if len(found) and found.min() < 0:
+        row = int(np.argmin(found))
+        loop = points[offsets[row] : offsets[row + 1]].tolist()
+        raise MeshError(f"{what}: no cell of this rank has a face with the points {loop}")
+    return found
+
+
+def _found(sought: FaceKeys, keys: FaceKeys) -> Int:
+    """Place of each face among those with these keys, or -1."""
+    if not len(sought.low):
+        return frozen_int([])
+    every = np.concatenate((keys.low, sought.low)), np.concatenate((keys.mixed, sought.mixed))
+    order = np.lexsort(every[::-1])
+    low, mixed = (each[order] for each in every)
+    new = np.concatenate(([True], (low[1:] != low[:-1]) | (mixed[1:] != mixed[:-1])))
+    first = order[np.flatnonzero(new)][np.cumsum(new) - 1]  # the sort is stable: known faces come first
+    found = np.empty(len(order), np.int64)
+    found[order] = np.where(first < len(keys.low), first, -1)
+    return frozen_int(found[len(keys.low) :])
+
+
+def _numbered(owner: Int, mine: NDArray[np.bool_], ranks: Ranks) -> Int:
+    """Numbers of the faces that belong to own cells, -1 for others; they come in the order of these cells."""
+    own = owner[mine]
+    rank = np.arange(len(own)) - np.searchsorted(own, own)
+    most = int(ranks.largest(float(rank.max(initial=0)))) + 1
+    faces = np.full(len(owner), -1)
+    faces[mine] = own * most + rank
+    return frozen_int(faces)
+
+
+def _from_owners(
+    faces: Int,
+    mine: NDArray[np.bool_],
+    offsets: Int,
+    vertices: Int,
+    border: Int,
+    beyond: Beyond,
+    ranks: Ranks,
+) -> tuple[Int, Int]:
+    """Numbers and points of all faces: where a face belongs to a cell of another rank, as they are there."""
+    parcels = {}
+    for rank in distinct(beyond.ranks).tolist():
+        told = np.flatnonzero((beyond.ranks == rank) & mine[border])
+        at = border[told]
+        parcels[rank] = beyond.faces[told], faces[at], vertices[gather(offsets, at)[1]]
+    faces, vertices = faces.copy(), vertices.copy()
+    for at, numbers, loops in ranks.exchanged(parcels).values():
+        faces[at] = numbers
+        vertices[gather(offsets, at)[1]] = loops
+    return faces, vertices
+
+
+def _sides(cells: Int, border: Int, beyond: Beyond, rank: int) -> tuple[Int, Int]:
+    """Both cells of each face and the ranks that have them, the owner first."""
+    sides, owners = cells.copy(), np.where(cells >= 0, rank, -1)
+    sides[border, 1], owners[border, 1] = beyond.cells, beyond.ranks
+    turned = border[beyond.cells < cells[border, 0]]
+    sides[turned], owners[turned] = sides[turned, ::-1], owners[turned, ::-1]
+    return sides, owners

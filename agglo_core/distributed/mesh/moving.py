@@ -1,0 +1,104 @@
+"""Cells that move to other ranks, as they are or joined to agglomerates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, parcels, places
+from agglo_core.errors import MeshError
+from agglo_core.mesh.elements import gather
+
+__all__ = ["check_bounds", "check_destinations", "moved"]
+
+
+def check_bounds(labels: NDArray[Any], bounds: NDArray[Any], cells: Int, ranks: Ranks) -> None:
+    """Raise MeshError unless labels and bounds are as ``DistributedMesh.coarsen`` wants them.
+
+    On other ranks RankError is raised; ``cells (n_own,)`` are global ids.
+    """
+    first = ranks.from_first(bounds.tolist())
+    with ranks.together():
+        n, kinds = ranks.size + 1, "iu"
+        if bounds.shape != (n,) or bounds.dtype.kind not in kinds or bounds[0] or (np.diff(bounds) < 0).any():
+            raise MeshError(f"bounds must be {n} integers that rise from 0, given {bounds.tolist()}")
+        if first != bounds.tolist():
+            raise MeshError(f"bounds differ: {first} on rank 0, {bounds.tolist()} on rank {ranks.rank}")
+        _check_integers("labels", labels)
+        wrong = np.flatnonzero((labels < 0) | (labels >= bounds[-1]))
+        if len(wrong):
+            cell, label = cells[wrong[0]], labels[wrong[0]]
+            raise MeshError(f"cell {cell} has label {label}, but there are {bounds[-1]} parts")
+
+
+def check_destinations(to: NDArray[Any], cells: Int, ranks: Ranks) -> None:
+    """Raise MeshError unless each own cell goes to a rank that exists; on other ranks RankError."""
+    with ranks.together():
+        _check_integers("ranks", to)
+        wrong = np.flatnonzero((to < 0) | (to >= ranks.size))
+        if len(wrong):
+            raise MeshError(
+                f"cell {cells[wrong[0]]} shall go to rank {to[wrong[0]]}, but there are {ranks.size} ranks"
+            )
+
+
+def _check_integers(what: str, values: NDArray[Any]) -> None:
+    if values.ndim != 1 or (values.size and values.dtype.kind not in "iu"):
+        raise MeshError(
+            f"{what} must be integers, one per own cell; given shape {values.shape}, dtype {values.dtype}"
+        )
+
+
+def moved(own: WholeCells, known: Int, number: Int, to: Int, ranks: Ranks) -> WholeCells:
+    """The cells that this rank has afterwards; cells that get the same number become one.
+
+    Faces inside such a cell are gone. A cell tag survives if it is the same on all cells of each number.
+
+    Parameters
+    ----------
+    own : WholeCells
+        Those of this rank before.
+    known, number, to : (n,) int
+        Global ids of own cells and ghosts, rising; the number of each afterwards, and the rank that has it.
+    """
+    sides = places(own.face_cells, known)
+    numbers, new_ranks = np.append(number, -1)[sides], np.append(to, -1)[sides]
+    kept = np.flatnonzero(numbers[:, 0] != numbers[:, 1])
+    offsets, entries = gather(own.face_offsets, frozen_int(kept))
+    at = places(own.cells, known)
+    cells, first = np.unique(number[at], return_index=True)
+    whole = own._replace(
+        cells=frozen_int(cells),
+        owners=frozen_int(to[at[first]]),
+        cell_tags={name: values[first] for name, values in own.cell_tags.items()},
+        faces=own.faces[kept],
+        face_offsets=offsets,
+        face_vertices=own.face_vertices[entries],
+        face_cells=frozen_int(numbers[kept]),
+        face_owners=frozen_int(new_ranks[kept]),
+        face_tags={name: values[kept] for name, values in own.face_tags.items()},
+    )
+    face, side = np.nonzero(own.face_owners[kept] == ranks.rank)  # whoever has the cell sends its faces
+    faces = whole.face_owners[face, side], frozen_int(face)
+    sent = parcels(whole, (whole.owners, frozen_int(np.arange(len(cells)))), faces, [ranks.rank])
+    arrived = list(ranks.exchanged(sent).values())
+    agreed = _constant(number[at], own.cell_tags) & _constant(
+        np.concatenate([part.cells for part in arrived]),
+        {name: np.concatenate([part.cell_tags[name] for part in arrived]) for name in own.cell_tags},
+    )
+    agreed = set.intersection(*ranks.gathered(agreed))
+    found = joined(arrived)
+    return found._replace(
+        cell_tags={name: values for name, values in found.cell_tags.items() if name in agreed}
+    )
+
+
+def _constant(cells: Int, tags: Mapping[str, Int]) -> set[str]:
+    """Names of tags that say the same wherever the same cell is listed."""
+    _, first, cell = np.unique(cells, return_index=True, return_inverse=True)
+    return {name for name, values in tags.items() if (values[first][cell] == values).all()}

@@ -1,0 +1,101 @@
+"""A mesh that one rank holds, shared out among all ranks."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.distributed.agglomeration.blocks_by_coordinates import (
+    coordinate_blocks,
+    halvings,
+    rank_of_block,
+)
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.whole_cells import WholeCells, parcels
+from agglo_core.errors import OptionError
+from agglo_core.graph.ordering import curve_order
+from agglo_core.mesh import Mesh
+
+__all__ = ["scattered"]
+
+_METHODS = ("coordinates", "curve")
+
+_LARGEST_SHARE = 1.6
+"""Over the mean: with whole blocks no rank may have more. Of three ranks one that has two of four has 1.5."""
+
+
+def _along_curve(centroids: Float, size: int) -> Int:
+    """Rank of each cell: stretches of a Morton curve."""
+    rank = np.empty(len(centroids), np.int64)
+    rank[curve_order(centroids)] = np.arange(len(rank)) * size // len(rank)
+    return frozen_int(rank)
+
+
+def _by_coordinates(centroids: Float, size: int, block_cells: int | None) -> Int:
+    """Rank of each cell: whole blocks by coordinates, boxes if these are too few for even shares."""
+    depth = halvings(len(centroids), centroids.shape[1], block_cells)
+    rank = rank_of_block(coordinate_blocks(centroids, depth), 1 << depth, size)
+    largest = int(np.bincount(rank).max(initial=0))
+    return rank if largest * size <= _LARGEST_SHARE * len(rank) else _in_boxes(centroids, size)
+
+
+def _in_boxes(centroids: Float, size: int) -> Int:
+    """Rank of each cell: boxes, each halved across its longer side."""
+    rank = np.zeros(len(centroids), np.int64)
+    waiting = [(np.arange(len(rank)), 0, size)]
+    while waiting:
+        cells, first, count = waiting.pop()
+        if count == 1 or not len(cells):
+            rank[cells] = first
+            continue
+        own = centroids[cells]
+        along = own[:, int(np.argmax(np.ptp(own, axis=0)))]
+        left = count // 2
+        order = cells[np.argsort(along, kind="stable")]
+        cut = len(order) * left // count
+        waiting += [(order[:cut], first, left), (order[cut:], first + left, count - left)]
+    return frozen_int(rank)
+
+
+def scattered(mesh: Mesh | None, ranks: Ranks, method: str, block_cells: int | None) -> WholeCells:
+    """The cells of this rank, of a mesh that rank 0 has.
+
+    Raises
+    ------
+    OptionError
+        If rank 0 has no mesh, for an unknown method, or blocks of no cells.
+    """
+    sent: dict[int, WholeCells] = {}
+    with ranks.together():
+        if method not in _METHODS:
+            raise OptionError(f"unknown method {method!r}; known: {', '.join(_METHODS)}")
+        if ranks.rank == 0:
+            if mesh is None:
+                raise OptionError("rank 0 must have a mesh to share out; it has none")
+            x, size = mesh.local_centroids, ranks.size
+            rank = _along_curve(x, size) if method == "curve" else _by_coordinates(x, size, block_cells)
+            sent = _shares(mesh, rank, size)
+    return ranks.exchanged(sent)[0]
+
+
+def _shares(mesh: Mesh, rank: Int, size: int) -> dict[int, WholeCells]:
+    """What goes to each rank: as many may get nothing, but all get the names of the tags."""
+    owners = frozen_int(np.append(rank, -1)[mesh.face_cells])
+    whole = WholeCells(
+        frozen_int(np.arange(mesh.n_cells)),
+        rank,
+        mesh.cell_tags,
+        frozen_int(np.arange(mesh.n_faces)),
+        mesh.face_offsets,
+        mesh.face_vertices,
+        mesh.face_cells,
+        owners,
+        mesh.face_tags,
+        frozen_int(np.arange(mesh.n_points)),
+        mesh.points,
+    )
+    sides = [np.flatnonzero(owners[:, side] >= 0) for side in (0, 1)]
+    to = np.concatenate([owners[faces, side] for side, faces in enumerate(sides)])
+    return parcels(
+        whole, (rank, whole.cells), (frozen_int(to), frozen_int(np.concatenate(sides))), range(size)
+    )

@@ -1,0 +1,151 @@
+"""Outer faces that lie on one another although no face is shared: vertices that hang, on one rank or two."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.meeting import refuse_all
+from agglo_core.distributed.mesh.halo import faces_of, local_mesh
+from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, parcels, places, taken
+from agglo_core.mesh.conforming import TOLERANCE, reach
+from agglo_core.mesh.elements import gather
+from agglo_core.mesh.touching import facing_pairs, find_contacts, outer_faces
+
+__all__ = ["cells_near", "outer_faces_touch", "refuse_hanging_vertices"]
+
+_log = logging.getLogger("agglo")
+
+
+class _Rim(NamedTuple):
+    """Cells with outer faces, and where these are: places in WholeCells, and the box of their points."""
+
+    faces: Int
+    cells: Int
+    low: Float  # (faces, d)
+    high: Float
+
+
+def refuse_hanging_vertices(own: WholeCells, ranks: Ranks) -> None:
+    """See that no outer faces lie on one another where they have points in common, whatever their ranks.
+
+    Bodies that touch with points of their own are taken for meant to be apart; a warning tells of them.
+
+    Parameters
+    ----------
+    own : WholeCells
+        The cells of this rank, which know their neighbours on others.
+
+    Raises
+    ------
+    MeshError
+        On all ranks, naming two cells and their ranks.
+    """
+    near = cells_near(own, ranks)
+    fault = None
+    with ranks.together():
+        pairs, hang = _contacts(near)
+        if hang.any():
+            told = " and ".join(_named(near, cell) for cell in pairs[np.argmax(hang)])
+            fault = (
+                f"faces of {told} lie on one another, but are not the same, so that the cells would be no "
+                "neighbours: give both cells all points that lie on a face between them, or say "
+                "allow_gaps=True if the gap is meant"
+            )
+    refuse_all(ranks, fault)
+    first = min((rank for rank, some in enumerate(ranks.gathered(len(pairs) > 0)) if some), default=-1)
+    if ranks.rank == first:
+        _log.warning(
+            "outer faces, such as of %s, lie on one another with points of their own and are left apart: "
+            "the domain has a gap there. allow_gaps=True says that it is meant",
+            " and ".join(_named(near, cell) for cell in pairs[0]),
+        )
+
+
+def outer_faces_touch(own: WholeCells, ranks: Ranks) -> bool:
+    """Whether outer faces of any ranks lie on one another, with points in common or without."""
+    near = cells_near(own, ranks)
+    with ranks.together():
+        found = len(_contacts(near)[0]) > 0
+    return any(ranks.gathered(found))
+
+
+def _named(near: WholeCells, cell: int) -> str:
+    return f"cell {near.cells[cell]} (rank {near.owners[cell]})"
+
+
+def cells_near(own: WholeCells, ranks: Ranks) -> WholeCells:
+    """Own cells with outer faces, and those of other ranks that may touch them."""
+    with ranks.together():
+        rim = _rim(own)
+        box = (rim.low.min(axis=0), rim.high.max(axis=0)) if len(rim.faces) else None
+    boxes = ranks.gathered(box)
+    with ranks.together():
+        sent = _parcels(own, rim, boxes, ranks.rank)
+    return joined(list(ranks.exchanged(sent).values()) or [taken(own, frozen_int([]), frozen_int([]))])
+
+
+def _rim(own: WholeCells) -> _Rim:
+    """The outer faces; their boxes are a little wider than they are."""
+    faces = frozen_int(np.flatnonzero((own.face_cells < 0).any(axis=1)))
+    cells = places(own.face_cells[faces].max(axis=1), own.cells)
+    if not len(faces):
+        none = frozen_float(np.empty((0, own.coordinates.shape[1])))
+        return _Rim(faces, cells, none, none)
+    offsets, entries = gather(own.face_offsets, faces)
+    points = own.coordinates[own.face_vertices[entries]]
+    low = np.minimum.reduceat(points, offsets[:-1], axis=0)
+    high = np.maximum.reduceat(points, offsets[:-1], axis=0)
+    wider = TOLERANCE * (high - low).max(axis=1, keepdims=True)
+    return _Rim(faces, frozen_int(cells), frozen_float(low - wider), frozen_float(high + wider))
+
+
+def _parcels(
+    own: WholeCells, rim: _Rim, boxes: Sequence[tuple[Float, Float] | None], rank: int
+) -> dict[int, WholeCells]:
+    """All cells of the rim stay here; those within the box of the outer faces of another rank go there."""
+    to, which = [], []
+    for other, box in enumerate(boxes):
+        if box is None or not len(rim.faces):
+            continue
+        within = (rim.low <= box[1]).all(axis=1) & (rim.high >= box[0]).all(axis=1)
+        chosen = np.flatnonzero(within | (other == rank))
+        to.append(np.full(len(chosen), other))
+        which.append(rim.cells[chosen])
+    if not to:
+        return {}
+    ends, cells = frozen_int(np.concatenate(to)), frozen_int(np.concatenate(which))
+    rows, bounds = faces_of(own)
+    offsets, entries = gather(bounds, cells)
+    faces = frozen_int(np.repeat(ends, np.diff(offsets))), frozen_int(rows[entries])
+    return parcels(own, (ends, cells), faces)
+
+
+def _contacts(near: WholeCells) -> tuple[Int, Mask]:
+    """Pairs of cells whose outer faces lie on one another, and which of them have points in common."""
+    if not len(near.cells):
+        return frozen_int(np.empty((0, 2))), np.empty(0, bool)
+    mesh, hidden = local_mesh(near, 0.5 * (near.coordinates.min(axis=0) + near.coordinates.max(axis=0)), "")
+    outer = outer_faces(mesh)
+    owner = mesh.face_cells[outer.faces, 0]
+    pairs = facing_pairs(outer)
+    pairs = pairs[(owner[pairs[:, 0]] != owner[pairs[:, 1]]) & ~hidden[outer.faces[pairs]].any(axis=1)]
+    found = find_contacts(outer, frozen_int(pairs), reach(mesh, outer, frozen_int(pairs), TOLERANCE)).pairs
+    return frozen_int(owner[found]), _sharing(outer.offsets, outer.vertices, found)
+
+
+def _sharing(offsets: Int, vertices: Int, pairs: Int) -> Mask:
+    """Which pairs of faces have a point in common."""
+    (a, first), (b, second) = (gather(offsets, frozen_int(column)) for column in pairs.T)
+    n = int(vertices.max(initial=0)) + 1
+    row = np.repeat(np.arange(len(pairs)), np.diff(a))
+    other = np.repeat(np.arange(len(pairs)), np.diff(b))
+    both = np.intersect1d(row * n + vertices[first], other * n + vertices[second]) // n
+    found = np.zeros(len(pairs), bool)
+    found[both] = True
+    return found

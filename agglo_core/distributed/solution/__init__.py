@@ -1,0 +1,1 @@
+"""Solutions across ranks: pieces for files, norms of errors."""

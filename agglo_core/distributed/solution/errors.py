@@ -1,0 +1,73 @@
+"""Norms of the error of a solution whose cells lie on several ranks: each measures its own cells."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.distributed.solution.pieces import by_cell
+from agglo_core.distributed.solution.second_layer import with_second_layer
+from agglo_core.problems import Discretisation, Problem
+
+__all__ = ["error_norms"]
+
+
+def error_norms(
+    mesh: DistributedMesh, problem: Problem, how: Discretisation, x: ArrayLike
+) -> dict[str, float]:
+    """Norms of the error of a solution, those of the whole mesh on every rank; all ranks must call it.
+
+    Each rank gives the squares of its own cells and of its halves of their faces.
+
+    Parameters
+    ----------
+    mesh : DistributedMesh
+    problem : Problem
+        As it is posed on the cells of this rank.
+    how : Discretisation
+        What the unknowns mean; its ``errors_in`` measures part of a mesh.
+    x : (n_own unknowns,) float
+        Unknowns of the own cells, by rising global id; as many in each.
+
+    Returns
+    -------
+    dict
+        Norms by name; none if the exact solution is not known on all ranks, or ``how`` has no ``errors_in``.
+
+    Raises
+    ------
+    OptionError
+        For numbers of unknowns that do not fit the own cells, and as ``how`` raises it. What fails on one
+        rank fails on all, there with a RankError.
+
+    Examples
+    --------
+    >>> import agglo_core as agglo
+    >>> from agglo_core.distributed import DistributedMesh, error_norms
+    >>> squares = agglo.samples.squares(2)
+    >>> sine = agglo.problems.named_problem("sine", squares)
+    >>> how = agglo.registry.default().build("solver", "direct", degree=1).discretisation
+    >>> x, mesh = how.project(squares, 0.0), DistributedMesh.scatter(squares)
+    >>> round(error_norms(mesh, sine, how, x)["l2"], 6)  # ‖u‖ is 1/2
+    0.5
+    """
+    ranks = mesh.ranks
+    wide, ids = with_second_layer(mesh)  # where the penalty of faces is that of the whole mesh
+    values = mesh.exchange(by_cell(mesh, x))
+    with ranks.together():
+        everything = np.zeros((len(ids), values.shape[1]))
+        everything[np.searchsorted(ids, mesh.global_ids)] = values
+        mine = np.isin(ids, mesh.global_ids[mesh.own])
+        found = _measured(problem, wide, how, everything.ravel(), mine) if mine.any() else None
+    told = [each for each in ranks.gathered(found) if each is not None]
+    names = [name for name in told[0] if all(name in each for each in told)]
+    return {name: math.hypot(*(each[name] for each in told)) for name in names}
+
+
+def _measured(problem: Problem, wide: Any, how: Discretisation, x: Any, mine: Any) -> dict[str, float]:
+    errors_in = getattr(how, "errors_in", None)
+    return {} if errors_in is None else dict(errors_in(problem, wide, x, mine))

@@ -1,0 +1,44 @@
+"""Which tags occur together in a mesh that lies on several ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.distributed.agglomeration.part_components import first_cells
+from agglo_core.distributed.communication import Ranks
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.mesh.tag_kinds import BoundaryKinds, distinct
+
+__all__ = ["kinds_of_all"]
+
+_MOST = 1_000
+"""Values of a cell tag on a rank, beyond which it is left out: a number of each cell is for no table."""
+
+
+def kinds_of_all(mesh: DistributedMesh) -> tuple[Mapping[str, Int], BoundaryKinds]:
+    """``cell_kinds`` and ``boundary_kinds`` of the whole mesh, on every rank; all ranks must call it."""
+    ranks, local = mesh.ranks, mesh.local
+    component = np.full(local.n_cells, -1)
+    component[mesh.own] = first_cells(mesh)
+    with ranks.together():
+        few = [name for name, each in local.cell_tags.items() if len(np.unique(each[mesh.own])) <= _MOST]
+    names = [name for name in local.cell_tags if all(name in each for each in ranks.gathered(few))]
+    cells = _of_all(ranks, [local.cell_tags[name][mesh.own] for name in names])
+    owner = local.face_cells[:, 0]
+    outer = local.outer_faces & (mesh.owners == ranks.rank)[owner]
+    found, *tags = _of_all(
+        ranks, [frozen_int(component[owner[outer]]), *(each[outer] for each in local.face_tags.values())]
+    )
+    boundary = BoundaryKinds(found, dict(zip(local.face_tags, tags, strict=True)))
+    return dict(zip(names, cells, strict=True)), boundary
+
+
+def _of_all(ranks: Ranks, columns: Sequence[Int]) -> list[Int]:
+    """The rows that any rank has in a table, each once."""
+    with ranks.together():
+        own = distinct(columns)
+    every = ranks.gathered(own)
+    return distinct([frozen_int(np.concatenate(each)) for each in zip(*every, strict=True)])

@@ -1,0 +1,75 @@
+"""A second layer of ghosts: for what is computed of ghosts with their own neighbours."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int, Mask, frozen_int
+from agglo_core.distributed.mesh.distributed_mesh import DistributedMesh
+from agglo_core.distributed.mesh.halo import all_cells, local_mesh, part_of_whole
+from agglo_core.distributed.mesh.whole_cells import WholeCells, joined, places, taken
+from agglo_core.distributed.solution.kinds_of_all import kinds_of_all
+from agglo_core.mesh import Mesh
+
+__all__ = ["with_second_layer"]
+
+
+class _Seen(NamedTuple):
+    """Cells of a rank, and which of their faces ``(n_faces,)`` lead to cells it does not have."""
+
+    cells: WholeCells
+    hidden: Mask
+
+
+def with_second_layer(mesh: DistributedMesh) -> tuple[Mesh, Int]:
+    """Own cells, ghosts and the neighbours of ghosts as a mesh, and their global ids, rising.
+
+    In it ghosts have all their neighbours, too: the penalty at a face may look at all faces of both cells.
+    Its ``outer_faces`` are those of the whole mesh, without faces to cells that are not here; its kinds of
+    cells and of faces on the boundary are all of the whole mesh's, so that problems by tag fit every rank.
+    All ranks must call it.
+
+    Examples
+    --------
+    >>> from agglo_core import samples
+    >>> from agglo_core.distributed import DistributedMesh
+    >>> with_second_layer(DistributedMesh.scatter(samples.squares(2)))[1].tolist()
+    [0, 1, 2, 3]
+    """
+    ranks, local = mesh.ranks, mesh.local
+    with ranks.together():
+        here = _Seen(
+            all_cells(local, mesh.global_ids, mesh.owners, mesh.point_ids, mesh.face_ids), mesh.hidden
+        )
+        parcels = {rank: _around(here, mesh.own[cells]) for rank, cells in mesh.ghosts_elsewhere.items()}
+    seen, kinds = [here, *ranks.exchanged(parcels).values()], kinds_of_all(mesh)
+    with ranks.together():
+        # of a face that several have, what is said by who sees both of its sides
+        whole = [
+            taken(cells, frozen_int(np.arange(len(cells.cells))), _where(~hidden)) for cells, hidden in seen
+        ]
+        faces = [taken(cells, frozen_int([]), _where(hidden)) for cells, hidden in seen]
+        every = joined(whole + faces)
+        found, cut = local_mesh(every, local.origin, local.name)
+        known = np.isin(every.faces, np.concatenate([each.faces for each in whole]))
+        part = part_of_whole(found, local.origin, cut | ~known)
+        part.__dict__.update(cell_kinds=kinds[0], boundary_kinds=kinds[1])  # cached properties
+        return part, every.cells
+
+
+def _around(here: _Seen, cells: Int) -> _Seen:
+    """Some cells with their neighbours."""
+    sides = places(here.cells.face_cells, here.cells.cells)
+    chosen, near = np.zeros((2, len(here.cells.cells) + 1), bool)
+    chosen[cells] = True
+    near[sides[chosen[sides].any(axis=1)]] = True
+    near[-1] = False  # what is not here
+    faces = _where(near[sides].any(axis=1))
+    return _Seen(taken(here.cells, _where(near[:-1]), faces), here.hidden[faces])
+
+
+def _where(mask: NDArray[Any] | np.bool_) -> Int:
+    return frozen_int(np.flatnonzero(mask))

@@ -1,0 +1,37 @@
+"""Check that the shells of stored cells look outward: another program may have written the file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.arrays import frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import name_cells
+from agglo_core.mesh.elements import take_cells
+from agglo_core.mesh.geometry3d import face_moments
+from agglo_core.mesh.shells import TWO_SHELLS, outward_signs
+
+__all__ = ["check_directions"]
+
+
+def check_directions(mesh: Mesh) -> None:
+    """Raise FileError for a solid cell with a shell whose faces look into the cell, such as that of a cavity.
+
+    The arrays are checked already, so that only a cell with several shells can have one.
+    """
+    if mesh.dim == 2 or not (np.diff(mesh.cell_faces[0]) >= TWO_SHELLS).any():
+        return
+    cells = frozen_int(np.flatnonzero(np.diff(mesh.cell_faces[0]) >= TWO_SHELLS))
+    solids = take_cells(half_faces(mesh), cells)
+    moments = face_moments(mesh.local_points, solids.loop_offsets, solids.vertices)
+    cell = frozen_int(np.repeat(np.arange(len(cells)), np.diff(solids.cell_offsets)))
+    sign, unsure, _ = outward_signs(
+        cell, solids.loop_offsets, solids.vertices, mesh.local_points, *moments, 0.0
+    )
+    turned = np.setdiff1d(cell[sign < 0], unsure)
+    if len(turned):
+        raise FileError(
+            f"{name_cells(cells[turned])}: faces of a shell, such as that of a cavity, look into the cell"
+        )

@@ -1,0 +1,297 @@
+"""What meshlane read, as cells; run as a program of its own by ``agglo_core.io.foreign.meshlane_read``.
+
+meshlane prints, exits, and on some truncated files never ends. A separate process, with limits on its
+processor time and memory, contains all of that.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.soup import Soup
+from agglo_core.io.tags import tag_values
+from agglo_core.mesh.elements import Polyhedra, concatenate
+
+__all__ = ["main", "soup_from_meshlane"]
+
+_WEDGE = (0, 2, 1, 3, 5, 4)  # meshlane keeps Gmsh's order, whose first triangle looks inward
+# meshlane's name without digits: VTK type of the linear cell, of one with more nodes, corners
+_KINDS = {
+    "vertex": (1, 1, 1),
+    "line": (3, 68, 2),
+    "triangle": (5, 69, 3),
+    "quad": (9, 70, 4),
+    "polygon": (7, 7, 0),
+    "tetra": (10, 71, 4),
+    "hexahedron": (12, 72, 8),
+    "wedge": (13, 73, 6),
+    "pyramid": (14, 74, 5),
+    "VTK_LAGRANGE_CURVE": (68, 68, 2),
+    "VTK_LAGRANGE_TRIANGLE": (69, 69, 3),
+    "VTK_LAGRANGE_QUADRILATERAL": (70, 70, 4),
+    "VTK_LAGRANGE_TETRAHEDRON": (71, 71, 4),
+    "VTK_LAGRANGE_HEXAHEDRON": (72, 72, 8),
+    "VTK_LAGRANGE_WEDGE": (73, 73, 6),
+    "VTK_LAGRANGE_PYRAMID": (74, 74, 5),
+}
+
+
+def main(source: str, target: str, seconds: int, memory: int) -> int:
+    """Read ``source`` and save its cells as ``target`` (npz); 1 with the reason on stdout on failure."""
+    said, result = io.StringIO(), sys.stdout
+    try:
+        with redirect_stdout(said), redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import meshlane
+
+            _limit(seconds, memory)
+            _refuse_links(source)
+            with _only_regular_files(source):
+                found = meshlane.read(source)
+            sets = sorted({*found.cell_sets, *_families(found)})
+            _save(soup_from_meshlane(found), sets, list(found.cell_data), target)
+    except FileError as error:
+        print(error, file=result)
+    except (Exception, SystemExit) as error:
+        printed = " ".join(said.getvalue().split())
+        print(printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}", file=result)
+    else:
+        return 0
+    return 1
+
+
+@contextmanager
+def _only_regular_files(source: str) -> Iterator[None]:
+    """Refuse pipes and devices that meshlane opens beside the first file: they may never end."""
+    active = True
+
+    def refuse(path: object) -> None:
+        if active and isinstance(path, str | bytes | os.PathLike) and os.fsdecode(path) != os.devnull:
+            file = Path(os.fsdecode(path))
+            if file.exists() and not file.is_file() and not file.is_dir():
+                raise FileError(f"{file.name}: is not a regular file")
+
+    sys.addaudithook(lambda event, args: refuse(args[0]) if event == "open" else None)
+    if source.lower().endswith((".xdmf", ".xmf")):  # names HDF5 files, which are not opened by Python
+        _check_hdf5_files(refuse)
+    try:
+        yield
+    finally:
+        active = False  # audit hooks cannot be removed
+
+
+def _check_hdf5_files(check: Callable[[object], None]) -> None:
+    """Let h5py check each file before it is opened."""
+    try:
+        import h5py
+    except ImportError:
+        return
+
+    class CheckedFile(h5py.File):  # type: ignore[misc]
+        def __init__(self, name: object, *rest: Any, **options: Any) -> None:
+            check(name)
+            super().__init__(name, *rest, **options)
+
+    h5py.File = CheckedFile
+
+
+def _refuse_links(source: str) -> None:
+    """Raise FileError for an HDF5 file (MED, CGNS, H5M) with parts that lie in other files."""
+    with open(source, "rb") as file:
+        if file.read(8) != b"\x89HDF\r\n\x1a\n":
+            return
+    try:
+        import h5py
+    except ImportError:  # then meshlane cannot read it either, and says so
+        return
+
+    with h5py.File(source, "r") as file:
+
+        def elsewhere(name: str, link: Any) -> str | None:
+            if isinstance(link, h5py.ExternalLink):
+                return name
+            stored = file[name] if isinstance(link, h5py.HardLink) else None
+            return (
+                name if isinstance(stored, h5py.Dataset) and (stored.is_virtual or stored.external) else None
+            )
+
+        name = file.visititems_links(elsewhere)
+    if name is not None:
+        raise FileError(f"{name!r} lies in another file, which is not read")
+
+
+def _limit(seconds: int, memory: int) -> None:
+    """Bound processor time (s) and the address space still to come (bytes), where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows: the time limit of the caller must do
+        return
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+    memory += _address_space(resource.getpagesize())
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+
+
+def _address_space(page: int) -> int:
+    """Bytes in use by this process; more than it can be where the system does not say."""
+    try:
+        return page * int(Path("/proc/self/statm").read_text().split()[0])
+    except (OSError, ValueError):
+        return 8 << 30
+
+
+def _save(soup: Soup, sets: list[str], data: list[str], target: str) -> None:
+    left = [name for name in data if name not in soup.tags]
+    names = json.dumps({"tags": list(soup.tags), "sets": sets, "left": left}).encode()
+    tags = {f"tag_{i}": values for i, values in enumerate(soup.tags.values())}
+    with open(target, "wb") as file:
+        np.savez(
+            file,
+            allow_pickle=False,
+            names=np.frombuffer(names, np.uint8),
+            points=soup.points,
+            types=soup.types,
+            offsets=soup.offsets,
+            vertices=soup.vertices,
+            cell_offsets=soup.solids.cell_offsets,
+            loop_offsets=soup.solids.loop_offsets,
+            loops=soup.solids.vertices,
+            **tags,
+        )
+
+
+def soup_from_meshlane(found: Any) -> Soup:
+    """The blocks of a meshlane mesh as one list of cells."""
+    points = np.asarray(found.points, dtype=np.float64)
+    if points.ndim == 2 and points.shape[1] == 1:
+        raise FileError("it holds a 1-D mesh")
+    parts = [_block(block.type, block.data) for block in found.cells]
+    sizes = np.concatenate([np.empty(0, np.int64), *(np.diff(part[1]) for part in parts)])
+    counts = [len(part[0]) for part in parts]
+    vertices = np.concatenate([np.empty(0, np.int64), *(part[2] for part in parts)])
+    solids = concatenate([part[3] for part in parts])
+    for name, used in (("cells", vertices), ("faces", solids.vertices)):
+        if used.size and (used.min() < 0 or used.max() >= len(points)):
+            raise FileError(f"its {name} use points outside 0..{len(points) - 1}")
+    return Soup(
+        frozen_float(points),
+        frozen_int(np.concatenate([np.empty(0, np.int64), *(part[0] for part in parts)])),
+        frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
+        frozen_int(vertices),
+        solids,
+        {
+            **_family_tags(found, counts),
+            **_data_tags(found, counts),
+            **_set_tags(found, counts),
+        },
+    )
+
+
+def _block(name: str, data: Any) -> tuple[Int, Int, Int, Polyhedra]:
+    """VTK types, offsets, nodes and half-faces of one block of cells."""
+    none = concatenate([])
+    if name.startswith("polyhedron"):
+        solids = _polyhedra(data)
+        n = len(solids.cell_offsets) - 1
+        return frozen_int(np.full(n, 42)), frozen_int(np.zeros(n + 1)), frozen_int([]), solids
+    kind = name.rstrip("0123456789")
+    if kind not in _KINDS:
+        raise FileError(f"its cells of type {name!r} are not supported")
+    linear, curved, corners = _KINDS[kind]
+    rows = (
+        data if isinstance(data, np.ndarray) and data.ndim == 2 else [np.asarray(row).ravel() for row in data]
+    )
+    sizes = np.array([len(row) for row in rows], np.int64)
+    nodes = np.concatenate([np.empty(0, np.int64), *rows]).astype(np.int64)
+    if kind == "wedge" and len(rows):
+        nodes = np.asarray(rows)[:, [*_WEDGE, *range(6, len(rows[0]))]].astype(np.int64).ravel()
+    types = np.where((corners == 0) | (sizes == corners), linear, curved)
+    return frozen_int(types), frozen_int(np.concatenate(([0], np.cumsum(sizes)))), frozen_int(nodes), none
+
+
+def _polyhedra(cells: Any) -> Polyhedra:
+    loops = [np.asarray(loop, dtype=np.int64) for cell in cells for loop in cell]
+    counts, sizes = [len(cell) for cell in cells], [len(loop) for loop in loops]
+    return Polyhedra(
+        frozen_int(np.concatenate(([0], np.cumsum(counts)))),
+        frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
+        frozen_int(np.concatenate([np.empty(0, np.int64), *loops])),
+    )
+
+
+def _data_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+    """Integer cell data of one component, given for every block.
+
+    The data of MDPA files are all real: those that are whole are integers.
+    """
+    tags = {}
+    real = any(name.startswith("gmsh:") for name in found.cell_data)
+    for name, blocks in found.cell_data.items():
+        arrays = [np.asarray(block) for block in blocks]
+        arrays = [each.ravel() if each.shape[1:] == (1,) else each for each in arrays]
+        if real:
+            arrays = _as_whole(arrays)
+        whole = all(a.shape == (n,) and a.dtype.kind in "iu" for a, n in zip(arrays, counts, strict=True))
+        if whole and arrays:
+            tags[name] = tag_values(name, np.concatenate(arrays))
+    return tags
+
+
+def _as_whole(arrays: list[Any]) -> list[Any]:
+    """Integers in place of reals that are all whole."""
+    real = [each for each in arrays if each.dtype.kind == "f"]
+    whole = all((np.abs(each) < 2**53).all() and (each == np.floor(each)).all() for each in real)
+    return [each.astype(np.int64) for each in arrays] if real and whole else arrays
+
+
+def _set_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+    """Named sets of cells: 1 inside, 0 outside."""
+    tags = {}
+    starts = np.cumsum([0, *counts])
+    for name, blocks in found.cell_sets.items():
+        if name.startswith("gmsh:") or len(blocks) != len(counts):
+            continue
+        inside = np.zeros(starts[-1], np.int64)
+        for start, block in zip(starts[:-1], blocks, strict=True):
+            if block is not None and len(block):
+                inside[start + np.asarray(block, dtype=np.int64)] = 1
+        tags[name] = frozen_int(inside)
+    return tags
+
+
+def _families(found: Any) -> dict[str, list[int]]:
+    """Numbers of the families of each group: patches of OpenFOAM, groups of MED."""
+    families: dict[str, list[int]] = {}
+    for number, names in (getattr(found, "cell_tags", None) or {}).items():
+        for name in names:
+            families.setdefault(str(name), []).append(int(number))
+    return families
+
+
+def _family_tags(found: Any, counts: list[int]) -> dict[str, Int]:
+    """Named groups of cells: 1 inside, 0 outside. The cell data ``cell_tags`` hold the family of each."""
+    blocks = found.cell_data.get("cell_tags", [])
+    if len(blocks) != len(counts) or not blocks:
+        return {}
+    family = np.concatenate([np.asarray(block).ravel() for block in blocks])
+    if len(family) != sum(counts):
+        return {}
+    return {
+        name: frozen_int(np.isin(family, numbers).astype(np.int64))
+        for name, numbers in _families(found).items()
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])))

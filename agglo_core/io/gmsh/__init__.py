@@ -1,0 +1,1 @@
+"""Gmsh's .msh files of versions 2 and 4."""

@@ -1,0 +1,196 @@
+"""Reading Gmsh's .msh files of versions 2.x, 4.0 and 4.1: groups by name, whole numbers of element data."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.soup import Soup
+from agglo_core.io.gmsh.elements import (
+    DIMS,
+    VTK_TYPES,
+    Elements,
+    Entity,
+    first_listings,
+    read_elements,
+    read_entities,
+    read_nodes,
+)
+from agglo_core.io.gmsh.sections import Numbers, decoded, gmsh_header, sections
+from agglo_core.mesh.elements import concatenate, gather
+
+__all__ = ["soup_of_gmsh"]
+
+_log = logging.getLogger("agglo")
+_NAME = re.compile(rb'[ \t]*(\d+)[ \t]+(-?\d+)[ \t]+"([^\n]*)"[ \t\r]*\n')
+_VTK_WEDGE = 13
+_WEDGE = (0, 2, 1, 3, 5, 4)  # VTK's order of the corners: Gmsh's first triangle looks inward
+_SPARE, _EXPANSION = 1 << 26, 400  # bytes that tags may take, and for each byte of the file
+_LARGEST = 1 << 53  # beyond it doubles are not whole
+_MISSING = -1  # of element data that do not cover all elements
+
+
+class _Data(NamedTuple):
+    """Section of element data."""
+
+    name: str
+    step: int
+    numbers: Int  # of elements
+    values: Float  # (n, components)
+
+
+def soup_of_gmsh(content: bytes) -> tuple[Soup, set[str], list[str]]:
+    """Cells of a file, names of the tags that are groups, and names of element data left out.
+
+    Each named physical group is a tag, 1 inside and 0 outside. The first group of each element is
+    ``gmsh:physical``, its entity ``gmsh:geometrical``, its partition, if there are any, ``gmsh:partition``.
+    Groups without a name that are not the first of all their elements are tags ``gmsh:physical_NUMBER``.
+
+    Raises
+    ------
+    FileError
+        For a broken file, another version, or elements that are not supported.
+    """
+    parts = [part for part in sections(content) if part[0] != "Comments"]
+    places = {name: slice(start, stop) for name, start, stop in parts}
+    if not parts or parts[0][0] != "MeshFormat":
+        raise FileError("does not begin with $MeshFormat")
+    for needed in ("Nodes", "Elements"):
+        if needed not in places:
+            other = "; its nodes are parametric: save it with Mesh.SaveParametric = 0" * (
+                "ParametricNodes" in places
+            )
+            raise FileError(f"has no ${needed}{other}")
+    header = gmsh_header(content[places["MeshFormat"]], content[places["Nodes"]])
+    names: dict[str, list[tuple[int, int]]] = {}
+    entities: dict[tuple[int, int], Entity] = {}
+    data: list[_Data] = []
+    for name, start, stop in parts[1:]:
+        numbers = Numbers(name, content, start, stop, header)
+        if name == "PhysicalNames":
+            names = _group_names(content[start:stop])
+        elif name in ("Entities", "PartitionedEntities"):
+            entities |= read_entities(numbers)
+        elif name == "Nodes":
+            nodes = read_nodes(numbers)
+        elif name == "Elements":
+            elements = read_elements(numbers, entities)
+        elif name == "ElementData":
+            data.append(_element_data(numbers))
+    first = first_listings(elements) if header.version == "2" else frozen_int(np.arange(len(elements.types)))
+    kept = frozen_int(np.flatnonzero(first == np.arange(len(first))))
+    cell = frozen_int(np.searchsorted(kept, first))  # of each element of the file
+    members = np.column_stack((cell[elements.members[:, 0]], elements.members[:, 1]))
+    steps = {each.name: each.step for each in data}
+    if (4 + len(names) + len(steps)) * 8 * len(kept) > _SPARE + _EXPANSION * len(content):
+        raise FileError(f"{len(names)} groups of {len(kept)} elements take more memory than there can be")
+    tags = {"gmsh:geometrical": frozen_int(elements.geometrical[kept])}
+    if elements.partition.any():
+        tags["gmsh:partition"] = frozen_int(elements.partition[kept])
+    tags |= _data_tags(data, steps, elements, cell, len(kept))
+    of_groups, groups = _group_tags(DIMS[elements.types[kept]], frozen_int(members), names)
+    tags |= of_groups
+    return _cells(elements, kept, nodes, tags), groups, [name for name in steps if name not in tags]
+
+
+def _group_names(body: bytes) -> dict[str, list[tuple[int, int]]]:
+    """Dimension and number of the groups of each name."""
+    names: dict[str, list[tuple[int, int]]] = {}
+    for dim, number, name in _NAME.findall(body.partition(b"\n")[2]):
+        names.setdefault(decoded(name), []).append((int(dim), abs(int(number))))
+    return names
+
+
+def _group_tags(
+    dims: Int, members: Int, names: Mapping[str, list[tuple[int, int]]]
+) -> tuple[dict[str, Int], set[str]]:
+    """Tags of cells by their groups, and the names of those that are one group each."""
+    tags: dict[str, Int] = {}
+    cells, numbers = members.T
+    physical = np.zeros(len(dims), np.int64)
+    physical[cells[::-1]] = numbers[::-1]  # the first one stays
+    if len(members):
+        tags["gmsh:physical"] = frozen_int(physical)
+    named = np.zeros(len(members), bool)
+    groups = {}
+    for name, pairs in names.items():
+        inside = np.zeros(len(members), bool)
+        for dim, number in pairs:
+            inside |= (numbers == number) & (dims[cells] == dim)
+        named |= inside
+        groups[name] = inside
+    hidden = np.unique(numbers[~named & (physical[cells] != numbers)])
+    groups |= {f"gmsh:physical_{number}": ~named & (numbers == number) for number in hidden.tolist()}
+    for name, inside in groups.items():
+        tag = np.zeros(len(dims), np.int64)
+        tag[cells[inside]] = 1
+        tags[name] = frozen_int(tag)
+    return tags, set(groups)
+
+
+def _element_data(numbers: Numbers) -> _Data:
+    titles = [numbers.line().strip(b'"') for _ in range(numbers.line_count())]
+    for _ in range(numbers.line_count()):
+        numbers.line()  # the time
+    counts = [numbers.line_count() for _ in range(numbers.line_count())]
+    if not titles or len(counts) < 3:
+        raise FileError("$ElementData has no name, or does not give its components and values")
+    number, values = numbers.rows(counts[2], counts[1])
+    return _Data(decoded(titles[0]), counts[0], number, values)
+
+
+def _data_tags(
+    data: list[_Data], steps: Mapping[str, int], elements: Elements, cell: Int, n: int
+) -> dict[str, Int]:
+    """Tags ``(n,)`` by the whole numbers of element data of one component, −1 where there are none."""
+    tags = {}
+    dims = DIMS[elements.types]
+    top = np.unique(cell[dims == dims.max(initial=0)])
+    for name, step in steps.items():
+        own = [each for each in data if each.name == name]
+        if any(each.step != step for each in own):
+            _log.warning("element data %r: of several time steps the last, %d, is read", name, step)
+        last = [each for each in own if each.step == step]
+        values = np.concatenate([each.values.ravel() for each in last])
+        whole = all(each.values.shape[1] == 1 for each in last) and (np.abs(values) < _LARGEST).all()
+        if not whole or (values != np.floor(values)).any():
+            continue
+        place = _places(elements.numbers, frozen_int(np.concatenate([each.numbers for each in last])))
+        tag, covered = np.full(n, _MISSING), np.zeros(n, bool)
+        target = cell[place[place >= 0]]
+        tag[target], covered[target] = values[place >= 0].astype(np.int64), True
+        lacking, unknown = int((~covered[top]).sum()), int((place < 0).sum())
+        if lacking:
+            _log.warning("element data %r: %d of %d cells have no value and get −1", name, lacking, len(top))
+        if unknown:
+            _log.warning("element data %r: %d values are of elements that the file lacks", name, unknown)
+        tags[name] = frozen_int(tag)
+    return tags
+
+
+def _cells(elements: Elements, kept: Int, nodes: tuple[Int, Float], tags: Mapping[str, Int]) -> Soup:
+    """The elements of the file that are kept, as VTK has them."""
+    offsets, entries = gather(elements.offsets, kept)
+    numbers = elements.nodes[entries]
+    vertices = np.array(_places(nodes[0], frozen_int(numbers)))
+    if vertices.min(initial=0) < 0:
+        raise FileError(f"an element uses node {numbers[np.argmin(vertices)]}, which the file does not list")
+    types = VTK_TYPES[elements.types[kept]]
+    wedges = offsets[:-1][types == _VTK_WEDGE][:, None] + np.arange(6)
+    vertices[wedges] = vertices[wedges[:, _WEDGE]]
+    return Soup(nodes[1], frozen_int(types), offsets, frozen_int(vertices), concatenate([]), tags)
+
+
+def _places(known: Int, wanted: Int) -> Int:
+    """Place of each number among the known ones, −1 where it is not among them."""
+    if not len(known):
+        return frozen_int(np.full(len(wanted), -1))
+    order = np.argsort(known, kind="stable")
+    found = order[np.minimum(np.searchsorted(known, wanted, sorter=order), len(known) - 1)]
+    return frozen_int(np.where(known[found] == wanted, found, -1))

@@ -1,0 +1,170 @@
+"""Writing Gmsh's .msh, version 4.1, as text: groups of cells and faces under their names, tags as data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.text_numbers import integer_lines, real_lines
+from agglo_core.io.build.plain_cells import used_points
+from agglo_core.io.tags import is_level
+from agglo_core.io.vtk.cells import POLYHEDRON, cells_of
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import gather
+
+__all__ = ["RESERVED", "write_gmsh"]
+
+RESERVED = ("gmsh:physical", "gmsh:geometrical")
+"""Tags with the numbers of groups and entities of the file that was read, which are numbered anew."""
+
+_NO_GROUPS = (*RESERVED, "gmsh:partition")  # tags of faces
+
+_LARGEST = 1 << 53  # beyond it doubles are not whole
+_WEDGE = (0, 2, 1, 3, 5, 4)  # Gmsh's first triangle looks inward
+_TYPES = {2: 1, 3: 2, 4: 3}  # corners of a line, triangle, quadrilateral to Gmsh's type
+_SOLIDS = {10: 4, 12: 5, 13: 6, 14: 7}  # VTK's type to Gmsh's
+
+
+class _Elements(NamedTuple):
+    """Cells, or faces with a name."""
+
+    dim: int
+    types: Int  # (n,) Gmsh's
+    offsets: Int  # (n + 1,)
+    nodes: Int  # from 1 on
+    groups: Mapping[str, Int]  # name -> (n,) 1 inside, 0 outside
+
+
+def write_gmsh(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    """Write a mesh; tags of zeros and ones are physical groups of their name, other cell tags element data.
+
+    Raises
+    ------
+    FileError
+        For cells that Gmsh has no element for, a name with quotes, or numbers that a double cannot hold.
+    """
+    points, number = used_points(mesh)
+    own = {name: values for name, values in tags.items() if name not in RESERVED}
+    _check(own, mesh.face_tags)
+    cells = _cells(mesh, number, {name: each for name, each in own.items() if _is_group(name, each)})
+    faces = _faces(mesh, number)
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n")
+        _write_elements(stream, points, [cells, faces] if len(faces.types) else [cells])
+        for name, values in own.items():
+            if name not in cells.groups:
+                _write_data(stream, name, np.concatenate((values, np.full(len(faces.types), -1))))
+
+
+def _is_group(name: str, values: Int) -> bool:
+    return not is_level(name) and bool(np.isin(values, (0, 1)).all() and values.any())
+
+
+def _check(tags: Mapping[str, Int], face_tags: Mapping[str, Int]) -> None:
+    for name in (*tags, *face_tags):
+        if '"' in name or "\\" in name or "\n" in name:
+            raise FileError(
+                f"Gmsh's names have no quotes, backslashes and new lines; a tag is named {name!r}"
+            )
+    for name, values in tags.items():
+        if np.abs(values).max(initial=0) >= _LARGEST:
+            raise FileError(f"Gmsh's element data are doubles, which cannot hold all of cell tag {name!r}")
+
+
+def _cells(mesh: Mesh, number: Int | None, groups: Mapping[str, Int]) -> _Elements:
+    cells = cells_of(mesh)
+    sizes = np.diff(cells.offsets)
+    other = cells.types == POLYHEDRON if mesh.dim == 3 else (sizes > 4) | (cells.loops > 1)
+    if other.any():
+        cell = int(np.argmax(other))
+        kind = "polyhedron" if mesh.dim == 3 else f"polygon with {sizes[cell]} corners"
+        raise FileError(
+            f"cell {cell} is a {kind}; Gmsh's files hold triangles, quadrilaterals, tetrahedra, hexahedra, "
+            "prisms and pyramids, .vtu and .npz hold all"
+        )
+    vertices = np.array(cells.vertices)
+    wedges = np.flatnonzero(cells.types == 13)
+    places = cells.offsets[wedges][:, None] + np.arange(6)
+    vertices[places] = vertices[places[:, _WEDGE]]
+    given = cells.types.tolist() if mesh.dim == 3 else sizes.tolist()
+    types = [(_SOLIDS if mesh.dim == 3 else _TYPES)[kind] for kind in given]
+    return _Elements(
+        mesh.dim, frozen_int(types), cells.offsets, _from_one(frozen_int(vertices), number), groups
+    )
+
+
+def _faces(mesh: Mesh, number: Int | None) -> _Elements:
+    """Faces with a value above zero in some tag; of tags with several such values each is a group."""
+    groups: dict[str, Int] = {}
+    for name, values in mesh.face_tags.items():
+        found = [] if name in _NO_GROUPS else np.unique(values[values > 0]).tolist()
+        for value in found:
+            groups[name if found == [1] else f"{name}_{value}"] = frozen_int(values == value)
+    sizes = np.diff(mesh.face_offsets)
+    chosen = np.any([*groups.values(), np.zeros(mesh.n_faces, bool)], axis=0) & (sizes <= 4)
+    faces = frozen_int(np.flatnonzero(chosen))
+    offsets, places = gather(mesh.face_offsets, faces)
+    types = [_TYPES[size] for size in sizes[faces].tolist()]
+    own = {name: frozen_int(values[faces]) for name, values in groups.items()}
+    nodes = _from_one(frozen_int(mesh.face_vertices[places]), number)
+    return _Elements(mesh.dim - 1, frozen_int(types), offsets, nodes, own)
+
+
+def _from_one(vertices: Int, number: Int | None) -> Int:
+    return frozen_int((vertices if number is None else number[vertices]) + 1)
+
+
+def _write_elements(stream: TextIO, points: Float, parts: list[_Elements]) -> None:
+    """Physical names, entities, nodes and elements; each set of groups is an entity of its own."""
+    names = [(part.dim, name) for part in parts for name in part.groups]
+    rows = "".join(f'{dim} {i} "{name}"\n' for i, (dim, name) in enumerate(names, 1))
+    if names:
+        stream.write(f"$PhysicalNames\n{len(names)}\n{rows}$EndPhysicalNames\n")
+    entities: dict[int, list[str]] = {0: [], 1: [], 2: [], 3: []}
+    blocks, first = list[str](), 1
+    space = np.zeros((len(points), 3))
+    space[:, : points.shape[1]] = points
+    box = " ".join(map(repr, (*space.min(axis=0).tolist(), *space.max(axis=0).tolist())))
+    for part in parts:
+        numbers = [i for i, (dim, _) in enumerate(names, 1) if dim == part.dim]
+        table = np.stack([np.zeros(len(part.types), np.int64), *part.groups.values()], axis=1)
+        sets, entity = np.unique(table, axis=0, return_inverse=True)
+        for tag, members in enumerate(sets[:, 1:], 1):
+            own = [i for i, inside in zip(numbers, members.tolist(), strict=True) if inside]
+            own = own or [len(names) + 1] * bool(names)  # readers want one for each entity, or for none
+            entities[part.dim].append(f"{tag} {box} {len(own)} {' '.join(map(str, own))} 0\n")
+        blocks += _blocks(part, entity.ravel() + 1, first)
+        first += len(part.types)
+    counts = " ".join(str(len(entities[dim])) for dim in range(4))
+    stream.write(
+        f"$Entities\n{counts}\n{''.join(line for dim in range(4) for line in entities[dim])}$EndEntities\n"
+    )
+    n = len(points)
+    stream.write(f"$Nodes\n1 {n} 1 {n}\n{parts[0].dim} 1 0 {n}\n")
+    stream.write("".join(f"{i}\n" for i in range(1, n + 1)) + real_lines(space) + "$EndNodes\n")
+    stream.write(f"$Elements\n{len(blocks)} {first - 1} 1 {first - 1}\n{''.join(blocks)}$EndElements\n")
+
+
+def _blocks(part: _Elements, entity: NDArray[Any], first: int) -> Iterator[str]:
+    """Elements that follow one another with the same entity and type, so that their order is kept."""
+    turns = np.flatnonzero((np.diff(entity) != 0) | (np.diff(part.types) != 0)) + 1
+    for a, b in pairwise([0, *turns.tolist(), len(entity)]):
+        size = int(part.offsets[a + 1] - part.offsets[a])
+        nodes = part.nodes[part.offsets[a] : part.offsets[b]].reshape(b - a, size)
+        rows = frozen_int(np.column_stack((np.arange(first + a, first + b), nodes)))
+        offsets = frozen_int((size + 1) * np.arange(b - a + 1))
+        lines = integer_lines(offsets, frozen_int(rows.ravel()))
+        yield f"{part.dim} {entity[a]} {part.types[a]} {b - a}\n{lines}"
+
+
+def _write_data(stream: TextIO, name: str, values: NDArray[Any]) -> None:
+    """Values of all elements: readers want them for faces, too."""
+    rows = "".join(f"{i} {value}\n" for i, value in enumerate(values.tolist(), 1))
+    stream.write(f'$ElementData\n1\n"{name}"\n1\n0.0\n3\n0\n1\n{len(values)}\n{rows}$EndElementData\n')

@@ -1,0 +1,1 @@
+"""MATLAB's .mat files, and what MRST, lymph and others keep in them."""

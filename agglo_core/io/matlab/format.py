@@ -1,0 +1,49 @@
+"""MATLAB's .mat files of lymph, mVEM and PolyMesher as a format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agglo_core.io.format_options import Compressing
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["Matlab"]
+
+
+class Matlab(Compressing):
+    """Variables of MATLAB: ``region`` of lymph, or ``node`` and ``elem`` of mVEM; both are written.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge exactly equal points on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    compress : bool
+        Deflate the variables, as ``save -v7`` does: smaller files, slower to write and to read.
+    drop_flat : bool
+        Leave out cells of zero area or volume.
+    """
+
+    suffixes: tuple[str, ...] = (".mat",)
+    lossless: bool = False
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file begins as MATLAB's of level 5 do."""
+        return head.startswith(b"MATLAB 5.0 MAT-file")
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of a file; raises FileError or MeshError."""
+        from agglo_core.io.matlab.read import read_matlab
+
+        return read_matlab(path, **self.reading)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write the mesh, its tags and labels, and each coarse mesh beside it; raises an AggloError."""
+        from agglo_core.io.matlab.write import write_matlab
+
+        write_matlab(path, mesh, hierarchy, compress=self.compress)

@@ -1,0 +1,255 @@
+"""Variables of MATLAB files of level 5 (``save -v6`` and ``-v7``): numbers, structs, and cells in bulk.
+
+scipy.io reads them, too, but makes an object of every cell and takes memory as a damaged file says. Here
+a cell array of a million lists is one pass over its bytes, and nothing is larger than what was read.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.matlab.mat5_cells import (
+    INSIDE,
+    MATRIX,
+    NUMBERS,
+    TYPES,
+    gathered_lists,
+    matrix_ends,
+    matrix_heads,
+    whole_values,
+)
+from agglo_core.io.text.counted_lists import record_starts
+
+__all__ = ["Variable", "variables"]
+
+_COMPRESSED = 15
+_CELL, _STRUCT = 1, 2
+_ROOM, _EXPANSION = 1 << 26, 30  # bytes that any file may inflate to, and more for each byte it has
+
+
+class Variable(NamedTuple):
+    """A matrix of a file, looked into when it is asked for what it holds."""
+
+    name: str
+    kind: int  # MATLAB's number of the class
+    shape: tuple[int, ...]
+    words: NDArray[Any]  # (n, 2) int32: rows of eight bytes
+    order: str
+    start: int  # row after its name
+    stop: int
+
+    @property
+    def is_numeric(self) -> bool:
+        """Whether it holds numbers; cells, structs and texts do not."""
+        return self.kind in NUMBERS
+
+    @property
+    def is_struct(self) -> bool:
+        """Whether it is a struct."""
+        return self.kind == _STRUCT
+
+    @property
+    def is_cell(self) -> bool:
+        """Whether it is a cell array."""
+        return self.kind == _CELL
+
+    def reals(self) -> Float:
+        """Its numbers in its shape; raises FileError if it holds none."""
+        return frozen_float(self._numbers())
+
+    def integers(self) -> Int:
+        """Its numbers as integers ``(n,)``; raises FileError if one is none."""
+        return whole_values(self._numbers().ravel(order="F"), self.name)
+
+    def _numbers(self) -> NDArray[Any]:
+        """Its numbers in its shape and their own type."""
+        if not self.is_numeric:
+            raise FileError(f"{self.name} holds no numbers")
+        kind, place, size = _element(self.words, self.start, self.stop, self.name)
+        count = int(np.prod(self.shape, dtype=object))
+        dtype = np.dtype(TYPES.get(kind, "V1")).newbyteorder(self.order)  # type: ignore[arg-type]
+        if kind not in TYPES or size != count * dtype.itemsize:
+            raise FileError(f"{self.name}: {size} bytes of type {kind} are not {self.shape} numbers")
+        values = self.words.reshape(-1).view(np.uint8)[place : place + size].view(dtype)
+        return values.reshape(self.shape, order="F")
+
+    def fields(self) -> dict[str, Variable]:
+        """The fields of a struct by name; raises FileError if it is no single struct."""
+        if not self.is_struct or any(side != 1 for side in self.shape):
+            raise FileError(f"{self.name} is no single struct")
+        _, place, size = _element(self.words, self.start, self.stop, self.name)
+        raw = self.words.reshape(-1).view(np.uint8)
+        width = int(raw[place : place + 4].view(f"{self.order}i4")[0]) if size == 4 else 0
+        row = _after(self.words, self.start)
+        _, place, size = _element(self.words, row, self.stop, self.name)
+        if not 0 < width <= 64 or size % width:
+            raise FileError(f"{self.name}: the names of its fields are damaged")
+        names = [raw[i : i + width].tobytes() for i in range(place, place + size, width)]
+        row, found = _after(self.words, row), {}
+        for each in names:
+            name = f"{self.name}.{each.partition(bytes(1))[0].decode('ascii', 'replace')}"
+            _element(self.words, row, self.stop, name)
+            with suppress(_Other):
+                found[name.rpartition(".")[2]] = _matrix(self.words, self.order, row, name)
+            row = _after(self.words, row)
+        return found
+
+    def lists(self) -> tuple[Int, Int]:
+        """A cell array of lists of whole numbers, as offsets and values; raises FileError."""
+        return gathered_lists(self.words, self.order, self._children(), self.name)
+
+    def nested_lists(self) -> tuple[Int, Int, Int]:
+        """A cell array of cell arrays of lists, as cell and loop offsets and values; raises FileError."""
+        outer = self._children()
+        _, kinds, counts = matrix_heads(self.words, outer, self.name)
+        if (kinds != _CELL).any():
+            raise FileError(f"{self.name}: cell {int(np.argmax(kinds != _CELL))} is no cell array")
+        cell_offsets = np.concatenate(([0], np.cumsum(counts)))
+        if cell_offsets[-1] > len(self.words):
+            raise FileError(f"{self.name}: its cells claim to hold more than the file does")
+        last = int(outer[-1] + 1 + -(-int(self.words[outer[-1], 1]) // 8)) if len(outer) else 0
+        kept = np.ones(last, bool)
+        kept[: int(outer[0]) if len(outer) else 0] = False
+        for shift in range(1 + INSIDE):
+            kept[outer + shift] = False
+        places = np.flatnonzero(kept)
+        inner, _ = record_starts(self.words[places], int(cell_offsets[-1]), matrix_ends)
+        loop_offsets, values = gathered_lists(self.words, self.order, frozen_int(places[inner]), self.name)
+        return frozen_int(cell_offsets), loop_offsets, values
+
+    def _children(self) -> Int:
+        """Rows where the cells of a cell array begin."""
+        if not self.is_cell:
+            raise FileError(f"{self.name} is no cell array")
+        count = int(np.prod(self.shape, dtype=object))
+        starts, _ = record_starts(self.words[self.start : self.stop], count, matrix_ends)
+        return frozen_int(starts + self.start)
+
+
+def variables(content: bytes) -> dict[str, Variable]:
+    """The variables of a file by name; those of other kinds than numbers, structs and cells are left out.
+
+    Raises
+    ------
+    FileError
+        For a file of another version, or one that is truncated or damaged.
+    """
+    if content[:10] == b"MATLAB 7.3" or content[:8] == b"\x89HDF\r\n\x1a\n":
+        raise FileError("was saved by MATLAB with -v7.3, which is HDF5; save it with -v7")
+    if len(content) < 128 or content[126:128] not in (b"IM", b"MI"):
+        raise FileError("is no MATLAB file of level 5 (as save -v7 writes); or it is truncated")
+    order: Literal["<", ">"] = "<" if content[126:128] == b"IM" else ">"
+    found = {}
+    for words in _elements(content, order):
+        try:
+            variable = _matrix(words, order, 0, "")
+        except _Other:
+            continue
+        found[variable.name] = variable
+    return found
+
+
+class _Other(Exception):
+    """A variable of a kind that is not read."""
+
+
+def _elements(content: bytes, order: Literal["<", ">"]) -> Iterator[NDArray[Any]]:
+    """The rows of eight bytes of each variable, inflated."""
+    place, room = 128, _ROOM + _EXPANSION * len(content)
+    while place < len(content):
+        if len(content) - place < 8:
+            raise FileError("truncated: the last variable does not end")
+        kind, size = np.frombuffer(content, f"{order}u4", 2, place).tolist()
+        if place + 8 + size > len(content):
+            raise FileError(
+                f"truncated: a variable of {size} bytes is declared, {len(content) - place - 8} follow"
+            )
+        if kind == _COMPRESSED:
+            data = _inflated(content[place + 8 : place + 8 + size], order, room)
+            room -= len(data)
+            yield _rows(data, order, 0, len(data))
+        elif kind == MATRIX:
+            yield _rows(content, order, place, 8 + size)
+        else:
+            raise FileError(f"an element of type {kind} stands where a variable should")
+        place += 8 + size
+
+
+def _rows(data: bytes, order: Literal["<", ">"], place: int, size: int) -> NDArray[Any]:
+    """Some bytes as rows of eight, the last one filled up."""
+    if size % 8:
+        data, place = data[place : place + size].ljust(-(-size // 8) * 8, b"\0"), 0
+    return np.frombuffer(data, f"{order}i4", -(-size // 8) * 2, place).reshape(-1, 2)
+
+
+def _inflated(data: bytes, order: str, room: int) -> bytes:
+    """The variable in a compressed element, of the size that it says itself."""
+    codec = zlib.decompressobj()
+    try:
+        head = codec.decompress(data, 8)
+        if len(head) < 8:
+            raise FileError("truncated: a compressed variable ends before its size")
+        kind, size = np.frombuffer(head, f"{order}u4").tolist()
+        if kind != MATRIX or size > room:
+            raise FileError(f"a compressed variable of {len(data)} bytes claims to hold {size}")
+        rest = codec.decompress(codec.unconsumed_tail, max(size, 1))
+    except zlib.error as error:
+        raise FileError(f"a compressed variable is damaged: {error}") from None
+    if len(rest) < size:
+        raise FileError(f"truncated: a variable of {size} bytes is declared, {len(rest)} were found")
+    return head + rest[:size]
+
+
+def _element(words: NDArray[Any], row: int, stop: int, name: str) -> tuple[int, int, int]:
+    """Type of the element at a row, the byte where its data begin, and their size."""
+    if row >= stop:
+        raise FileError(f"{name} is truncated")
+    kind, size = (int(word) for word in words[row])
+    if kind >> 16:
+        kind, size, place = kind & 0xFFFF, kind >> 16, 8 * row + 4
+    else:
+        place = 8 * row + 8
+    if size < 0 or (place % 8 and size > 4) or place + size > 8 * stop:
+        raise FileError(f"{name} is damaged: {size} bytes are declared where there are fewer")
+    return kind, place, size
+
+
+def _after(words: NDArray[Any], row: int) -> int:
+    """Row after the element at a row."""
+    kind, size = (int(word) for word in words[row])
+    return row + 1 if kind >> 16 else row + 1 + -(-size // 8)
+
+
+def _matrix(words: NDArray[Any], order: str, row: int, name: str) -> Variable:
+    """The matrix at a row."""
+    kind, place, size = _element(words, row, len(words), name or "a variable")
+    stop = (place + size) // 8
+    if kind != MATRIX or size < 8:
+        raise _Other
+    _, place, _ = _element(words, row + 1, stop, name or "a variable")
+    flags = int(words[place // 8, 0])
+    kind = flags & 0xFF
+    if kind not in (_CELL, _STRUCT, *NUMBERS):
+        raise _Other
+    row = row + 3
+    sort, place, size = _element(words, row, stop, name or "a variable")
+    raw = words.reshape(-1).view(np.uint8)
+    if sort != 5 or size % 4 or not 8 <= size <= 128:
+        raise FileError(f"{name or 'a variable'} has no dimensions")
+    shape = tuple(raw[place : place + size].view(f"{order}i4").tolist())
+    if min(shape) < 0:
+        raise FileError(f"{name or 'a variable'} has the dimensions {shape}")
+    row = _after(words, row)
+    _, place, size = _element(words, row, stop, name or "a variable")
+    own = raw[place : place + size].tobytes().decode("ascii", "replace")
+    if flags & 0x800:
+        raise FileError(f"{name or own} holds complex numbers")
+    return Variable(name or own, kind, shape, words, order, _after(words, row), stop)

@@ -1,0 +1,149 @@
+"""MRST's grid structure G: faces, the nodes of each, the cells beside it; its coarse grids CG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.array_checks import check_directions
+from agglo_core.io.build.plain_cells import used_points
+from agglo_core.io.matlab.mat5 import Variable
+from agglo_core.io.matlab.mat5_write import numbers, structure
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import gather
+
+__all__ = ["coarse_structure", "grid_structure", "mesh_of_grid"]
+
+
+def mesh_of_grid(grid: Variable) -> Mesh:
+    """Mesh of a structure G, face by face as it is; points that no face uses are dropped.
+
+    Raises
+    ------
+    FileError, MeshError
+        If fields are missing, or do not form a mesh.
+    """
+    parts = grid.fields()
+    nodes, faces = (
+        _fields(parts, "nodes", ("coords",)),
+        _fields(parts, "faces", ("nodePos", "nodes", "neighbors")),
+    )
+    points = nodes["coords"].reals()
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise FileError(f"G.nodes.coords has the shape {points.shape}, expected 2 or 3 columns")
+    offsets, vertices = faces["nodePos"].integers() - 1, faces["nodes"].integers() - 1
+    if not len(offsets) or offsets[0] != 0 or (np.diff(offsets) < 1).any() or offsets[-1] != len(vertices):
+        raise FileError(f"G.faces.nodePos does not rise from 1 to {len(vertices) + 1}")
+    sides = faces["neighbors"]
+    if sides.shape != (len(offsets) - 1, 2):
+        raise FileError(f"G.faces.neighbors has the shape {sides.shape}, expected ({len(offsets) - 1}, 2)")
+    cells = frozen_int(sides.integers().reshape(2, -1).T - 1)
+    if not len(cells) or cells.min() < -1 or cells.max() >= 2 * len(cells) or (cells.max(axis=1) < 0).any():
+        raise FileError("G.faces.neighbors names cells that cannot be, or none beside a face")
+    if vertices.min(initial=0) < 0 or vertices.max(initial=-1) >= len(points):
+        raise FileError(f"G.faces.nodes uses points outside 1..{len(points)}")
+    used = np.zeros(len(points), bool)
+    used[vertices] = True
+    turned = cells[:, 0] < 0  # the outside comes first
+    mesh = Mesh(
+        frozen_float(points[used]),
+        frozen_int(offsets),
+        _turned(frozen_int(offsets), frozen_int((np.cumsum(used) - 1)[vertices]), frozen_int(turned)),
+        frozen_int(np.where(turned[:, None], cells[:, ::-1], cells)),
+    )
+    check_directions(mesh)
+    return mesh
+
+
+def _fields(parts: Mapping[str, Variable], name: str, needed: tuple[str, ...]) -> dict[str, Variable]:
+    if name not in parts:
+        raise FileError(f"G has no field {name!r}; it has {', '.join(parts) or 'none'}")
+    found = parts[name].fields()
+    missing = [each for each in needed if each not in found]
+    if missing:
+        raise FileError(f"G.{name} has no field {missing[0]!r}; it has {', '.join(found) or 'none'}")
+    return found
+
+
+def _turned(offsets: Int, vertices: Int, which: Int) -> Int:
+    """The vertices with those of some faces in reverse."""
+    sizes = np.diff(offsets)
+    place = np.arange(len(vertices))
+    mirrored = np.repeat(offsets[:-1] + offsets[1:] - 1, sizes) - place
+    return frozen_int(vertices[np.where(np.repeat(which != 0, sizes), mirrored, place)])
+
+
+def grid_structure(mesh: Mesh) -> bytes:
+    """The structure G as a matrix of a MATLAB file, without what ``computeGeometry`` adds."""
+    points, number = used_points(mesh)
+    vertices = mesh.face_vertices if number is None else frozen_int(number[mesh.face_vertices])
+    cell_offsets, faces = mesh.cell_faces
+    order = gather(cell_offsets, frozen_int(np.arange(mesh.n_cells)))[1]
+    return structure(
+        "G",
+        {
+            "cells": structure(
+                "",
+                {
+                    "num": numbers("", [[mesh.n_cells]]),
+                    "facePos": numbers("", cell_offsets + 1),
+                    "faces": numbers("", faces[order].astype(np.int64) + 1),
+                },
+            ),
+            "faces": structure(
+                "",
+                {
+                    "num": numbers("", [[mesh.n_faces]]),
+                    "nodePos": numbers("", mesh.face_offsets + 1),
+                    "nodes": numbers("", vertices + 1),
+                    "neighbors": numbers("", mesh.face_cells + 1),
+                },
+            ),
+            "nodes": structure("", {"num": numbers("", [[len(points)]]), "coords": numbers("", points)}),
+            "griddim": numbers("", [[mesh.dim]]),
+        },
+    )
+
+
+def coarse_structure(name: str, mesh: Mesh, labels: Int) -> bytes:
+    """The coarse grid of a partition with the fields that ``generateCoarseGrid`` makes, but for ``parent``.
+
+    A coarse face is all faces of the mesh between the same two blocks, or between one and the outside, which
+    is 0: ``fconn(connPos(i) : connPos(i + 1) - 1)`` are those of coarse face i.
+    """
+    blocks = np.where(mesh.face_cells >= 0, labels[mesh.face_cells] + 1, 0)
+    kept = np.flatnonzero(blocks[:, 0] != blocks[:, 1])
+    low, high = np.sort(blocks[kept], axis=1).T
+    inner = low > 0
+    order = np.lexsort((np.where(inner, high, 0), np.where(inner, low, high), ~inner))
+    pairs = np.stack((np.where(inner, low, high), np.where(inner, high, 0)), axis=1)[order]
+    new = np.concatenate(([True], (np.diff(pairs, axis=0) != 0).any(axis=1)))
+    starts = np.flatnonzero(new)
+    neighbours = pairs[starts]
+    face = np.repeat(np.arange(len(starts)), 2)[neighbours.ravel() > 0]
+    block = neighbours.ravel()[neighbours.ravel() > 0]
+    n = int(labels.max()) + 1
+    ends = np.cumsum(np.bincount(block - 1, minlength=n))
+    cells = {
+        "num": numbers("", [[n]]),
+        "facePos": numbers("", frozen_int(np.concatenate(([0], ends)) + 1)),
+        "faces": numbers("", frozen_int(face[np.argsort(block, kind="stable")] + 1)),
+    }
+    faces = {
+        "num": numbers("", [[len(starts)]]),
+        "neighbors": numbers("", frozen_int(neighbours)),
+        "connPos": numbers("", frozen_int(np.concatenate((starts, [len(kept)])) + 1)),
+        "fconn": numbers("", frozen_int(kept[order] + 1)),
+    }
+    return structure(
+        name,
+        {
+            "cells": structure("", cells),
+            "faces": structure("", faces),
+            "partition": numbers("", frozen_int(labels + 1)),
+            "griddim": numbers("", [[mesh.dim]]),
+        },
+    )

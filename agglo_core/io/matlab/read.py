@@ -1,0 +1,211 @@
+"""Meshes in the variables of MATLAB programs: lymph's struct, points and cells of mVEM and others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int, trusted_copy
+from agglo_core.errors import FileError
+from agglo_core.io.matlab.mat5 import Variable, variables
+from agglo_core.io.matlab.mrst import mesh_of_grid
+from agglo_core.io.matlab.outer_tags import tagged_outside
+from agglo_core.io.matlab.write import NAMES
+from agglo_core.io.tags import is_level
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.checks import check_tags
+from agglo_core.mesh.elements import Polyhedra, polyhedra_from_elements
+
+__all__ = ["read_matlab"]
+
+_PAIRS = (("node3", "elem3"), ("node", "elem"), ("Node", "Element"), ("nodes", "elements"))
+_NONE = (frozen_int([0]), frozen_int([]))
+
+
+class _Cells(NamedTuple):
+    points: Float
+    plane: tuple[Int, Int]
+    solid: Polyhedra | None
+    tags: Mapping[str, Int]
+
+    @property
+    def number(self) -> int:
+        """How many cells there are."""
+        if self.solid is not None:
+            return len(self.solid.cell_offsets) - 1
+        return len(self.plane[0]) - 1
+
+
+def read_matlab(path: Path, *, merge_points: bool, allow_gaps: bool, drop_flat: bool) -> Mesh:
+    """Mesh of a MATLAB file; numbers with a whole value for each cell become tags.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh, or variables of which no mesh is known.
+    """
+    found = variables(path.read_bytes())
+    region, lists = found.get("region"), any(pair[0] in found and pair[1] in found for pair in _PAIRS)
+    if "G" in found and found["G"].is_struct and region is None and not lists:
+        mesh = mesh_of_grid(found["G"])
+        mesh = trusted_copy(
+            mesh, cell_tags=check_tags("cell", _tags(found, mesh.n_cells), mesh.n_cells), name=path.stem
+        )
+        return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
+    if region is not None:
+        fields = region.fields()
+        cells = _region(fields)
+    else:
+        fields, cells = {}, _lists(found)
+    tags = {**cells.tags, **_tags(found, cells.number)}
+    if cells.solid is not None:
+        return Mesh.from_polyhedra(
+            cells.points,
+            cells.solid,
+            cell_tags=tags,
+            merge_points=merge_points,
+            allow_gaps=allow_gaps,
+            drop_flat=drop_flat,
+            name=path.stem,
+        )
+    mesh = Mesh.from_polygons(
+        cells.points,
+        cells.plane,
+        cell_tags=tags,
+        merge_points=merge_points,
+        allow_gaps=True,
+        drop_flat=drop_flat,
+        name=path.stem,
+    )
+    mesh = _with_boundary(mesh, cells.points, fields)
+    return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
+
+
+def _region(fields: Mapping[str, Variable]) -> _Cells:
+    """The struct ``region`` of lymph."""
+    for name in ("coord", "connectivity"):
+        if name not in fields:
+            raise FileError(f"region has no field {name!r}; it has {', '.join(fields) or 'none'}")
+    points = _points(fields["coord"])
+    plane = _numbered(fields["connectivity"].lists(), len(points), "region.connectivity")
+    count = len(plane[0]) - 1
+    own = fields.get("id")
+    tags = (
+        {"id": own.integers()} if own is not None and own.is_numeric and np.prod(own.shape) == count else {}
+    )
+    return _Cells(points, plane, None, tags)
+
+
+def _lists(found: Mapping[str, Variable]) -> _Cells:
+    """Points and cells under the names that programs give them."""
+    names = next((pair for pair in _PAIRS if pair[0] in found and pair[1] in found), None)
+    if names is None:
+        expected = (
+            "region (lymph), node and elem (mVEM), Node and Element (PolyMesher), node3 and elem3, G (MRST)"
+        )
+        raise FileError(f"holds the variables {', '.join(found) or 'none'}; expected {expected}")
+    points, cells = _points(found[names[0]]), found[names[1]]
+    if points.shape[1] == 2:
+        lists = cells.lists() if cells.is_cell else _rows(cells)
+        return _Cells(points, _numbered(lists, len(points), names[1]), None, {})
+    if not cells.is_cell:
+        return _Cells(points, _NONE, _elements(cells, len(points)), {})
+    cell_offsets, loop_offsets, values = cells.nested_lists()
+    _, vertices = _numbered((loop_offsets, values), len(points), names[1])
+    return _Cells(points, _NONE, Polyhedra(cell_offsets, loop_offsets, vertices), {})
+
+
+def _points(variable: Variable) -> Float:
+    points = variable.reals()
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise FileError(
+            f"{variable.name} has the shape {points.shape}, expected a row of 2 or 3 for each point"
+        )
+    return frozen_float(points)
+
+
+def _rows(variable: Variable) -> tuple[Int, Int]:
+    """Cells as rows of an array; short rows are filled up with NaN or zeros at their end."""
+    rows = variable.reals()
+    if rows.ndim != 2:
+        raise FileError(f"{variable.name} has the shape {rows.shape}, expected a row for each cell")
+    used = np.isfinite(rows) & (rows != 0)
+    if (used[:, 1:] & ~used[:, :-1]).any():
+        raise FileError(f"{variable.name}: a row has a number after a missing one")
+    values = rows[used]
+    whole = values == np.floor(values)
+    if not whole.all() or np.abs(values).max(initial=0) > 2**53:
+        raise FileError(f"{variable.name} holds {values[np.argmin(whole)]:g}, expected whole numbers")
+    return frozen_int(np.concatenate(([0], np.cumsum(used.sum(axis=1))))), frozen_int(values.astype(np.int64))
+
+
+def _elements(variable: Variable, n_points: int) -> Polyhedra:
+    """Tetrahedra or hexahedra as rows of an array."""
+    kinds = {4: "tetra", 8: "hexahedron"}
+    rows = _numbered(_rows(variable), n_points, variable.name)[1]
+    width = variable.shape[1]
+    if width not in kinds or rows.size != np.prod(variable.shape):
+        raise FileError(f"{variable.name} has rows of {width}, expected 4 (tetrahedra), 8, or a cell array")
+    return polyhedra_from_elements({kinds[width]: rows.reshape(-1, width)})
+
+
+def _numbered(lists: tuple[Int, Int], n_points: int, name: str) -> tuple[Int, Int]:
+    """The lists with points from 0 on."""
+    offsets, values = lists
+    if values.min(initial=1) < 1 or values.max(initial=1) > n_points:
+        wrong = int(np.argmax((values < 1) | (values > n_points)))
+        cell = int(np.searchsorted(offsets, wrong, side="right")) - 1
+        raise FileError(
+            f"{name}: list {cell} (from 0 on) uses point {values[wrong]}, expected 1 to {n_points}"
+        )
+    return offsets, frozen_int(values - 1)
+
+
+def _tags(found: Mapping[str, Variable], count: int) -> dict[str, Int]:
+    """Variables with a whole number for each cell; parts of levels are numbered from 1 on in MATLAB."""
+    if NAMES in found:
+        names = _own_names(found[NAMES])
+    else:
+        names = {name: name for name, each in found.items() if each.is_numeric and _is_list(each, count)}
+    tags = {}
+    for variable, name in names.items():
+        if variable not in found or (found[variable].shape[:1] != (count,) and NAMES in found):
+            raise FileError(f"{NAMES} names the variable {variable!r}, which has not a row for each cell")
+        with suppress(FileError):  # lengths and the like are no tags
+            tags[name] = frozen_int(found[variable].integers() - (1 if is_level(name) else 0))
+    return tags
+
+
+def _is_list(variable: Variable, count: int) -> bool:
+    """Whether it is a row or column with a number for each of several cells."""
+    return count > 1 and sorted(variable.shape) == [1] * (len(variable.shape) - 1) + [count]
+
+
+def _own_names(variable: Variable) -> dict[str, str]:
+    """Tags by variable, as agglo wrote them down."""
+    try:
+        names = json.loads(bytes(variable.integers().astype(np.uint8)))
+    except (ValueError, RecursionError):
+        names = None
+    if not isinstance(names, dict) or not all(isinstance(name, str) for name in names.values()):
+        raise FileError(f"{NAMES} is damaged")
+    return names
+
+
+def _with_boundary(mesh: Mesh, points: Float, fields: Mapping[str, Variable]) -> Mesh:
+    """The mesh with lymph's tags of outer edges as the face tag ``bc_tag``."""
+    if "connectivity_bc" not in fields or "bc_tag" not in fields:
+        return mesh
+    ends, values = fields["connectivity_bc"], fields["bc_tag"].integers()
+    if not ends.is_numeric or ends.shape != (len(values), 2):
+        raise FileError(
+            f"region.connectivity_bc has the shape {ends.shape} for {len(values)} values of bc_tag"
+        )
+    pairs = _numbered((frozen_int([0, 2 * len(values)]), ends.integers()), len(points), ends.name)[1]
+    tag = tagged_outside(mesh, points, frozen_int(pairs.reshape(2, -1).T), values)
+    return trusted_copy(mesh, face_tags={**mesh.face_tags, "bc_tag": tag})

@@ -1,0 +1,153 @@
+"""Meshes as variables of MATLAB: those of mVEM and, in the plane, the structs of lymph beside them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.io.build.plain_cells import Loops, loops_of, solids_of, write_levels
+from agglo_core.io.matlab.mat5_write import (
+    cell_array,
+    lists,
+    matrices,
+    nested,
+    numbers,
+    structure,
+    write_variables,
+)
+from agglo_core.io.matlab.mrst import coarse_structure, grid_structure
+from agglo_core.io.tags import is_level
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["NAMES", "write_matlab"]
+
+NAMES = "agglo_names"
+"""Variable with JSON (as bytes) that says which variable is which tag of the mesh."""
+
+_COARSE = re.compile(r"CG_\d+", re.ASCII)
+_TAKEN = ("node", "elem", "node3", "elem3", "region", "neighbor", "G", NAMES)
+_OUTSIDE = 2  # lymph's tag of an outer edge of which nothing else is known
+
+
+def write_matlab(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress: bool) -> None:
+    """Write a mesh with its tags and labels, and each coarse mesh beside it.
+
+    A plane mesh is written as ``node`` and ``elem`` and as ``region`` and ``neighbor``, a solid one as
+    ``node3`` and ``elem3``; both as MRST's ``G``, too, with a ``CG_0``, … for each level.
+    Points, cells and parts of levels are numbered from 1 on, tags keep their values.
+
+    Raises
+    ------
+    FileError
+        For plane cells with holes, or a mesh larger than such files can hold.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    write_levels(path, mesh, hierarchy, partial(_write, compress=compress))
+
+
+def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int], *, compress: bool) -> None:
+    cells = _solid(mesh) if mesh.dim == 3 else _plane(mesh, tags)
+    grids = [grid_structure(mesh), *_coarse_grids(mesh, tags)]
+    write_variables(path, [*cells, *grids, *_tags(tags)], compress=compress)
+
+
+def _coarse_grids(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
+    """MRST's coarse grid of each level, ``CG_0``, ``CG_1``, …."""
+    for name, labels in tags.items():
+        if is_level(name) and labels.min() == 0 and np.bincount(labels).all():
+            yield coarse_structure(f"CG_{name.removeprefix('level_')}", mesh, labels)
+
+
+def _solid(mesh: Mesh) -> Iterator[bytes]:
+    points, solids = solids_of(mesh, ".mat")
+    yield numbers("node3", points)
+    cells = nested(solids.cell_offsets, solids.loop_offsets, frozen_int(solids.vertices + 1))
+    yield cell_array("elem3", (mesh.n_cells, 1), cells)
+
+
+def _plane(mesh: Mesh, tags: Mapping[str, Int]) -> Iterator[bytes]:
+    loops = loops_of(mesh, ".mat")
+    cells = lists(loops.offsets, frozen_int(loops.vertices + 1))
+    yield numbers("node", loops.points)
+    yield cell_array("elem", (mesh.n_cells, 1), cells)
+    yield structure("region", _region(mesh, loops, tags))
+    n, sizes = mesh.n_cells, np.diff(loops.offsets)
+    cell, edge = _neighbours(loops)
+    yield structure(
+        "neighbor",
+        {
+            "nedges": numbers("", sizes[None]),
+            "neigh": cell_array("", (1, n), lists(loops.offsets, cell)),
+            "neighedges": cell_array("", (1, n), lists(loops.offsets, edge)),
+        },
+    )
+
+
+def _region(mesh: Mesh, loops: Loops, tags: Mapping[str, Int]) -> dict[str, bytes]:
+    """The fields of lymph's struct; ``max_kb`` is left to its function ``MakePolygonProperties``."""
+    n, starts = mesh.n_cells, loops.offsets[:-1]
+    corners = loops.points[loops.vertices]
+    box = [bound.reduceat(x, starts) for x in corners.T for bound in (np.minimum, np.maximum)]
+    pairs, values = _boundary(mesh, loops)
+    return {
+        "ne": numbers("", [[n]]),
+        "nedges": numbers("", np.diff(loops.offsets)[None]),
+        "BBox": numbers("", np.stack(box, axis=1)),
+        "coord": numbers("", loops.points),
+        "id": numbers("", tags.get("id", np.ones(n, np.int64))),
+        "coords_element": cell_array("", (1, n), matrices(loops.offsets, frozen_float(corners))),
+        "connectivity": cell_array("", (1, n), lists(loops.offsets, frozen_int(loops.vertices + 1))),
+        "area": numbers("", mesh.cell_measures),
+        "connectivity_bc": numbers("", pairs + 1),
+        "bc_tag": numbers("", values[None]),
+    }
+
+
+def _boundary(mesh: Mesh, loops: Loops) -> tuple[Int, Int]:
+    """Outer edges by their points, and lymph's tag of each."""
+    outer = np.flatnonzero(mesh.face_cells[:, 1] < 0)
+    number = np.cumsum(np.bincount(mesh.face_vertices, minlength=mesh.n_points) > 0) - 1
+    tag = mesh.face_tags.get("bc_tag", np.full(mesh.n_faces, _OUTSIDE))[outer]
+    return frozen_int(number[mesh.face_pairs[outer]]), frozen_int(np.where(tag < 0, _OUTSIDE, tag))
+
+
+def _neighbours(loops: Loops) -> tuple[Int, Int]:
+    """For each edge of each cell the cell beyond it and the number it has there, from 1 on; −1 outside."""
+    sizes = np.diff(loops.offsets)
+    owner = np.repeat(np.arange(len(sizes)), sizes)
+    rank = np.arange(len(owner)) - loops.offsets[owner]
+    head = np.roll(loops.vertices, -1)
+    head[loops.offsets[1:] - 1] = loops.vertices[loops.offsets[:-1]]
+    key = np.minimum(loops.vertices, head) * len(loops.points) + np.maximum(loops.vertices, head)
+    order = np.argsort(key, kind="stable")
+    twin = np.flatnonzero(key[order][1:] == key[order][:-1])
+    a, b = order[twin], order[twin + 1]
+    cell, edge = np.full(len(owner), -1), np.full(len(owner), -1)
+    cell[a], cell[b], edge[a], edge[b] = owner[b] + 1, owner[a] + 1, rank[b] + 1, rank[a] + 1
+    return frozen_int(cell), frozen_int(edge)
+
+
+def _tags(tags: Mapping[str, Int]) -> Iterator[bytes]:
+    """A variable for each tag; one whose name is none in MATLAB gets another."""
+    names: dict[str, str] = {}
+    for name, values in tags.items():
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:40]
+        fits = plain == name and plain[:1].isalpha() and name not in _TAKEN and not _COARSE.fullmatch(name)
+        variable = name if fits else f"tag{len(names)}_{plain}"
+        while variable in names or (variable != name and variable in tags):
+            variable += "_"
+        names[variable] = name
+        yield numbers(variable, values + 1 if is_level(name) else values)
+    text = np.frombuffer(json.dumps(names).encode(), np.uint8)
+    yield numbers(NAMES, text[None])

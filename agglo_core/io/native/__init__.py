@@ -1,0 +1,1 @@
+"""The format .npz, which holds a mesh and its hierarchy without loss."""

@@ -1,0 +1,1 @@
+"""Cases of OpenFOAM, whole or in pieces of processors."""

@@ -1,0 +1,180 @@
+"""Lists in OpenFOAM's files: text or binary, gzipped or not, labels and scalars of 32 or 64 bits."""
+
+from __future__ import annotations
+
+import re
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.regular import without_mark
+from agglo_core.files.text_numbers import integers, reals
+from agglo_core.io.openfoam.dictionaries import COMMENT, SPACE, FoamParser, word_in
+from agglo_core.io.text.counted_lists import counted_lists
+
+__all__ = ["FoamFile", "faces_of", "has_foam", "labels_of", "open_foam", "parser_of", "points_of"]
+
+_LIST = re.compile(SPACE + rb"(\d{1,18})" + SPACE + rb"([({]?)")
+_COMMENT = re.compile(COMMENT)
+_BRACKETS = bytes.maketrans(b"()", b"  ")
+_ROOM, _EXPANSION = 1 << 26, 40  # bytes that any file may inflate to, and more for each byte it has
+
+
+class FoamFile(NamedTuple):
+    """A file after its header."""
+
+    name: str
+    content: bytes
+    start: int
+    kind: str  # the class it says
+    binary: bool
+    label: str
+    scalar: str
+
+
+def has_foam(folder: Path, name: str) -> bool:
+    """Return True if a folder has a file of this name, gzipped or not."""
+    return (folder / name).is_file() or (folder / f"{name}.gz").is_file()
+
+
+def open_foam(folder: Path, name: str) -> FoamFile:
+    """Read a file of a folder, or the gzipped one, and its header; raises FileError."""
+    plain, packed = folder / name, folder / f"{name}.gz"
+    if plain.is_file():
+        content = plain.read_bytes()
+    elif packed.is_file():
+        content = _inflated(packed.read_bytes(), packed.name)
+    else:
+        raise FileError(f"there is no file {plain}, nor {packed.name}; blockMesh makes one")
+    content = without_mark(content)
+    header = FoamParser(name, content)
+    if header.token() != b"FoamFile" or header.token() != b"{":
+        raise FileError(f"{name}: there is no header FoamFile")
+    words = header.table()
+    form, arch = word_in(words, "format") or "ascii", word_in(words, "arch")
+    if form not in ("ascii", "binary"):
+        raise FileError(f"{name}: the format {form!r} is neither ascii nor binary")
+    order = ">" if "MSB" in arch else "<"
+    label = f"{order}i{8 if 'label=64' in arch else 4}"
+    scalar = f"{order}f{4 if 'scalar=32' in arch else 8}"
+    return FoamFile(name, content, header.place, word_in(words, "class"), form == "binary", label, scalar)
+
+
+def parser_of(file: FoamFile, most: int) -> FoamParser:
+    """Parser of what follows the header; ``most`` is the largest length of a list of equal labels."""
+    return FoamParser(file.name, file.content, file.start, file.label if file.binary else "", most)
+
+
+def points_of(file: FoamFile) -> Float:
+    """Points ``(n, 3)`` of a file; raises FileError."""
+    n, start, _ = _declared(file, file.start)
+    if file.binary:
+        values, _ = _raw(file, start, 3 * n, file.scalar)
+        return frozen_float(values.reshape(-1, 3))
+    values = reals(*_text(file, start))
+    if len(values) != 3 * n:
+        raise FileError(f"{file.name}: {n} points are declared, {len(values)} coordinates follow")
+    return frozen_float(values.reshape(-1, 3))
+
+
+def labels_of(file: FoamFile, most: int) -> Int:
+    """Labels of the list in a file; raises FileError.
+
+    ``most`` is how many there can be: a list of equal labels says its length and one of them.
+    """
+    n, start, bracket = _declared(file, file.start, most)
+    if not bracket:
+        return frozen_int([])
+    if bracket == b"{":
+        stop = file.content.find(b"}", start)
+        value = integers(file.content, start, stop if stop >= 0 else start)
+        if len(value) != 1:
+            raise FileError(f"{file.name}: a list of {n} equal labels does not say which")
+        return frozen_int(np.full(n, value[0]))
+    if file.binary:
+        return frozen_int(_raw(file, start, n, file.label)[0])
+    values = integers(*_text(file, start, file.content.find(b")", start)))
+    if len(values) != n:
+        raise FileError(f"{file.name}: {n} labels are declared, {len(values)} follow")
+    return values
+
+
+def faces_of(file: FoamFile) -> tuple[Int, Int]:
+    """Faces of a file as offsets and points; raises FileError."""
+    n, start, _ = _declared(file, file.start)
+    if not file.binary:
+        content, first, last = _text(file, start)
+        stream = integers(content, first, last)
+        offsets, places, used = counted_lists(stream, n)
+        if used != len(stream):
+            raise FileError(f"{file.name}: {n} faces take {used} numbers, but {len(stream)} follow")
+        return offsets, frozen_int(stream[places])
+    if "Compact" not in file.kind:
+        raise FileError(
+            f"{file.name}: binary faces of the class {file.kind} are not read; foamFormatConvert does"
+        )
+    starts, stop = _raw(file, start, n, file.label)
+    if not n or starts[0] != 0 or (np.diff(starts) < 0).any():
+        raise FileError(f"{file.name}: the places of the faces do not rise from 0")
+    count, start, _ = _declared(file, stop)
+    if count != starts[-1]:
+        raise FileError(f"{file.name}: the faces end at {starts[-1]} of {count} points")
+    return frozen_int(starts), frozen_int(_raw(file, start, count, file.label)[0])
+
+
+def _declared(file: FoamFile, place: int, most: int | None = None) -> tuple[int, int, bytes]:
+    """Declared length of a list, the place after its bracket, and the bracket; an empty list may lack it."""
+    found = _LIST.match(file.content, place)
+    n = int(found[1]) if found is not None else 0
+    if found is None or (n and not found[2]):
+        raise FileError(f"{file.name}: expected a number and a list in brackets")
+    if found[2] == b"{" and (most is None or n > most):
+        raise FileError(f"{file.name}: a list of {n} equal values is too long, or none is expected")
+    return n, found.end(), found[2]
+
+
+def _raw(file: FoamFile, start: int, n: int, kind: str) -> tuple[Float | Int, int]:
+    """So many binary values, and the place after the bracket that ends them."""
+    dtype = np.dtype(kind)
+    stop = start + n * dtype.itemsize
+    if file.content[stop : stop + 1] != b")":
+        wide = 8 * dtype.itemsize
+        raise FileError(
+            f"{file.name}: {n} values of {wide} bits do not end with a bracket: truncated, or the header lies"
+        )
+    return np.frombuffer(file.content, dtype, n, start), stop + 1
+
+
+def _text(file: FoamFile, start: int, stop: int | None = None) -> tuple[bytes, int, int]:
+    """The numbers of a list in text as content, begin and end, without brackets and comments."""
+    text = file.content[start : stop if stop is not None and stop >= 0 else None]
+    slash = text.find(b"/")
+    if slash >= 0:
+        text = text[:slash] + _COMMENT.sub(b" ", text[slash:])
+    last = text.rfind(b")") if stop is None else stop
+    if last < 0:
+        raise FileError(f"{file.name}: truncated: the list does not end with a bracket")
+    text = text.translate(_BRACKETS)
+    return text, 0, last if stop is None else len(text)
+
+
+def _inflated(data: bytes, name: str) -> bytes:
+    """The content of a gzipped file, as far as one of such a size may be."""
+    room, parts = _ROOM + _EXPANSION * len(data), []
+    try:
+        while data:
+            codec = zlib.decompressobj(31)
+            parts.append(codec.decompress(data, room + 1))
+            room -= len(parts[-1])
+            if room < 0:
+                raise FileError(f"{name}: it inflates to more than {_EXPANSION} times its size")
+            if not codec.eof:
+                raise FileError(f"{name}: truncated")
+            data = codec.unused_data
+    except zlib.error as error:
+        raise FileError(f"{name}: {error}") from None
+    return b"".join(parts)

@@ -1,0 +1,67 @@
+"""Format of OpenFOAM cases, which are folders, often marked by an empty file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from agglo_core.io.format_options import Compressing
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+    from agglo_core.mesh import Mesh
+
+__all__ = ["OpenFoam"]
+
+
+class OpenFoam(Compressing):
+    """OpenFOAM cases: ``constant/polyMesh`` beside a file or in a folder; levels for decomposePar, as fields.
+
+    Parameters
+    ----------
+    merge_points : bool
+        Merge points of outer faces at one place on reading.
+    allow_gaps : bool
+        Leave outer faces that lie on one another as they are.
+    compress : bool
+        Write gzipped files.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from agglo_core.io import OpenFoam
+    >>> OpenFoam().write(Path("case.foam"), agglo.samples.boxes(2))
+    >>> OpenFoam().read(Path("case.foam")).n_cells
+    8
+    """
+
+    suffixes: tuple[str, ...] = (".foam", ".openfoam")
+    lossless: bool = False
+    reads_empty: bool = True
+    atomic: bool = True
+    folders: tuple[str, ...] = ("constant", "0")
+
+    def __init__(self, merge_points: bool = True, allow_gaps: bool = False, compress: bool = False) -> None:
+        super().__init__(merge_points, allow_gaps, compress)
+
+    def recognises(self, head: bytes) -> bool:
+        """Whether a file begins as those in ``polyMesh`` do; the mesh of its folder is read."""
+        return b"FoamFile" in head or (head.startswith(b"/*") and b"OpenFOAM" in head)
+
+    def recognises_folder(self, folder: Path) -> bool:
+        """Return True for the folder of a case, for ``constant``, and for ``polyMesh``."""
+        from agglo_core.io.openfoam.read import is_foam_folder
+
+        return is_foam_folder(folder)
+
+    def read(self, path: Path) -> Mesh:
+        """Return the mesh of the case; raises FileError or MeshError."""
+        from agglo_core.io.openfoam.read import read_foam
+
+        return read_foam(path, merge_points=self.merge_points, allow_gaps=self.allow_gaps)
+
+    def write(self, path: Path, mesh: Mesh, hierarchy: Hierarchy | None = None) -> None:
+        """Write a solid mesh and the labels of its levels as a case; raises an AggloError."""
+        from agglo_core.io.openfoam.write import write_foam
+
+        write_foam(path, mesh, hierarchy, compress=self.compress)

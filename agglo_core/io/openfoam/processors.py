@@ -1,0 +1,183 @@
+"""Meshes of all processors of a decomposed OpenFOAM case, joined to one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.openfoam.files import has_foam, labels_of, open_foam
+from agglo_core.io.openfoam.parts import FoamPart, read_part
+from agglo_core.mesh.elements import gather
+
+__all__ = ["read_processors"]
+
+_GAP = 1e-3  # largest distance of points that are one, over the size of the face
+
+
+def read_processors(folders: Sequence[Path]) -> tuple[FoamPart, Int]:
+    """Join the meshes of ``processor0``, ``processor1``, … at the faces between them.
+
+    Cells are numbered as before the decomposition if all folders have a ``cellProcAddressing``, else
+    processor by processor.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        Folders of the processors in their order.
+
+    Returns
+    -------
+    part : FoamPart
+        Without the patches between processors. Those of a periodic patch are part of it again.
+    processor : (n_cells,) int
+        Processor of each cell.
+
+    Raises
+    ------
+    FileError
+        Naming the processor whose mesh is missing or broken, or does not fit that of another.
+    """
+    parts = [_read_named(folder) for folder in folders]
+    number = _cell_numbers(folders, parts)
+    apart = _side_by_side(parts)
+    near, far = _pairs(parts)
+    vertex = _merged(apart, near, far)
+    sides = np.where(apart.sides >= 0, number[apart.sides], -1)
+    sides[near, 1] = sides[far, 0]
+    kept = np.ones(len(sides), bool)
+    kept[far] = False
+    face = np.cumsum(kept) - 1
+    offsets, places = gather(apart.offsets, frozen_int(np.flatnonzero(kept)))
+    processor = np.empty(len(number), np.int64)
+    processor[number] = np.repeat(np.arange(len(parts)), [part.n_cells for part in parts])
+    joined = apart._replace(
+        points=frozen_float(apart.points[np.unique(vertex, return_index=True)[1]]),
+        offsets=offsets,
+        vertices=frozen_int(vertex[apart.vertices[places]]),
+        sides=frozen_int(sides[kept]),
+        patches={name: frozen_int(face[faces]) for name, faces in apart.patches.items()},
+        zones={name: frozen_int(number[cells]) for name, cells in apart.zones.items()},
+    )
+    return joined, frozen_int(processor)
+
+
+def _side_by_side(parts: Sequence[FoamPart]) -> FoamPart:
+    """Arrays of all parts one after the other, without the patches between processors."""
+    first_point, first_cell = (
+        _starts(counts) for counts in ([len(p.points) for p in parts], [p.n_cells for p in parts])
+    )
+    first_face = _first_faces(parts)
+    sizes = np.concatenate([np.diff(part.offsets) for part in parts])
+    patches = _joined(
+        (part.whole.get(name, name), faces + start)
+        for part, start in zip(parts, first_face, strict=False)
+        for name, faces in part.patches.items()
+    )
+    patches.pop("", None)  # faces between processors that are inside the whole mesh
+    return FoamPart(
+        frozen_float(np.concatenate([part.points for part in parts])),
+        frozen_int(np.concatenate(([0], np.cumsum(sizes)))),
+        frozen_int(
+            np.concatenate([p.vertices + start for p, start in zip(parts, first_point, strict=False)])
+        ),
+        frozen_int(
+            np.concatenate(
+                [
+                    np.where(p.sides >= 0, p.sides + start, -1)
+                    for p, start in zip(parts, first_cell, strict=False)
+                ]
+            )
+        ),
+        int(first_cell[-1]),
+        patches,
+        _joined(
+            (name, cells + start)
+            for part, start in zip(parts, first_cell, strict=False)
+            for name, cells in part.zones.items()
+        ),
+        {},
+        {},
+    )
+
+
+def _first_faces(parts: Sequence[FoamPart]) -> Int:
+    return _starts([len(part.sides) for part in parts])
+
+
+def _starts(counts: Sequence[int]) -> Int:
+    return frozen_int(np.concatenate(([0], np.cumsum(counts))))
+
+
+def _read_named(folder: Path) -> FoamPart:
+    try:
+        return read_part(folder / "constant" / "polyMesh")
+    except FileError as error:
+        raise FileError(f"{folder.name}: {error}") from error.__cause__
+
+
+def _pairs(parts: Sequence[FoamPart]) -> tuple[Int, Int]:
+    """Faces between processors, as those of the lower and of the higher processor."""
+    first_face = _first_faces(parts)
+    near, far = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for i, part in enumerate(parts):
+        for j, faces in part.processors.items():
+            back = parts[j].processors.get(i, frozen_int([])) if 0 <= j < len(parts) else frozen_int([])
+            if len(back) != len(faces):
+                raise FileError(
+                    f"processor{i} has {len(faces)} faces to processor {j}, which has {len(back)} to it"
+                )
+            if i < j:
+                near.append(first_face[i] + faces)
+                far.append(first_face[j] + back)
+    return frozen_int(np.concatenate(near)), frozen_int(np.concatenate(far))
+
+
+def _merged(apart: FoamPart, near: Int, far: Int) -> Int:
+    """Number of each point after the two faces of each pair are one.
+
+    Both loops begin at the same point and run in opposite directions.
+    """
+    points, offsets, vertices = apart.points, apart.offsets, apart.vertices
+    sizes = np.diff(offsets)
+    if (sizes[near] != sizes[far]).any():
+        raise FileError("the two faces of a pair between processors have different numbers of points")
+    starts, places = gather(offsets, near)
+    rank = np.arange(len(places)) - np.repeat(starts[:-1], sizes[near])
+    opposite = np.repeat(offsets[far], sizes[far]) + -rank % np.repeat(sizes[far], sizes[far])
+    one, other = vertices[places], vertices[opposite]
+    gap = np.linalg.norm(points[one] - points[other], axis=1)
+    size = np.linalg.norm(points[one] - points[np.repeat(vertices[offsets[near]], sizes[near])], axis=1)
+    if len(near):
+        wrong = gap > _GAP * np.repeat(np.maximum.reduceat(size, starts[:-1]), sizes[near])
+        if wrong.any():
+            a, b = points[one][wrong][0].tolist(), points[other][wrong][0].tolist()
+            raise FileError(f"a point between two processors lies at {a} in one and at {b} in the other")
+    n = len(points)
+    links = sparse.coo_array((np.ones(len(one), bool), (one, other)), shape=(n, n))
+    return frozen_int(connected_components(links, directed=False)[1])
+
+
+def _cell_numbers(folders: Sequence[Path], parts: Sequence[FoamPart]) -> Int:
+    """Number of each cell in the joined mesh."""
+    n = sum(part.n_cells for part in parts)
+    polys = [folder / "constant" / "polyMesh" for folder in folders]
+    if not all(has_foam(poly, "cellProcAddressing") for poly in polys):
+        return frozen_int(np.arange(n))
+    numbers = np.concatenate([labels_of(open_foam(poly, "cellProcAddressing"), n) for poly in polys])
+    if not np.array_equal(np.sort(numbers), np.arange(n)):
+        raise FileError(f"cellProcAddressing does not number the {n} cells of all processors, each once")
+    return frozen_int(numbers)
+
+
+def _joined(groups: Iterable[tuple[str, Int]]) -> dict[str, Int]:
+    """Members of all groups of each name."""
+    members: dict[str, list[Int]] = {}
+    for name, own in groups:
+        members.setdefault(name, []).append(own)
+    return {name: frozen_int(np.concatenate(each)) for name, each in members.items()}

@@ -1,0 +1,163 @@
+"""Reading OpenFOAM cases: points, faces, owner and neighbour are a mesh as agglo has it."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int, trusted_copy
+from agglo_core.errors import FileError
+from agglo_core.io.build.array_checks import check_directions
+from agglo_core.io.build.soup import with_repairs
+from agglo_core.io.openfoam.files import labels_of, open_foam
+from agglo_core.io.openfoam.parts import FoamPart, read_part
+from agglo_core.io.openfoam.processors import read_processors
+from agglo_core.mesh import Mesh
+
+__all__ = ["OWN", "PATCH", "is_foam_folder", "read_foam"]
+
+PATCH = "patch"
+"""Face tag with the number of the patch."""
+
+PROCESSOR = "processor"
+"""Cell tag with the number of the processor."""
+
+OWN = "agglo"
+"""Folder in ``constant`` with a list of labels for each tag and level."""
+
+_log = logging.getLogger("agglo")
+_PROCESSOR = re.compile(r"processor(\d{1,9})", re.ASCII)
+
+
+def is_foam_folder(folder: Path) -> bool:
+    """Return True for the folder of a case, and for ``polyMesh`` and the folder around it."""
+    return folder.resolve().name == "polyMesh" or any(
+        each.name in ("polyMesh", "constant") or _PROCESSOR.fullmatch(each.name)
+        for each in folder.iterdir()
+        if each.is_dir()
+    )
+
+
+def read_foam(path: Path, *, merge_points: bool, allow_gaps: bool) -> Mesh:
+    """Mesh of a case; patches and cell zones become tags of their names.
+
+    Parameters
+    ----------
+    path : Path
+        A file beside ``constant``, a file of ``polyMesh``, or a folder as in :func:`is_foam_folder`.
+    merge_points, allow_gaps : bool
+        As :func:`agglo_core.read` has them.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a case without a mesh, or a broken one.
+    """
+    path = path.resolve() if path.is_dir() else path  # "." has no name
+    poly = _poly(path)
+    case = poly.parent.parent if poly.parent.name == "constant" else poly.parent
+    name = path.stem if path.is_file() and poly != path.parent else case.resolve().name
+    cell_tags: dict[str, Int] = {}
+    if poly.is_dir():
+        part = read_part(poly)
+    else:
+        part, cell_tags[PROCESSOR] = read_processors(_processors(case, poly))
+    mesh = _mesh(part, name)
+    patches = dict(_patch_tags(part))
+    face_tags = {**patches, PATCH: _numbers(patches, mesh)} if patches and PATCH not in patches else patches
+    for zone, cells in part.zones.items():
+        cell_tags[zone] = _inside(cells, mesh.n_cells)
+    cell_tags |= dict(_own_tags(poly.parent / OWN, mesh.n_cells))
+    for what, tags in (("faces", patches), ("cells", cell_tags)):
+        found = [f"{name} ({int((values == 1).sum()):,})" for name, values in tags.items()]
+        if found:
+            _log.info("%s by name: %s", what, ", ".join(found))
+    mesh = trusted_copy(mesh, cell_tags=cell_tags, face_tags=face_tags)
+    return mesh if allow_gaps else mesh.conforming(merge_points=merge_points)
+
+
+def _poly(path: Path) -> Path:
+    """Folder ``polyMesh`` that a path leads to; it need not exist."""
+    if path.is_file():
+        return path.parent if path.parent.name == "polyMesh" else path.parent / "constant" / "polyMesh"
+    if path.name == "polyMesh":
+        return path
+    inside = path.name == "constant" or (path / "polyMesh").is_dir()
+    return path / "polyMesh" if inside else path / "constant" / "polyMesh"
+
+
+def _processors(case: Path, poly: Path) -> list[Path]:
+    """Folders ``processor0``, … of a case without ``constant/polyMesh``; FileError if there are none."""
+    folders = {int(match[1]): each for each in case.iterdir() if (match := _PROCESSOR.fullmatch(each.name))}
+    if folders:
+        missing = sorted(set(range(max(folders) + 1)) - set(folders))
+        if missing:
+            raise FileError(f"there are folders up to processor{max(folders)}, but no processor{missing[0]}")
+        return [folders[i] for i in range(len(folders))]
+    regions = sorted(each.parent.name for each in poly.parent.glob("*/polyMesh"))
+    if regions:
+        raise FileError(
+            f"is an OpenFOAM case with the regions {', '.join(regions)}; read one of them by its folder, "
+            f"such as {poly.parent / regions[0]}"
+        )
+    raise FileError(f"is an OpenFOAM case without its mesh: there is no folder {poly}; blockMesh makes one")
+
+
+def _mesh(part: FoamPart, name: str) -> Mesh:
+    """Mesh of the arrays, checked; points that no face uses are dropped."""
+    if not len(part.sides):
+        raise FileError("the mesh is empty: it has no faces")
+    points, vertices = part.points, part.vertices
+    used = np.zeros(len(points), bool)
+    used[vertices] = True
+    orphans = int(len(points) - used.sum())
+    if orphans:
+        points, vertices = frozen_float(points[used]), frozen_int((np.cumsum(used) - 1)[vertices])
+    mesh = Mesh(points, part.offsets, vertices, part.sides, name=name)
+    check_directions(mesh)
+    flat = np.flatnonzero(mesh.face_measures == 0)
+    if len(flat):
+        raise FileError(f"faces: face {flat[0]} has no area")
+    return with_repairs(mesh, {"orphan points dropped": orphans})
+
+
+def _patch_tags(part: FoamPart) -> Iterator[tuple[str, Int]]:
+    """Name and tag of each patch: 1 on its faces, 0 on those of others, −1 on all others."""
+    others = np.full(len(part.sides), -1)
+    for faces in part.patches.values():
+        others[faces] = 0
+    for name, faces in part.patches.items():
+        if len(faces):
+            tag = others.copy()
+            tag[faces] = 1
+            yield name, frozen_int(tag)
+
+
+def _inside(cells: Int, n_cells: int) -> Int:
+    """Tag that is 1 in these cells and 0 in all others."""
+    tag = np.zeros(n_cells, np.int64)
+    tag[cells] = 1
+    return frozen_int(tag)
+
+
+def _numbers(patches: Mapping[str, Int], mesh: Mesh) -> Int:
+    """The number of the patch of each face, −1 on faces of none."""
+    number = np.full(mesh.n_faces, -1)
+    for place, tag in enumerate(patches.values()):
+        number[tag == 1] = place
+    return frozen_int(number)
+
+
+def _own_tags(folder: Path, n_cells: int) -> Iterator[tuple[str, Int]]:
+    """Tags and levels that agglo wrote."""
+    for each in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if each.is_file() and not each.name.startswith("."):
+            values = labels_of(open_foam(folder, each.name.removesuffix(".gz")), n_cells)
+            if len(values) != n_cells:
+                raise FileError(f"{each}: {len(values)} labels for {n_cells} cells")
+            yield unquote(each.name.removesuffix(".gz")), values

@@ -1,0 +1,255 @@
+"""Writing OpenFOAM cases: the mesh, its levels as lists for decomposePar and as fields to look at."""
+
+from __future__ import annotations
+
+import gzip
+import logging
+import re
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.text_numbers import integer_lines, real_lines
+from agglo_core.io.atomic import staging
+from agglo_core.io.build.plain_cells import used_points
+from agglo_core.io.openfoam.read import OWN
+from agglo_core.io.tags import cell_data, check_names, is_level
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import gather
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["write_foam"]
+
+_log = logging.getLogger("agglo")
+_NO_WORD = re.compile(r"""[\s"'/\\;{}()\[\]$#]+""")
+_REST = "defaultFaces"
+_NOTE = "labels of a level, written by agglo"
+_HEAD = 512  # bytes that hold the header of a field
+
+
+class _Faces(NamedTuple):
+    """Faces as OpenFOAM orders them: inner ones by owner and neighbour, then patch by patch."""
+
+    order: Int
+    turned: Int  # those whose owner has the larger number
+    owner: Int
+    neighbour: Int
+    patches: Mapping[str, tuple[int, int]]  # first face and number of faces
+
+
+def write_foam(path: Path, mesh: Mesh, hierarchy: Hierarchy | None, *, compress: bool) -> None:
+    """Write ``constant/polyMesh`` beside the file, which marks the case, and the labels of all levels.
+
+    ``constant/cellDecomposition`` holds the finest level, as decomposePar reads it, ``constant/agglo`` every
+    level and tag, ``0`` the levels as fields ``level0``, ``level1``, …. The name ``level_0`` would stand for
+    the values of a field ``level`` one time step earlier, which VTK leaves out. Patches take the names of
+    face tags, cell zones those of cell tags. Zones of faces and points, and fields of levels, of an earlier
+    mesh are removed.
+
+    Raises
+    ------
+    FileError
+        For a plane mesh.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    if mesh.dim != 3:
+        raise FileError(f"OpenFOAM's meshes are 3-D, this one is {mesh.dim}-D; .vtu and .npz hold both")
+    tags = cell_data(mesh, hierarchy)
+    check_names(tags)
+    faces = _sorted(mesh)
+    levels = [f"level_{i}" for i in range(len(hierarchy.levels) if hierarchy is not None else 0)]
+    case = path.parent
+    own = {quote(name, safe=""): _labels(values, OWN) for name, values in tags.items()}
+    fields = {f"level{i}": _field(f"level{i}", tags[name], faces.patches) for i, name in enumerate(levels)}
+    split = {"cellDecomposition": _labels(tags[levels[0]], "constant")} if levels else {}
+    poly = {**_poly(mesh, faces), **_zones(tags)}
+    groups = [(case / "constant" / "polyMesh", poly), (case / "constant" / OWN, own)]
+    groups += [(case / "constant", split), (case / "0", fields)]
+    with ExitStack() as stages:
+        for folder, files in groups:
+            if files:
+                folder.mkdir(parents=True, exist_ok=True)
+                stage = stages.enter_context(staging(folder / next(iter(files))))
+                for name, text in files.items():
+                    _put(stage / name, text, compress and folder.name != "0")
+        stage = stages.enter_context(staging(path))
+        (stage / path.name).write_bytes(b"")
+    _remove_zones(case / "constant" / "polyMesh", kept=poly)
+    _remove_fields(case / "0", kept=fields)
+    for folder, files in groups[:3]:
+        _remove_other_forms(folder, files, compress, all_others=folder.name == OWN)
+
+
+def _put(file: Path, text: str, compress: bool) -> None:
+    if compress:
+        file.with_name(f"{file.name}.gz").write_bytes(gzip.compress(text.encode(), 1))
+    else:
+        file.write_text(text, encoding="utf-8")
+
+
+def _remove_other_forms(folder: Path, files: Mapping[str, str], compress: bool, *, all_others: bool) -> None:
+    """Remove what an earlier mesh left: the gzipped form of a file, or the plain one; tags it had."""
+    kept = {f"{name}.gz" if compress else name for name in files}
+    old = {name if compress else f"{name}.gz" for name in files}
+    for each in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if each.is_file() and each.name not in kept and (all_others or each.name in old):
+            each.unlink()
+
+
+def _poly(mesh: Mesh, faces: _Faces) -> dict[str, str]:
+    """The files of ``polyMesh``."""
+    points, number = used_points(mesh)
+    offsets, places = gather(mesh.face_offsets, faces.order)
+    ends = np.repeat(offsets[:-1] + offsets[1:] - 1, np.diff(offsets))
+    turned = np.repeat(faces.turned, np.diff(offsets))
+    rank = np.arange(len(places))
+    vertices = mesh.face_vertices[places][np.where(turned, ends - rank, rank)]
+    vertices = vertices if number is None else number[vertices]
+    sizes, vertices = np.diff(offsets), frozen_int(vertices)
+    forms = [f"{k}(" + " ".join(["%d"] * k) + ")\n" for k in range(int(sizes.max()) + 1)]
+    corners = real_lines(points).splitlines()
+    rows = "(" + ")\n(".join(corners) + ")\n"
+    note = (
+        f"nPoints:{len(points)} nCells:{mesh.n_cells} nFaces:{mesh.n_faces} "
+        f"nInternalFaces:{len(faces.neighbour)}"
+    )
+    poly = "constant/polyMesh"
+    return {
+        "points": _file("vectorField", poly, "points", len(points), rows),
+        "faces": _file("faceList", poly, "faces", len(sizes), integer_lines(offsets, vertices, forms)),
+        "owner": _file("labelList", poly, "owner", len(faces.owner), _column(faces.owner), note),
+        "neighbour": _file(
+            "labelList", poly, "neighbour", len(faces.neighbour), _column(faces.neighbour), note
+        ),
+        "boundary": _file("polyBoundaryMesh", poly, "boundary", len(faces.patches), "".join(_entries(faces))),
+    }
+
+
+def _zones(tags: Mapping[str, Int]) -> dict[str, str]:
+    """Tags of zeros and ones as zones of their name, those that share no cell with one before."""
+    entries, taken = list[str](), np.zeros(len(next(iter(tags.values()), ())), bool)
+    for name, values in tags.items():
+        inside = values == 1
+        if is_level(name) or not np.isin(values, (0, 1)).all() or not inside.any() or (inside & taken).any():
+            continue
+        taken |= inside
+        cells = np.flatnonzero(inside)
+        rows = f"List<label>\n{len(cells)}\n(\n{_column(frozen_int(cells))})\n"
+        entries.append(f"{_NO_WORD.sub('_', name)}\n{{\n    type cellZone;\n    cellLabels {rows};\n}}\n")
+    rows = "".join(entries)
+    text = _file("regIOobject", "constant/polyMesh", "cellZones", len(entries), rows)
+    return {"cellZones": text} if entries else {}
+
+
+def _remove_zones(folder: Path, kept: Collection[str]) -> None:
+    """Remove what names cells, faces and points of an earlier mesh by numbers, which are others now."""
+    for zones in sorted({"cellZones", "faceZones", "pointZones"} - set(kept)):
+        for name in (zones, f"{zones}.gz"):
+            if not (folder / name).is_file():
+                continue
+            (folder / name).unlink()
+            _log.warning("removed %s: its numbers are those of the mesh that was replaced", folder / name)
+
+
+def _remove_fields(folder: Path, kept: Collection[str]) -> None:
+    """Remove the fields of levels that an earlier hierarchy had, known by their note."""
+    for file in sorted(folder.glob("level*")) if folder.is_dir() else ():
+        if file.name in kept or not file.is_file():
+            continue
+        with open(file, "rb") as stream:
+            if _NOTE.encode() in stream.read(_HEAD):
+                file.unlink()
+
+
+def _entries(faces: _Faces) -> Iterator[str]:
+    for name, (start, count) in faces.patches.items():
+        rows = f"        type patch;\n        nFaces {count};\n        startFace {start};\n"
+        yield f"    {name}\n    {{\n{rows}    }}\n"
+
+
+def _sorted(mesh: Mesh) -> _Faces:
+    owner, neighbour = mesh.face_cells.T
+    inner = np.flatnonzero(neighbour >= 0)
+    low, high = np.minimum(owner, neighbour)[inner], np.maximum(owner, neighbour)[inner]
+    inner = inner[np.lexsort((high, low))]
+    outer = np.flatnonzero(neighbour < 0)
+    names, patch = _patches(mesh, frozen_int(outer))
+    outer = outer[np.lexsort((owner[outer], patch))]
+    order = np.concatenate((inner, outer))
+    starts = len(inner) + np.concatenate(([0], np.cumsum(np.bincount(patch, minlength=len(names)))))
+    ranges = {
+        name: (int(a), int(b - a)) for name, a, b in zip(names, starts[:-1], starts[1:], strict=True) if b > a
+    }
+    turned = np.concatenate((owner[inner] > neighbour[inner], np.zeros(len(outer), bool)))
+    sides = np.sort(mesh.face_cells[inner], axis=1)
+    return _Faces(
+        frozen_int(order),
+        frozen_int(turned),
+        frozen_int(np.concatenate((sides[:, 0], owner[outer]))),
+        frozen_int(sides[:, 1]),
+        ranges,
+    )
+
+
+def _patches(mesh: Mesh, outer: Int) -> tuple[list[str], Int]:
+    """Names of patches, and the number of that of each outer face.
+
+    A tag of zeros and ones is a patch of its name; of others each value is one, ``TAG_VALUE``.
+    """
+    names: list[str] = []
+    patch = np.full(len(outer), -1)
+    for tag, values in mesh.face_tags.items():
+        own = values[outer]
+        named = np.isin(values, (-1, 0, 1)).all()
+        for value in [1] if named else np.unique(own[own >= 0]).tolist():
+            chosen = (own == value) & (patch < 0)
+            if chosen.any():
+                word = _NO_WORD.sub("_", tag if named else f"{tag}_{value}")
+                while word in names:
+                    word += "_"
+                patch[chosen] = len(names)
+                names.append(word)
+    if (patch < 0).any():
+        patch[patch < 0] = len(names)
+        names.append(_REST if _REST not in names else f"{_REST}_")
+    return names, frozen_int(patch)
+
+
+def _labels(values: Int, place: str) -> str:
+    return _file("labelList", place, "labels", len(values), _column(values))
+
+
+def _field(name: str, labels: Int, patches: Mapping[str, tuple[int, int]]) -> str:
+    """Labels as a field of scalars."""
+    rows = "".join(f"    {patch}\n    {{\n        type zeroGradient;\n    }}\n" for patch in patches)
+    return (
+        _header("volScalarField", "0", name, _NOTE)
+        + "dimensions [0 0 0 0 0 0 0];\n"
+        + f"internalField nonuniform List<scalar>\n{len(labels)}\n(\n{_column(labels)})\n;\n"
+        + f"boundaryField\n{{\n{rows}}}\n"
+    )
+
+
+def _column(values: Int) -> str:
+    return "".join(f"{value}\n" for value in values.tolist())
+
+
+def _file(kind: str, place: str, name: str, count: int, rows: str, note: str = "") -> str:
+    return f"{_header(kind, place, name, note)}{count}\n(\n{rows})\n"
+
+
+def _header(kind: str, place: str, name: str, note: str = "") -> str:
+    said = f'    note        "{note}";\n' if note else ""
+    return (
+        f"FoamFile\n{{\n    version     2.0;\n    format      ascii;\n    class       {kind};\n{said}"
+        f'    location    "{place}";\n    object      {name};\n}}\n\n'
+    )

@@ -1,0 +1,1 @@
+"""Formats that list points and cells as text, one file each."""

@@ -1,0 +1,191 @@
+"""Reading and writing the meshes of the FVCA benchmarks: titles, each followed by a count and its rows.
+
+``.typ2`` has the points under ``Vertices`` and all cells, each with its number of points, under ``cells`` or
+``Control volumes``. ``.typ1`` has a title for each kind of cell. Points are numbered from 1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Unpack
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
+from agglo_core.io.build.plain_cells import loops_of, write_levels
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
+from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["read_fvca", "write_typ2"]
+
+_ALL_KINDS = ("cells", "control volumes")
+_KINDS = {
+    **{"triangles": 3, "quadrangles": 4, "quadrilaterals": 4, "pentagons": 5, "hexagons": 6, "heptagons": 7},
+    **{"octagons": 8, "enneagons": 9, "ennagons": 9, "nonagons": 9, "decagons": 10, "hendecagons": 11},
+    **{"dodecagons": 12},
+}
+_LONGEST = 40  # characters of a title that are looked at
+_OTHERS = ("centers", "centres", "edges of the boundary", "all edges", "boundary edges")
+
+
+class _Section(NamedTuple):
+    """Rows under a title."""
+
+    title: str
+    line: int
+    start: int
+    stop: int
+
+
+def read_fvca(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of a ``.typ1`` or ``.typ2`` file; cell data of agglo's own files become tags again.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh.
+    """
+    points, (offsets, vertices), tags = _parsed(text_bytes(path))
+    return Mesh.from_polygons(
+        points,
+        (offsets, vertices),
+        cell_tags=tags,
+        **options,
+        name=path.stem,
+    )
+
+
+def _parsed(content: bytes) -> tuple[Float, tuple[Int, Int], dict[str, Int]]:
+    """Points, cells as a CSR, and tags."""
+    sections = _sections(content)
+    points = _points(content, sections)
+    parts = [part for each in sections if (part := _cells(content, each, len(points))) is not None]
+    if not parts:
+        titles = ", ".join(repr(each.title) for each in sections)
+        raise FileError(f"it has no section of cells, such as 'cells' or 'triangles'; found {titles}")
+    cells = parts[0]
+    if len(parts) > 1:
+        sizes = np.concatenate([np.diff(offsets) for offsets, _ in parts])
+        offsets = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+        cells = offsets, frozen_int(np.concatenate([vertices for _, vertices in parts]))
+    return points, cells, find_tags(content, len(cells[0]) - 1)
+
+
+def _sections(content: bytes) -> list[_Section]:
+    """All titles with what follows them, up to the cell data of agglo."""
+    end = tags_begin(content)
+    found: list[tuple[str, int, int, int]] = []  # title, line, where it begins, where its line ends
+    for start, stop in _wordy_lines(content[:end]):
+        title = " ".join(
+            content[start : min(stop, start + _LONGEST)].decode("ascii", "replace").lower().split()
+        )
+        line = line_of(content, start)
+        if title not in ("vertices", *_ALL_KINDS, *_KINDS, *_OTHERS):
+            raise FileError(f"line {line}: unknown section {title!r}")
+        found.append((title, line, start, stop))
+    stops = [*(start for _, _, start, _ in found[1:]), end][: len(found)]
+    return [
+        _Section(title, line, begin, stop) for (title, line, _, begin), stop in zip(found, stops, strict=True)
+    ]
+
+
+def _wordy_lines(content: bytes) -> Iterator[tuple[int, int]]:
+    """Begin and end of the lines with a word in them that begins with a letter."""
+    codes = np.frombuffer(content, np.uint8)
+    letters = np.flatnonzero(codes > ord("9"))
+    begins = letters[(letters == 0) | (codes[letters - 1] <= ord(" "))]
+    after = 0
+    for place in begins.tolist():
+        if place >= after:
+            after = content.find(b"\n", place)
+            after = len(content) if after < 0 else after
+            yield place, after
+
+
+def _points(content: bytes, sections: list[_Section]) -> Float:
+    """Points under the first title; what stands before it would be lost."""
+    if not sections or sections[0].title != "vertices" or not content.lstrip()[:8].isalpha():
+        raise FileError("it does not begin with the title 'Vertices'")
+    first = sections[0]
+    numbers = reals(content, first.start, first.stop)
+    n = _count(numbers[:1], first)
+    if len(numbers) - 1 != 2 * n:
+        raise FileError(
+            f"line {first.line}: {n} points are declared, {len(numbers) - 1} coordinates follow, not {2 * n}"
+        )
+    return frozen_float(numbers[1:].reshape(-1, 2))
+
+
+def _cells(content: bytes, section: _Section, n_points: int) -> tuple[Int, Int] | None:
+    """Offsets and vertices (from 0 on) of the cells of a section; None if it holds none."""
+    if section.title not in (*_ALL_KINDS, *_KINDS):
+        return None
+    numbers = integers(content, section.start, section.stop)
+    n, rows = _count(numbers[:1], section), frozen_int(numbers[1:])
+    if section.title in _KINDS:
+        size = _KINDS[section.title]
+        offsets, vertices, used = frozen_int(np.arange(0, len(rows) + 1, size)), rows, n * size
+    else:
+        offsets, vertices, used = _lists(rows, n, section)
+    if used != len(rows):
+        raise FileError(
+            f"line {section.line}: {n} {section.title} take {used} numbers, but {len(rows)} follow"
+        )
+    if vertices.min(initial=1) < 1 or vertices.max(initial=1) > n_points:
+        wrong = np.flatnonzero((vertices < 1) | (vertices > n_points))
+        cell = int(np.searchsorted(offsets, wrong[0], side="right")) - 1
+        raise FileError(
+            f"line {section.line}: cell {cell} of {section.title!r} uses point {vertices[wrong[0]]}, "
+            f"expected 1 to {n_points}"
+        )
+    return offsets, frozen_int(vertices - 1)
+
+
+def _lists(rows: Int, n: int, section: _Section) -> tuple[Int, Int, int]:
+    try:
+        offsets, places, used = counted_lists(rows, n)
+    except FileError as error:
+        raise FileError(f"line {section.line}: {error}") from None
+    return offsets, frozen_int(rows[places]), used
+
+
+def _count(numbers: Float | Int, section: _Section) -> int:
+    if not len(numbers) or not (0 <= numbers[0] < 2**53 and numbers[0] == int(numbers[0])):
+        raise FileError(f"line {section.line}: the number of {section.title} does not follow")
+    return int(numbers[0])
+
+
+def write_typ2(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+    Raises
+    ------
+    FileError
+        For a mesh in space, or cells with holes.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    if path.suffix.lower() == ".typ1":
+        raise FileError("a .typ1 file is read, not written; .typ2 holds the same")
+    write_levels(path, mesh, hierarchy, _write)
+
+
+def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    loops = loops_of(mesh, ".typ2")
+    sizes = np.diff(loops.offsets)
+    forms = [f"{k} " + " ".join(["%d"] * k) + "\n" for k in range(int(sizes.max()) + 1)]
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(f"Vertices\n{len(loops.points)}\n")
+        stream.write(real_lines(loops.points))
+        stream.write(f"cells\n{len(sizes)}\n")
+        stream.write(integer_lines(loops.offsets, frozen_int(loops.vertices + 1), forms))
+        stream.write(tag_lines(tags))

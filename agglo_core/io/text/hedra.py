@@ -1,0 +1,108 @@
+"""Reading and writing cinolib's .hedra: three counts, then points, faces, and cells as lists of faces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Unpack
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, real_lines, reals
+from agglo_core.io.build.plain_cells import used_points, write_levels
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.text.cell_lines import find_tags, tag_lines, tags_begin
+from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, gather
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["read_hedra", "write_hedra"]
+
+
+def read_hedra(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of a file; cell data of agglo's own files become tags again.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh.
+    """
+    content = text_bytes(path)
+    numbers = reals(content, 0, tags_begin(content))
+    counts = numbers[:3].tolist()
+    if len(counts) < 3 or not all(0 <= n < 2**53 and n == int(n) for n in counts):
+        raise FileError(f"begins with {counts}, expected the numbers of points, faces and cells")
+    n_points, n_faces, n_cells = (int(n) for n in counts)
+    rows = numbers[3 : 3 + 3 * n_points]
+    if len(rows) != 3 * n_points:
+        raise FileError(f"{n_points} points are declared, {len(rows)} coordinates follow")
+    rest = numbers[3 + 3 * n_points :]
+    if (np.abs(rest) >= 2**53).any() or (rest != np.floor(rest)).any():
+        raise FileError("its faces and cells are not all whole numbers")
+    stream = frozen_int(rest.astype(np.int64))
+    offsets, vertices, used = _lists(stream, n_faces, n_points, "faces", "point")
+    cells = frozen_int(stream[used:])
+    cell_offsets, faces, last = _lists(cells, n_cells, n_faces, "cells", "face")
+    if last != len(cells):
+        raise FileError(f"{n_cells} cells take {last} numbers, but {len(cells)} follow")
+    loop_offsets, places = gather(offsets, faces)
+    return Mesh.from_polyhedra(
+        frozen_float(rows.reshape(-1, 3)),
+        Polyhedra(cell_offsets, loop_offsets, frozen_int(vertices[places])),
+        cell_tags=find_tags(content, n_cells),
+        **options,
+        name=path.stem,
+    )
+
+
+def _lists(stream: Int, n: int, most: int, what: str, of: str) -> tuple[Int, Int, int]:
+    """Lists of numbers from 1 on, of which the sign is passed over, as from 0 on."""
+    try:
+        offsets, places, used = counted_lists(stream, n)
+    except FileError as error:
+        raise FileError(f"{what}: {error}") from None
+    values = np.abs(stream[places]) - 1
+    if values.min(initial=0) < 0 or values.max(initial=-1) >= most:
+        wrong = int(np.argmax((values < 0) | (values >= most)))
+        row = int(np.searchsorted(offsets, wrong, side="right")) - 1
+        raise FileError(
+            f"{what}: number {row} (from 0 on) uses {of} {values[wrong] + 1}, expected 1 to {most}"
+        )
+    return offsets, frozen_int(values), used
+
+
+def write_hedra(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
+
+    Raises
+    ------
+    FileError
+        For a plane mesh.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    write_levels(path, mesh, hierarchy, _write)
+
+
+def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    if mesh.dim != 3:
+        raise FileError(f".hedra holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+    points, number = used_points(mesh)
+    vertices = mesh.face_vertices if number is None else number[mesh.face_vertices]
+    offsets, faces = mesh.cell_faces
+    cell = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
+    sign = np.where(mesh.face_cells[faces, 0] == cell, 1, -1)
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(f"{len(points)} {mesh.n_faces} {mesh.n_cells}\n")
+        stream.write(real_lines(points))
+        for starts, values in ((mesh.face_offsets, vertices + 1), (offsets, sign * (faces + 1))):
+            widest = int(np.diff(starts).max())
+            forms = [f"{k} " + " ".join(["%d"] * k) + "\n" for k in range(widest + 1)]
+            stream.write(integer_lines(frozen_int(starts), frozen_int(values), forms))
+        stream.write(tag_lines(tags))

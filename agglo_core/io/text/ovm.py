@@ -1,0 +1,182 @@
+"""Reading and writing OpenVolumeMesh's .ovm as text: points, edges, faces of half-edges, cells of half-faces.
+
+Half-edge 2 e runs from the first to the second point of edge e, 2 e + 1 the other way; half-face 2 f has the
+half-edges of face f in their order, 2 f + 1 is seen from the other side.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Unpack
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, integers, line_of, real_lines, reals
+from agglo_core.io.build.plain_cells import used_points, write_levels
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.text.cell_lines import find_tags, tag_lines
+from agglo_core.io.text.counted_lists import counted_lists
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, gather
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["read_ovm", "write_ovm"]
+
+_TITLES = ("vertices", "edges", "faces", "polyhedra")
+_TITLE = re.compile(rb"(?mi)^[ \t]*(vertices|edges|faces|polyhedra)[ \t\r]*$")
+_PROPERTY = re.compile(rb"(?mi)^[ \t]*\w*prop\w*[ \t]")
+_COMMENT = "# "
+
+
+class _Section(NamedTuple):
+    """What follows a title: a count, then rows."""
+
+    title: str
+    line: int
+    start: int
+    stop: int
+
+
+def read_ovm(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of a file; properties of other programs are passed over.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh, or one in binary.
+    """
+    content = text_bytes(path)
+    text = re.sub(rb"#[^\n]*", b"", content)
+    points, edges, faces, cells = (_sections(text)[title] for title in _TITLES)
+    count, rows = _numbers(text, points)
+    if len(rows) != 3 * count:
+        raise FileError(f"line {points.line}: {count} points are declared, {len(rows)} coordinates follow")
+    loop_offsets, loops = _faces(text, faces, _edges(text, edges, count))
+    cell_offsets, halves = _lists(text, cells, 2 * (len(loop_offsets) - 1))
+    sides, places = gather(loop_offsets, frozen_int(halves >> 1))
+    ends = np.repeat(sides[:-1] + sides[1:] - 1, np.diff(sides))
+    turned = np.repeat(halves & 1 == 0, np.diff(sides))  # half-faces look inward by this convention
+    rank = np.arange(len(places))
+    vertices = loops[places][np.where(turned, ends - rank, rank)]
+    solids = Polyhedra(cell_offsets, sides, frozen_int(vertices))
+    return Mesh.from_polyhedra(
+        frozen_float(rows.reshape(-1, 3)),
+        solids,
+        cell_tags=find_tags(content, len(cell_offsets) - 1, _COMMENT),
+        **options,
+        name=path.stem,
+    )
+
+
+def _sections(content: bytes) -> dict[str, _Section]:
+    """The four parts of a file by title."""
+    if content.split(maxsplit=2)[:2] != [b"OVM", b"ASCII"]:
+        raise FileError("it does not begin with 'OVM ASCII'; OpenVolumeMesh's binary files are not read")
+    other = _PROPERTY.search(content)
+    end = other.start() if other is not None else len(content)
+    found = list(_TITLE.finditer(content, 0, end))
+    titles = [each[1].decode().lower() for each in found]
+    if titles != list(_TITLES):
+        raise FileError(f"its sections are {titles}, expected {', '.join(_TITLES)}")
+    stops = [*(each.start() for each in found[1:]), end]
+    return {
+        title: _Section(title, line_of(content, each.start()), each.end(), stop)
+        for title, each, stop in zip(titles, found, stops, strict=True)
+    }
+
+
+def _numbers(content: bytes, section: _Section) -> tuple[int, Float]:
+    numbers = reals(content, section.start, section.stop)
+    if not len(numbers) or not (0 <= numbers[0] < 2**53 and numbers[0] == int(numbers[0])):
+        raise FileError(f"line {section.line}: the number of {section.title} does not follow")
+    return int(numbers[0]), frozen_float(numbers[1:])
+
+
+def _whole(content: bytes, section: _Section) -> tuple[int, Int]:
+    numbers = integers(content, section.start, section.stop)
+    if not len(numbers) or numbers[0] < 0:
+        raise FileError(f"line {section.line}: the number of {section.title} does not follow")
+    return int(numbers[0]), frozen_int(numbers[1:])
+
+
+def _edges(content: bytes, section: _Section, n_points: int) -> Int:
+    """First point of each half-edge."""
+    count, ends = _whole(content, section)
+    if len(ends) != 2 * count:
+        raise FileError(f"line {section.line}: {count} edges are declared, {len(ends)} ends follow")
+    if ends.min(initial=0) < 0 or ends.max(initial=-1) >= n_points:
+        raise FileError(f"line {section.line}: edges use points outside 0..{n_points - 1}")
+    return ends
+
+
+def _lists(content: bytes, section: _Section, most: int) -> tuple[Int, Int]:
+    count, stream = _whole(content, section)
+    try:
+        offsets, places, used = counted_lists(stream, count)
+    except FileError as error:
+        raise FileError(f"line {section.line}: {section.title}: {error}") from None
+    if used != len(stream):
+        raise FileError(
+            f"line {section.line}: {count} {section.title} take {used} numbers, not {len(stream)}"
+        )
+    values = stream[places]
+    if values.min(initial=0) < 0 or values.max(initial=-1) >= most:
+        raise FileError(f"line {section.line}: {section.title} use halves outside 0..{most - 1}")
+    return offsets, frozen_int(values)
+
+
+def _faces(content: bytes, section: _Section, first: Int) -> tuple[Int, Int]:
+    """Points of each face in the order of its half-edges."""
+    offsets, halves = _lists(content, section, len(first))
+    if (np.diff(offsets) < 3).any():
+        raise FileError(f"line {section.line}: face {int(np.argmax(np.diff(offsets) < 3))} has under 3 edges")
+    after = np.roll(halves, -1)
+    after[offsets[1:] - 1] = halves[offsets[:-1]]
+    broken = np.flatnonzero(first[halves ^ 1] != first[after])
+    if len(broken):
+        face = int(np.searchsorted(offsets, broken[0], side="right")) - 1
+        raise FileError(f"line {section.line}: the half-edges of face {face} do not follow one another")
+    return offsets, frozen_int(first[halves])
+
+
+def write_ovm(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write a solid mesh with its tags and labels, and each coarse mesh beside it.
+
+    Raises
+    ------
+    FileError
+        For a plane mesh.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    write_levels(path, mesh, hierarchy, _write)
+
+
+def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    if mesh.dim != 3:
+        raise FileError(f".ovm holds solid meshes, this one is {mesh.dim}-D; .vtu and .npz hold both")
+    points, number = used_points(mesh)
+    tail = mesh.face_vertices if number is None else frozen_int(number[mesh.face_vertices])
+    head = np.roll(tail, -1)
+    head[mesh.face_offsets[1:] - 1] = tail[mesh.face_offsets[:-1]]
+    key, edge = np.unique(np.minimum(tail, head) * len(points) + np.maximum(tail, head), return_inverse=True)
+    halves = 2 * edge.ravel() + (tail > head)
+    offsets, faces = mesh.cell_faces
+    cell = np.repeat(np.arange(mesh.n_cells), np.diff(offsets))
+    sides = 2 * faces.astype(np.int64) + (mesh.face_cells[faces, 0] == cell)
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(f"OVM ASCII\nVertices\n{len(points)}\n{real_lines(points)}Edges\n{len(key)}\n")
+        ends = np.stack((key // len(points), key % len(points)), axis=1)
+        stream.write(integer_lines(frozen_int(2 * np.arange(len(key) + 1)), frozen_int(ends.ravel())))
+        for title, starts, values in (("Faces", mesh.face_offsets, halves), ("Polyhedra", offsets, sides)):
+            forms = [f"{k} " + " ".join(["%d"] * k) + "\n" for k in range(int(np.diff(starts).max()) + 1)]
+            stream.write(f"{title}\n{len(starts) - 1}\n")
+            stream.write(integer_lines(frozen_int(starts), frozen_int(values), forms))
+        stream.write(tag_lines(tags, _COMMENT))

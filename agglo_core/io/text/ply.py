@@ -1,0 +1,154 @@
+"""Reading and writing plane polygons as .ply, as text or (read only) binary; tags are properties of faces."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from urllib.parse import quote, unquote
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, fits_in_index, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.files.regular import text_bytes
+from agglo_core.files.text_numbers import integer_lines, real_lines
+from agglo_core.io.build.plain_cells import loops_of, write_levels
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.tags import note_left_out
+from agglo_core.io.text.ply_elements import Element, Property, Rows, read_elements
+from agglo_core.mesh import Mesh
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["read_ply", "write_ply"]
+
+_HEAD = re.compile(rb"ply\r?\n.*?\nend_header\r?\n", re.S)
+_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+_CORNERS = ("vertex_indices", "vertex_index")
+_COLOURS = ("red", "green", "blue", "alpha", "flags")
+
+
+class _Header(NamedTuple):
+    """What stands before the data: their byte order (empty for text), the elements, and where it ends."""
+
+    order: str
+    elements: list[Element]
+    stop: int
+
+
+def read_ply(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of a PLY file; whole numbers of faces become cell tags, colours are passed over.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh, or a surface.
+    """
+    content = text_bytes(path)
+    header = _header(content)
+    found = read_elements(content, header.stop, header.order, header.elements)
+    points, (rows, lists) = _points(found), _faces(found)
+    tags = {
+        unquote(name): frozen_int(values)
+        for name, values in rows.items()
+        if values.dtype.kind in "iu" and name not in _COLOURS
+    }
+    mesh = Mesh.from_polygons(points, lists, cell_tags=tags, **options, name=path.stem)
+    return note_left_out(mesh, [name for name, values in rows.items() if values.dtype.kind == "f"])
+
+
+def _header(content: bytes) -> _Header:
+    found = _HEAD.match(content[: 1 << 20])
+    if found is None:
+        raise FileError("it has no header from 'ply' to 'end_header'")
+    order, elements = None, list[Element]()
+    for line in found[0].decode("utf-8", "replace").splitlines()[1:-1]:
+        words = line.split()
+        if not words or words[0] in ("comment", "obj_info"):
+            continue
+        if words[0] == "format" and len(words) > 1 and words[1] in _FORMATS:
+            order = _FORMATS[words[1]]
+        elif words[0] == "element" and len(words) == 3 and re.fullmatch(r"\d{1,15}", words[2]):
+            elements.append(Element(words[1], int(words[2]), []))
+        elif words[0] == "property" and elements:
+            elements[-1].properties.append(_property(line, words[1:]))
+        else:
+            raise FileError(f"its header has a line {line[:40]!r} that cannot be read")
+    if order is None:
+        raise FileError(f"its header names no format; known are {', '.join(_FORMATS)}")
+    return _Header(order, elements, found.end())
+
+
+def _property(line: str, words: list[str]) -> Property:
+    listed = words[:1] == ["list"]
+    types = [_TYPES.get(word) for word in words[listed:-1]]
+    if len(types) != 1 + listed or None in types:
+        raise FileError(f"its header has a property {line[:40]!r} of no known type")
+    return Property(words[-1], str(types[-1]), str(types[0]) if listed else "")
+
+
+def _points(found: Mapping[str, Rows]) -> Float:
+    rows = found["vertex"].values if "vertex" in found else {}
+    missing = [axis for axis in "xyz" if axis not in rows]
+    if missing and missing != ["z"]:
+        raise FileError(f"its points have no coordinate {missing[0]}")
+    return frozen_float(
+        np.stack([np.asarray(rows[axis], np.float64) for axis in "xyz" if axis in rows], axis=1)
+    )
+
+
+def _faces(found: Mapping[str, Rows]) -> tuple[Mapping[str, NDArray[Any]], tuple[Int, Int]]:
+    if "face" not in found or found["face"].listed not in _CORNERS:
+        raise FileError(f"its faces have no list {' or '.join(_CORNERS)}")
+    faces = found["face"]
+    return faces.values, (faces.offsets, faces.lists)
+
+
+def write_ply(path: Path, mesh: Mesh, hierarchy: Hierarchy | None) -> None:
+    """Write a plane mesh with its tags and labels, and each coarse mesh beside it.
+
+    Raises
+    ------
+    FileError
+        For a mesh in space, cells with holes, or a tag with numbers of more than 32 bits.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    write_levels(path, mesh, hierarchy, _write)
+
+
+def _write(path: Path, mesh: Mesh, tags: Mapping[str, Int]) -> None:
+    loops = loops_of(mesh, ".ply")
+    wide = [name for name, values in tags.items() if not fits_in_index(values)]
+    if wide:
+        raise FileError(f".ply holds numbers of 32 bits, cell tag {wide[0]!r} has larger ones")
+    sizes = np.diff(loops.offsets)
+    names = "".join(f"property int {quote(name, safe='')}\n" for name in tags)
+    rows = np.empty(len(loops.vertices) + len(sizes) * len(tags), np.int64)
+    offsets = loops.offsets + len(tags) * np.arange(len(sizes) + 1)
+    corner = np.ones(len(rows), bool)
+    for place, values in enumerate(tags.values(), -len(tags)):
+        rows[offsets[1:] + place] = values
+        corner[offsets[1:] + place] = False
+    rows[corner] = loops.vertices
+    length = "uchar" if sizes.max() < 256 else "int"
+    forms = [
+        f"{k - len(tags)} " + " ".join(["%d"] * k) + "\n" for k in range(int(sizes.max()) + len(tags) + 1)
+    ]
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(f"ply\nformat ascii 1.0\ncomment agglo\nelement vertex {len(loops.points)}\n")
+        stream.write("property double x\nproperty double y\nproperty double z\n")
+        stream.write(
+            f"element face {len(sizes)}\nproperty list {length} int vertex_indices\n{names}end_header\n"
+        )
+        stream.write(real_lines(np.hstack((loops.points, np.zeros((len(loops.points), 1))))))
+        stream.write(integer_lines(frozen_int(offsets), frozen_int(rows), forms))

@@ -1,0 +1,1 @@
+"""Files of VTK: .vtu, .pvtu, .vtp, VTKHDF and legacy .vtk."""

@@ -1,0 +1,235 @@
+"""Cells as VTK knows them: its own elements where a cell is exactly one, else polygons and polyhedra."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, Mask, frozen_int
+from agglo_core.io.build.bridges import single_loops
+from agglo_core.io.build.plain_cells import half_faces
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import (
+    CORNERS,
+    Polyhedra,
+    gather,
+    polyhedra_from_elements,
+    take_cells,
+    turns_as_listed,
+)
+
+__all__ = ["POLYHEDRON", "Cells", "cells_of", "these_cells"]
+
+_TRIANGLE, _POLYGON, _QUAD = 5, 7, 9
+POLYHEDRON = 42
+_CHUNK = 8192  # cells looked at together: what is made for them stays in a cache, and needs little room
+_CONVEX = 1e-9  # least triangle at a corner of a convex quadrilateral, over its area
+
+
+class _Element(NamedTuple):
+    """One of VTK's solids."""
+
+    number: int
+    sizes: tuple[int, ...]  # of its faces, those first on which it stands the same way however it is turned
+    turns: tuple[tuple[int, ...], ...]  # orders of its corners that generate all in which it is the same
+
+
+_ELEMENTS: Mapping[str, _Element] = {
+    "tetra": _Element(10, (3, 3, 3, 3), ((1, 2, 0, 3), (1, 0, 3, 2))),
+    "hexahedron": _Element(12, (4,) * 6, ((1, 2, 3, 0, 5, 6, 7, 4), (3, 2, 6, 7, 0, 1, 5, 4))),
+    "wedge": _Element(13, (3, 3, 4, 4, 4), ((1, 2, 0, 4, 5, 3), (3, 5, 4, 0, 2, 1))),
+    "pyramid": _Element(14, (4, 3, 3, 3, 3), ((1, 2, 3, 0, 4),)),
+}
+
+
+class Cells(NamedTuple):
+    """Cells of a mesh as VTK holds them.
+
+    Cell c has the type ``types[c]`` and the points ``vertices[offsets[c]:offsets[c + 1]]``, in VTK's order.
+    """
+
+    types: NDArray[np.uint8]  # (n_cells,)
+    offsets: Int  # (n_cells + 1,)
+    vertices: Int
+    solids: Polyhedra  # faces of every cell of a 3-D mesh, counter-clockwise from outside
+    loops: Int  # (n_cells,) boundary loops that a polygon joins by bridges
+
+
+def cells_of(mesh: Mesh) -> Cells:
+    """Cells with the type that says exactly what they are.
+
+    Triangles and convex quadrilaterals are VTK's own, other plane cells polygons: VTK takes any
+    quadrilateral for convex. Tetrahedra, hexahedra, wedges and pyramids are VTK's own if they have the
+    faces of one and no face is a quadrilateral that is not convex; other solids are polyhedra.
+    """
+    if mesh.dim == 2:
+        return _plane(mesh)
+    solids = half_faces(mesh)
+    offsets, used = mesh.cell_vertices
+    types, vertices = np.full(mesh.n_cells, POLYHEDRON, np.uint8), np.array(used, np.int64)
+    bent = np.logical_or.reduceat(_bent(mesh)[mesh.cell_faces[1]], solids.cell_offsets[:-1])
+    for kind, element in _ELEMENTS.items():
+        perhaps = np.flatnonzero(_may_be(kind, solids, offsets) & ~bent)
+        for start in range(0, len(perhaps), _CHUNK):
+            cells, corners = _elements(mesh, solids, kind, perhaps[start : start + _CHUNK])
+            types[cells] = element.number
+            vertices[offsets[cells][:, None] + np.arange(CORNERS[kind])] = corners
+    return Cells(types, offsets, frozen_int(vertices), solids, frozen_int(np.ones(mesh.n_cells)))
+
+
+def these_cells(cells: Cells, chosen: Int) -> Cells:
+    """Some of the cells, in the given order."""
+    offsets, places = gather(cells.offsets, chosen)
+    solid = len(cells.solids.cell_offsets) > 1
+    return Cells(
+        cells.types[chosen],
+        offsets,
+        frozen_int(cells.vertices[places]),
+        take_cells(cells.solids, chosen) if solid else cells.solids,
+        frozen_int(cells.loops[chosen]),
+    )
+
+
+def _plane(mesh: Mesh) -> Cells:
+    offsets, vertices, loops = single_loops(mesh)
+    sizes = np.diff(offsets)
+    types = np.where(sizes == 3, _TRIANGLE, _POLYGON).astype(np.uint8)
+    quads = np.flatnonzero(sizes == 4)
+    convex = _convex(mesh.local_points[vertices[offsets[quads][:, None] + np.arange(4)]])
+    types[quads[convex]] = _QUAD
+    none = frozen_int([0])
+    return Cells(types, offsets, vertices, Polyhedra(none, none, none[:0]), loops)
+
+
+def _convex(corners: Float) -> Mask:
+    """Which quadrilaterals ``(q, 4, d)`` turn the same way at each corner, seen along their area vector."""
+    a, b, c, d = (corners[:, k] for k in range(4))
+    area = _cross(c - a, d - b)
+    least = _CONVEX * (area * area).sum(axis=1)
+    convex = np.ones(len(corners), bool)
+    for before, here, after in ((a, b, c), (b, c, d), (c, d, a), (d, a, b)):
+        convex &= (_cross(here - before, after - here) * area).sum(axis=1) > least
+    return convex
+
+
+def _cross(u: Float, v: Float) -> Float:
+    """Vector products ``(q, 3)``; in the plane their third component ``(q, 1)``."""
+    if u.shape[1] == 3:
+        return np.cross(u, v)
+    return (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])[:, None]
+
+
+def _bent(mesh: Mesh) -> Mask:
+    """Which faces of a 3-D mesh are quadrilaterals that are not convex."""
+    bent = np.zeros(mesh.n_faces, bool)
+    quads = np.flatnonzero(np.diff(mesh.face_offsets) == 4)
+    corners = mesh.face_vertices[mesh.face_offsets[quads][:, None] + np.arange(4)]
+    bent[quads] = ~_convex(mesh.local_points[corners])
+    return bent
+
+
+def _may_be(kind: str, solids: Polyhedra, vertex_offsets: Int) -> Mask:
+    """Which cells have as many vertices, faces and corners of faces as the element."""
+    sizes = _ELEMENTS[kind].sizes
+    corners = np.diff(solids.loop_offsets[solids.cell_offsets])
+    alike = (np.diff(vertex_offsets) == CORNERS[kind]) & (np.diff(solids.cell_offsets) == len(sizes))
+    return np.asarray(alike & (corners == sum(sizes)))
+
+
+def _elements(mesh: Mesh, solids: Polyhedra, kind: str, cells: Int) -> tuple[Int, Int]:
+    """Which of the cells are such an element ``(n,)``, and their corners in VTK's order ``(n, k)``.
+
+    The corners are found from the loop of one face and the edges that leave it, then every face is
+    compared with those of the element.
+    """
+    sizes = frozen_int(_ELEMENTS[kind].sizes)
+    _, loops = gather(solids.cell_offsets, frozen_int(cells))
+    owner = np.repeat(np.arange(len(cells)), len(sizes))
+    size = solids.loop_offsets[loops + 1] - solids.loop_offsets[loops]
+    order = np.lexsort((size != sizes[0], owner))
+    fits = (size[order].reshape(-1, len(sizes)) == sizes).all(axis=1)
+    cells, loops = cells[fits], loops[order].reshape(-1, len(sizes))[fits].ravel()
+    around = solids.vertices[gather(solids.loop_offsets, frozen_int(loops))[1]].reshape(-1, sizes.sum())
+    reference = _reference(kind)
+    corners = np.empty((len(cells), CORNERS[kind]), np.int64)
+    corners[:, _walk(reference, sizes)[0]] = _walk(around, sizes)
+    expected = _triples(reference, frozen_int([range(CORNERS[kind])]), sizes)
+    same = (_triples(around, corners, sizes) == expected).all(axis=1)
+    found, corners = frozen_int(cells[same]), frozen_int(corners[same])
+    return found, _as_they_were(mesh, kind, found, corners)
+
+
+@cache
+def _reference(kind: str) -> Int:
+    """Loops of the faces of the element itself ``(1, c)``, in the order of its sizes."""
+    table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
+    sizes = np.diff(table.loop_offsets)
+    order = np.argsort(sizes != _ELEMENTS[kind].sizes[0], kind="stable")
+    return frozen_int(table.vertices[gather(table.loop_offsets, frozen_int(order))[1]][None])
+
+
+def _neighbours(sizes: Int) -> tuple[Int, Int]:
+    """Column of the corner before, and of that after, each corner of faces of such sizes."""
+    ends = np.cumsum(sizes)
+    before, after = np.arange(ends[-1]) - 1, np.arange(ends[-1]) + 1
+    before[ends - sizes], after[ends - 1] = ends - 1, ends - sizes
+    return frozen_int(before), frozen_int(after)
+
+
+def _walk(around: Int, sizes: Int) -> Int:
+    """Vertices of the first face of each cell, then the other end of the edge that leaves it at each."""
+    before, after = _neighbours(sizes)
+    base, rows, tops = around[:, : sizes[0]], np.arange(len(around)), []
+    for here, there in zip(base.T, np.roll(base, -1, axis=1).T, strict=True):
+        meets = (around == here[:, None]) & (around[:, before] == there[:, None])
+        tops.append(around[rows, after[np.argmax(meets, axis=1)]])
+    return frozen_int(np.concatenate((base, np.stack(tops, axis=1)), axis=1))
+
+
+def _triples(around: Int, corners: Int, sizes: Int) -> Int:
+    """A number for each corner of the faces of each cell and the corners before and after it, sorted."""
+    local = _local(around, corners)
+    before, after = _neighbours(sizes)
+    return frozen_int(np.sort((local[:, before] * 8 + local) * 8 + local[:, after], axis=1))
+
+
+def _local(vertices: Int, corners: Int) -> Int:
+    """Place of each vertex ``(n, c)`` among the corners of its cell ``(n, k)``."""
+    local = np.zeros(vertices.shape, np.int64)
+    for place, corner in enumerate(corners.T):
+        local[vertices == corner[:, None]] = place
+    return frozen_int(local)
+
+
+def _as_they_were(mesh: Mesh, kind: str, cells: Int, corners: Int) -> Int:
+    """The corners in the order from which the faces are read as they are: same sequence, same first vertex.
+
+    A mesh of elements then comes back to the last bit. Where no order does that, they stay as they are.
+    """
+    table = polyhedra_from_elements({kind: [range(CORNERS[kind])]})
+    rank = np.full((8, 8), -1)
+    starts = table.loop_offsets[:-1]
+    rank[table.vertices[starts], table.vertices[starts + 1]] = np.arange(len(starts))
+    faces = mesh.cell_faces[1][gather(mesh.cell_faces[0], cells)[1]].reshape(-1, len(starts))
+    own = mesh.face_cells[faces, 0] == cells[:, None]
+    first, second = (_local(mesh.face_vertices[mesh.face_offsets[faces] + i], corners) for i in (0, 1))
+    turns = frozen_int(_turns(kind))
+    chosen = turns_as_listed(first, second, own, turns, frozen_int(rank))
+    found = np.where(chosen[:, None] >= 0, turns[chosen], np.arange(CORNERS[kind]))
+    return frozen_int(np.take_along_axis(corners, found, axis=1))
+
+
+@cache
+def _turns(kind: str) -> tuple[tuple[int, ...], ...]:
+    """All orders of the corners in which the element is the same."""
+    found = [tuple(range(CORNERS[kind]))]
+    for order in found:  # grows while it is walked through
+        for turn in _ELEMENTS[kind].turns:
+            turned = tuple(order[place] for place in turn)
+            if turned not in found:
+                found.append(turned)
+    return tuple(found)

@@ -1,0 +1,144 @@
+"""Writing grids as VTK has them: the mesh with the labels of its levels, and beside it each coarse mesh."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from agglo_core.arrays import Float, Int
+from agglo_core.io.atomic import staging
+from agglo_core.io.level_values import (
+    LevelValues,
+    about_agglomerates,
+    check_level_values,
+    under_free_names,
+)
+from agglo_core.io.tags import BRIDGES, cell_data, check_names, is_level
+from agglo_core.io.vtk.document import Piece
+from agglo_core.io.vtk.grid_pieces import FaceArrays, piece_of
+from agglo_core.mesh import Mesh
+from agglo_core.progress import Tell, part
+
+if TYPE_CHECKING:
+    from agglo_core.hierarchy import Hierarchy
+
+__all__ = ["Storage", "write_grids"]
+
+_log = logging.getLogger("agglo")
+
+
+class WritePiece(Protocol):
+    """Writes one piece to a file."""
+
+    def __call__(self, path: Path, piece: Piece, *, compress: bool, tell: Tell) -> None:
+        """Write it."""
+
+
+class Storage(NamedTuple):
+    """How a grid is stored.
+
+    Attributes
+    ----------
+    write : callable
+    faces : callable
+        Arrays by name with the faces of polyhedra, given the cells and the numbers of points in the file.
+    ours : callable
+        Whether a file was written by agglo in this way; may raise OSError.
+    """
+
+    write: WritePiece
+    faces: FaceArrays
+    ours: Callable[[Path], bool]
+
+
+def write_grids(
+    storage: Storage,
+    path: Path,
+    mesh: Mesh,
+    hierarchy: Hierarchy | None,
+    level_values: LevelValues | None,
+    tell: Tell,
+    *,
+    compress: bool,
+) -> None:
+    """Write ``path``, and with a hierarchy each coarse mesh beside it as ``NAME_level0.SUFFIX``, ….
+
+    The fine mesh carries its cell tags and the labels of every level (``level_0``, …), a coarse mesh its
+    tags and what is known of each agglomerate: ``agglomerate``, ``parent``, ``cells``, ``measure``,
+    ``diameter`` and the ``level_values``. These are marked as derived, so that reading does not take
+    them for tags; one whose name a tag has is written with ``agglo_`` before it. Field data hold face tags.
+
+    A cell of several boundary loops (a hole) is one polygon that traverses a bridge between them both ways;
+    then integer cell data ``agglo_loops`` say how many loops each cell has. VTK reads such polygons but
+    its triangulation does not fill them: colour the fine mesh by ``level_i`` to see a level whole.
+
+    With a hierarchy of k levels, tags ``level_<number>`` of an earlier one are not written, and files
+    ``NAME_level<number>.SUFFIX`` with a number of k or more are removed from the folder if agglo wrote them.
+
+    Parameters
+    ----------
+    storage : Storage
+    path : Path
+    mesh : Mesh
+    hierarchy : Hierarchy or None
+    level_values : sequence of mappings of name to (k,) float, or None
+        What was measured on the k agglomerates of each level, finest first; NaN and infinities are kept.
+    tell : callable
+    compress : bool
+        Store compressed arrays.
+
+    Raises
+    ------
+    MeshError
+        For a cell tag of the name ``agglo_loops``, or a name that XML cannot hold.
+    OptionError
+        If the values do not fit the levels.
+    """
+    levels = list(hierarchy.levels) if hierarchy is not None else []
+    values = check_level_values(hierarchy, [{}] * len(levels) if level_values is None else level_values)
+    tags = cell_data(mesh, hierarchy)
+    check_names(tags)
+    check_names(mesh.face_tags, "face")
+    taken = {BRIDGES, *(name for name in mesh.cell_tags if not is_level(name))}
+    with staging(path) as folder:
+        for i, labels in enumerate(levels):  # before the mesh, of which then less is derived: it would stay
+            own = part(tell, i, 1 + len(levels), f"level {i}")
+            piece = _coarse_piece(storage, mesh.coarsen(labels), levels, i, values[i], taken)
+            storage.write(folder / f"{path.stem}_level{i}{path.suffix}", piece, compress=compress, tell=own)
+            del piece  # or it would be there while the next one is made
+        own = part(tell, len(levels), 1 + len(levels))
+        piece = piece_of(mesh, storage.faces, tags, {})
+        storage.write(folder / path.name, piece, compress=compress, tell=own)
+    if levels:
+        _remove_stale(storage, path, len(levels))
+
+
+def _remove_stale(storage: Storage, path: Path, count: int) -> None:
+    """Remove the coarse meshes of an earlier, deeper hierarchy, which would pass for levels of this one."""
+    pattern = re.compile(re.escape(f"{path.stem}_level") + r"(0|[1-9]\d*)" + re.escape(path.suffix), re.ASCII)
+    for file in sorted(path.parent.iterdir()):
+        found = pattern.fullmatch(file.name)
+        if found is None or int(found[1]) < count or file.is_symlink() or not file.is_file():
+            continue
+        try:
+            if storage.ours(file):
+                file.unlink()
+                _log.info("removed %s, a level of an earlier hierarchy", file)
+        except OSError as error:  # the mesh and its levels are written: this is not a reason to fail
+            _log.warning("cannot remove %s, a level of an earlier hierarchy: %s", file, error.strerror)
+
+
+def _coarse_piece(
+    storage: Storage,
+    coarse: Mesh,
+    levels: Sequence[Int],
+    level: int,
+    values: Mapping[str, Float],
+    taken: Collection[str],
+) -> Piece:
+    kept = {key: each for key, each in coarse.cell_tags.items() if not is_level(key)}
+    known = about_agglomerates(levels, level, coarse, values)
+    return piece_of(coarse, storage.faces, kept, under_free_names(known, taken))

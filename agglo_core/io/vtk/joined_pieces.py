@@ -1,0 +1,120 @@
+"""Pieces of a mesh made one: without ghosts, one after the other, in the order of their global numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, Mask, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.listed_faces import joined_faces
+from agglo_core.io.build.soup import Soup
+from agglo_core.mesh.elements import concatenate, gather, take_cells
+
+__all__ = ["in_global_order", "joined", "without_ghosts"]
+
+_GHOST = 1 | 32  # vtkGhostType bits: the cell belongs to another piece; the cell is hidden
+_SOLID = 42
+
+
+def without_ghosts(soup: Soup) -> tuple[Soup, int]:
+    """Without the cells that other pieces repeat, and how many these are."""
+    tags = dict(soup.tags)
+    ghost = tags.pop("vtkGhostType", frozen_int(np.zeros(len(soup.types)))) & _GHOST != 0
+    soup = soup._replace(tags=tags)
+    return (_taken(soup, frozen_int(np.flatnonzero(~ghost))) if ghost.any() else soup), int(ghost.sum())
+
+
+def _taken(soup: Soup, cells: Int) -> Soup:
+    """Some of the cells in the given order; faces that are listed stay only if all cells do."""
+    offsets, places = gather(soup.offsets, cells)
+    solid = soup.types == _SOLID
+    number = np.cumsum(solid) - 1  # of each solid among them
+    listed = soup.listed
+    if listed is not None and len(cells) < len(soup.types):
+        listed = None
+    elif listed is not None:
+        place = np.empty(len(cells), np.int64)
+        place[cells] = np.arange(len(cells))
+        listed = listed._replace(cells=frozen_int(place[listed.cells]))
+    return soup._replace(
+        types=frozen_int(soup.types[cells]),
+        offsets=offsets,
+        vertices=frozen_int(soup.vertices[places]),
+        solids=take_cells(soup.solids, frozen_int(number[cells[solid[cells]]])),
+        tags={key: frozen_int(values[cells]) for key, values in soup.tags.items()},
+        listed=listed,
+        cell_ids=None if soup.cell_ids is None else frozen_int(soup.cell_ids[cells]),
+    )
+
+
+def joined(pieces: Sequence[Soup]) -> Soup:
+    """All pieces as one, those without cells left out; tags that some piece lacks are left out, too."""
+    if not pieces:
+        raise FileError("there is no Piece in it")
+    pieces = [piece for piece in pieces if len(piece.types)] or pieces[:1]
+    if len(pieces) == 1:
+        return pieces[0]
+    shift = np.cumsum([0, *(len(piece.points) for piece in pieces)])[:-1]
+    cells = np.cumsum([0, *(len(piece.types) for piece in pieces)])[:-1]
+    ends = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])[:-1]
+    common = [key for key in pieces[0].tags if all(key in piece.tags for piece in pieces)]
+    solids = [
+        piece.solids._replace(vertices=frozen_int(piece.solids.vertices + start))
+        for piece, start in zip(pieces, shift, strict=True)
+    ]
+    return Soup(
+        frozen_float(np.concatenate([piece.points for piece in pieces])),
+        frozen_int(np.concatenate([piece.types for piece in pieces])),
+        frozen_int(np.concatenate([[0], *(p.offsets[1:] + e for p, e in zip(pieces, ends, strict=True))])),
+        frozen_int(np.concatenate([p.vertices + s for p, s in zip(pieces, shift, strict=True)])),
+        concatenate(solids),
+        {key: frozen_int(np.concatenate([piece.tags[key] for piece in pieces])) for key in common},
+        joined_faces([piece.listed for piece in pieces], cells, shift),
+        _all_or_none([piece.point_ids for piece in pieces]),
+        _all_or_none([piece.cell_ids for piece in pieces]),
+    )
+
+
+def _all_or_none(arrays: Sequence[Int | None]) -> Int | None:
+    there = [array for array in arrays if array is not None]
+    return frozen_int(np.concatenate(there)) if len(there) == len(arrays) else None
+
+
+def in_global_order(soup: Soup) -> Soup:
+    """Cells by their global ids, each point once; raises FileError if ids contradict one another.
+
+    What has no ids stays as it is.
+    """
+    if soup.point_ids is not None:
+        soup = _each_point_once(soup, soup.point_ids)
+    if soup.cell_ids is None:
+        return soup
+    order = np.argsort(soup.cell_ids, kind="stable")
+    ids = soup.cell_ids[order]
+    twice = np.flatnonzero(ids[1:] == ids[:-1])
+    if len(twice):
+        raise FileError(f"cell {ids[twice[0]]} is in several pieces, by its GlobalCellIds")
+    return _taken(soup, frozen_int(order))
+
+
+def _each_point_once(soup: Soup, point_ids: Int) -> Soup:
+    ids, first, number = np.unique(point_ids, return_index=True, return_inverse=True)
+    points = frozen_float(soup.points[first])
+    elsewhere = np.flatnonzero(_differ(points[number], soup.points))
+    if len(elsewhere):
+        raise FileError(f"point {point_ids[elsewhere[0]]} has several places, by its GlobalPointIds")
+    solids, listed = soup.solids, soup.listed
+    return soup._replace(
+        points=points,
+        vertices=frozen_int(number[soup.vertices]),
+        solids=solids._replace(vertices=frozen_int(number[solids.vertices])),
+        listed=None if listed is None else listed._replace(vertices=frozen_int(number[listed.vertices])),
+        point_ids=frozen_int(ids),
+    )
+
+
+def _differ(one: Float, other: Float) -> Mask:
+    """Which points do; what is no number is found elsewhere."""
+    return np.asarray(((one != other) & ~(np.isnan(one) & np.isnan(other))).any(axis=1))

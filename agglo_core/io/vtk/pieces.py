@@ -1,0 +1,166 @@
+"""Pieces of VTK's unstructured grids, whatever file holds their arrays: cells of all kinds as one mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple, Protocol, Unpack
+
+import numpy as np
+
+from agglo_core.arrays import Float, Int, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.soup import Soup, mesh_from_soup, with_repairs
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.tags import BRIDGES, note_left_out
+from agglo_core.io.vtk.joined_pieces import in_global_order, joined, without_ghosts
+from agglo_core.mesh import Mesh
+from agglo_core.mesh.elements import Polyhedra, concatenate, gather
+
+__all__ = [
+    "CellArrays",
+    "Stored",
+    "check_counts",
+    "mesh_from_pieces",
+    "mesh_of_soup",
+    "soup_of_piece",
+    "soup_of_pieces",
+]
+
+_VISITS = 32  # cells of each point, and visits of a cell to it, bridges and pinches included, at the most
+_FEW = 1 << 15  # points below which nobody counts
+
+
+class CellArrays(Protocol):
+    """The arrays of whole numbers of a piece, by the names that VTU files give them."""
+
+    def __contains__(self, name: str) -> bool:
+        """Whether there is such an array."""
+
+    def take(self, name: str, declared: int) -> Int:
+        """Values of an array that should have ``declared`` ones; raises FileError."""
+
+
+class Stored(NamedTuple):
+    """What a file holds.
+
+    Attributes
+    ----------
+    pieces : list of Soup
+    left_out : list of str
+        Names of cell data that are no tags, one for each piece.
+    ours : bool
+        Whether agglo wrote it: then global ids are those of the mesh.
+    """
+
+    pieces: list[Soup]
+    left_out: list[str]
+    ours: bool = False
+
+
+def check_counts(n_points: int, n: int) -> None:
+    """Raise FileError for a piece with more cells than its points can have."""
+    if n > _VISITS * max(n_points, _FEW):
+        raise FileError(f"a Piece of {n} cells has only {n_points} points")
+
+
+def soup_of_piece(arrays: CellArrays, points: Float, n: int) -> Soup:
+    """The n cells of a piece, without tags; raises FileError."""
+    n_points = len(points)
+    if n == 0:
+        none = frozen_int(np.empty(0))
+        return Soup(points, none, frozen_int([0]), none, concatenate([]), {})
+    visits = _VISITS * n * n_points
+    types, ends = arrays.take("types", n), arrays.take("offsets", n)
+    if len(types) != n or len(ends) != n:
+        raise FileError(f"a Piece of {n} cells has {len(types)} types and {len(ends)} offsets")
+    vertices = arrays.take("connectivity", min(int(ends[-1]), visits))
+    offsets = _offsets(ends, len(vertices), "offsets")
+    if vertices.size and not (vertices.min() >= 0 and vertices.max() < n_points):
+        raise FileError(f"array 'connectivity' uses points outside 0..{n_points - 1}")
+    solids = _polyhedra(arrays, np.flatnonzero(types == 42), n, visits)
+    if solids.vertices.size and not (solids.vertices.min() >= 0 and solids.vertices.max() < n_points):
+        raise FileError(f"faces of polyhedra use points outside 0..{n_points - 1}")
+    return Soup(points, types, offsets, vertices, solids, {})
+
+
+def _offsets(ends: Int, size: int, name: str) -> Int:
+    offsets = np.concatenate(([0], ends))
+    if (np.diff(offsets) < 0).any() or offsets[-1] != size:
+        raise FileError(f"array {name!r} must rise to {size}, it ends at {offsets[-1]}")
+    return frozen_int(offsets)
+
+
+def _polyhedra(arrays: CellArrays, solids: Int, n: int, visits: int) -> Polyhedra:
+    """Faces of the polyhedra ``solids`` among n cells; no array is far longer than ``visits``."""
+    if not len(solids):
+        return concatenate([])
+    if "polyhedron_to_faces" not in arrays:
+        stops = arrays.take("faceoffsets", n)
+        if len(stops) != n:
+            raise FileError(f"array 'faceoffsets' has {len(stops)} values for {n} cells")
+        return _face_stream(arrays.take("faces", min(int(stops.max()), visits)), frozen_int(stops[solids]))
+    ends = arrays.take("polyhedron_offsets", n)
+    if len(ends) != n:
+        raise FileError(f"array 'polyhedron_offsets' has {len(ends)} values for {n} cells")
+    faces = arrays.take("polyhedron_to_faces", min(int(ends[-1]), visits))
+    stops = arrays.take("face_offsets", len(faces))
+    loops = arrays.take("face_connectivity", min(int(stops.max(initial=0)), visits))
+    loop_offsets = _offsets(stops, len(loops), "face_offsets")
+    offsets, places = gather(_offsets(ends, len(faces), "polyhedron_offsets"), solids)
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(loop_offsets) - 1):
+        raise FileError(f"array 'polyhedron_to_faces' uses faces outside 0..{len(loop_offsets) - 2}")
+    loop_offsets, entries = gather(loop_offsets, faces[places])
+    return Polyhedra(offsets, loop_offsets, frozen_int(loops[entries]))
+
+
+def _face_stream(stream: Int, stops: Int) -> Polyhedra:
+    """Faces of polyhedra stored as ``n_faces, size, v…, size, v…`` one after the other, up to ``stops[c]``.
+
+    The stream is walked face by face for all cells at once.
+    """
+    starts = np.concatenate(([0], stops[:-1]))
+    if (starts >= stops).any() or starts[0] < 0 or stops[-1] > len(stream):
+        raise FileError("array 'faceoffsets' does not rise within 'faces'")
+    counts = stream[starts]
+    if (counts < 1).any() or (counts > stops - starts).any():
+        raise FileError("array 'faces': a cell claims more faces than it holds, or none")
+    offsets = np.concatenate(([0], np.cumsum(counts)))
+    sizes, places = np.empty(offsets[-1], np.int64), np.empty(offsets[-1], np.int64)
+    cursor, cells = starts + 1, np.arange(len(stops))
+    for rank in range(int(counts.max())):
+        cells = cells[counts[cells] > rank]
+        if (cursor[cells] >= stops[cells]).any():
+            raise FileError("array 'faces' ends before the last face of a cell")
+        size = stream[cursor[cells]]
+        if (size < 1).any() or (cursor[cells] + size >= stops[cells]).any():
+            raise FileError("array 'faces' holds a face of no size, or one longer than its cell")
+        sizes[offsets[cells] + rank], places[offsets[cells] + rank] = size, cursor[cells] + 1
+        cursor[cells] += size + 1
+    loop_offsets = np.concatenate(([0], np.cumsum(sizes)))
+    entries = np.arange(loop_offsets[-1]) + np.repeat(places - loop_offsets[:-1], sizes)
+    return Polyhedra(frozen_int(offsets), frozen_int(loop_offsets), frozen_int(stream[entries]))
+
+
+def mesh_from_pieces(stored: Stored, *, name: str, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of pieces, joined without the ghost cells that repeat each other; raises an AggloError."""
+    soup, ghosts = soup_of_pieces(stored.pieces)
+    soup, left_out = in_global_order(soup) if stored.ours else soup, stored.left_out
+    return mesh_of_soup(soup, ghosts, left_out, name=name, **options)
+
+
+def soup_of_pieces(pieces: Sequence[Soup]) -> tuple[Soup, int]:
+    """The cells of all pieces one after the other, and how many ghosts were left out; raises FileError."""
+    own = [without_ghosts(piece) for piece in pieces]
+    return joined([piece for piece, _ in own]), sum(count for _, count in own)
+
+
+def mesh_of_soup(
+    soup: Soup, ghosts: int, left_out: Iterable[str], *, name: str, **options: Unpack[ReadOptions]
+) -> Mesh:
+    """Mesh of joined cells; what was left out of it is told among its repairs. Raises an AggloError."""
+    weak = BRIDGES in soup.tags and bool(np.isin(soup.types, (5, 7, 9)).all())
+    if weak:
+        soup = soup._replace(tags={key: values for key, values in soup.tags.items() if key != BRIDGES})
+    mesh = mesh_from_soup(soup, weak=weak, name=name, **options)
+    mesh = with_repairs(mesh, {"ghost cells dropped": ghosts})
+    return note_left_out(mesh, left_out)

@@ -1,0 +1,72 @@
+"""Reading PVTU: the VTU files that it names, joined as the pieces of one file are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+from pathlib import Path, PurePosixPath
+from typing import Unpack
+
+from agglo_core.errors import FileError
+from agglo_core.files.regular import file_bytes
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.vtk.arrays import vtk_root
+from agglo_core.io.vtk.pieces import Stored, mesh_from_pieces
+from agglo_core.io.vtk.vtu_read import stored_pieces
+from agglo_core.mesh import Mesh
+
+__all__ = ["read_pvtu", "sources_of", "stored_piece", "stored_together"]
+
+
+def read_pvtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of a PVTU file and the VTU files beside it; cells follow one another piece by piece.
+
+    Raises
+    ------
+    FileError, MeshError
+        Naming the piece that is missing or broken; for a piece that lies elsewhere or is named twice.
+    """
+    files = [stored_piece(path.parent, source) for source in sources_of(file_bytes(path))]
+    if not files:
+        raise FileError("there is no Piece in it")
+    return mesh_from_pieces(stored_together(files), **options, name=path.stem)
+
+
+def stored_together(files: Sequence[Stored]) -> Stored:
+    """What several files hold."""
+    return Stored(
+        list(chain.from_iterable(file.pieces for file in files)),
+        list(chain.from_iterable(file.left_out for file in files)),
+        all(file.ours for file in files),
+    )
+
+
+def sources_of(content: bytes) -> list[str]:
+    """The files that are named, each once and none outside the folder of the list."""
+    root = vtk_root(content, "PUnstructuredGrid")
+    sources = []
+    for number, piece in enumerate(root.iterfind("PUnstructuredGrid/Piece")):
+        source = piece.get("Source", "").replace("\\", "/")
+        parts = PurePosixPath(source)
+        if not parts.parts or "\0" in source:
+            raise FileError(f"piece {number} does not say its Source")
+        if parts.is_absolute() or ".." in parts.parts or ":" in parts.parts[0]:
+            raise FileError(f"piece {source!r} lies elsewhere; pieces are read from the folder of the file")
+        if str(parts) in sources:
+            raise FileError(f"piece {source!r} is named twice")
+        sources.append(str(parts))
+    return sources
+
+
+def stored_piece(folder: Path, source: str) -> Stored:
+    """The pieces of one VTU file, or FileError naming it."""
+    try:
+        content = file_bytes(folder / source)
+    except FileError as error:
+        raise FileError(f"piece {source!r}: {error}") from None
+    except OSError as error:
+        raise FileError(f"piece {source!r}: {error.strerror or error}") from error
+    try:
+        return stored_pieces(content)
+    except FileError as error:
+        raise FileError(f"piece {source!r}: {error}") from error.__cause__

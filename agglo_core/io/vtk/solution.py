@@ -1,0 +1,80 @@
+"""Writing a solution as VTU: a function sampled cell by cell, with its jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Int
+from agglo_core.errors import FileError
+from agglo_core.io.atomic import staging
+from agglo_core.io.file_checks import naming
+from agglo_core.io.level_values import under_free_names
+from agglo_core.io.tags import check_names
+from agglo_core.io.vtk.document import Piece, write_document
+from agglo_core.mesh import Mesh
+from agglo_core.problems.discretisation import Samples
+
+__all__ = ["solution_piece", "write_solution"]
+
+_SIMPLICES = {3: 5, 4: 10}  # corners to VTK's number of triangles and tetrahedra
+
+
+def write_solution(path: str | PathLike[str], mesh: Mesh, samples: Samples, *, name: str = "u") -> None:
+    """Write a sampled function to a ``.vtu`` file that ParaView and VTK open.
+
+    No two cells share points, so jumps stay visible and holes empty. Cell data: ``cell``, the number of the
+    cell in the mesh, and the mesh's cell tags; ``agglo_cell`` if one of them is called ``cell``.
+
+    Raises
+    ------
+    FileError
+        For another suffix, or a file that cannot be written.
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".vtu":
+        raise FileError(f"{path}: a solution is written as .vtu")
+    with naming(path), staging(path) as folder:
+        piece = solution_piece(samples, mesh.cell_tags, name=name)
+        write_document(folder / path.name, piece)
+
+
+def solution_piece(
+    samples: Samples, tags: Mapping[str, Int], *, name: str = "u", cell_ids: Int | None = None
+) -> Piece:
+    """What a file holds of a sampled function.
+
+    Parameters
+    ----------
+    samples : Samples
+    tags : mapping of str to (n_cells,) int
+        Of the cells of the mesh.
+    name : str
+        Of the function.
+    cell_ids : (n_cells,) int, optional
+        Numbers of the cells in the file; by default those in the mesh.
+
+    Raises
+    ------
+    MeshError
+        For a cell tag whose name files cannot hold.
+    """
+    check_names(tags)
+    owners = samples.cells[samples.simplices[:, 0]]
+    own = {tag: each[owners] for tag, each in tags.items()}
+    numbers = owners if cell_ids is None else cell_ids[owners]
+    data = under_free_names({"cell": numbers}, own) | own
+    n, corners = samples.simplices.shape
+    cells: dict[str, NDArray[Any]] = {
+        "connectivity": samples.simplices.ravel(),
+        "offsets": corners * np.arange(1, n + 1),
+        "types": np.full(n, _SIMPLICES[corners], np.uint8),
+    }
+    return Piece(samples.points, cells, {name: samples.values}, data, kind="solution")

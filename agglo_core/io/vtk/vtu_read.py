@@ -1,0 +1,186 @@
+"""Reading VTU and VTP (VTK XML): every encoding, several pieces, polyhedra in both layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Unpack
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agglo_core.arrays import Float, Int, frozen_float, frozen_int
+from agglo_core.errors import FileError
+from agglo_core.io.build.listed_faces import ListedFaces, listed_faces
+from agglo_core.io.build.soup import Soup
+from agglo_core.io.format_options import ReadOptions
+from agglo_core.io.tags import tag_values
+from agglo_core.io.vtk.arrays import TYPES, Document, is_derived, parse
+from agglo_core.io.vtk.pieces import CellArrays, Stored, check_counts, mesh_from_pieces, soup_of_piece
+from agglo_core.io.vtk.polydata import KINDS, polydata_cells
+from agglo_core.mesh import Mesh
+
+__all__ = ["read_vtp", "read_vtu", "stored_pieces"]
+
+_FACES = 64  # numbers about faces for each cell, beyond which an array is looked at before it is decoded
+
+
+def read_vtu(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of a VTU file; its pieces are joined, integer cell data become cell tags.
+
+    Raises
+    ------
+    FileError, MeshError
+        For a broken file or mesh.
+    """
+    return mesh_from_pieces(stored_pieces(path.read_bytes()), **options, name=path.stem)
+
+
+def read_vtp(path: Path, **options: Unpack[ReadOptions]) -> Mesh:
+    """Mesh of the polygons and strips of a VTP file; raises as :func:`read_vtu`."""
+    return mesh_from_pieces(stored_pieces(path.read_bytes(), "PolyData"), **options, name=path.stem)
+
+
+def stored_pieces(content: bytes, kind: str = "UnstructuredGrid") -> Stored:
+    """Pieces of a file of that kind; raises FileError."""
+    document = parse(content, kind)
+    grid = document.root.find(kind)
+    if grid is None:
+        return Stored([], [])
+    _check_places(grid.iterfind(".//DataArray"))
+    data = grid.iterfind("Piece/CellData/DataArray")
+    left = [each.get("Name", "") for each in data if not _is_tag(each) and not is_derived(each)]
+    pieces = [_piece(document, piece) for piece in grid.findall("Piece")]
+    ours = document.root.get("agglo") == "mesh"
+    if len(pieces) == 1 and ours:  # in files of others it may be out of date
+        pieces = [pieces[0]._replace(listed=_listed(document, grid, pieces[0]))]
+    return Stored(pieces, left, ours)
+
+
+def _listed(document: Document, grid: ElementTree.Element, piece: Soup) -> ListedFaces | None:
+    """Faces with tags, from the field data."""
+    n, elements = len(piece.types), grid.findall("FieldData/DataArray")
+    fields = {each.get("Name", ""): document.array(each, _FACES * n) for each in elements}
+    return listed_faces(fields, len(piece.points), n)
+
+
+def _check_places(elements: Iterable[ElementTree.Element]) -> None:
+    """Refuse arrays that share their bytes: a small file could say the same thing a million times."""
+    names: dict[int, str] = {}
+    for element in elements:
+        if element.get("format") != "appended":
+            continue
+        name = element.get("Name", "Points")
+        try:
+            place = int(element.get("offset", ""))
+        except ValueError:  # refused if it is read
+            continue
+        if place in names:
+            raise FileError(f"arrays {names[place]!r} and {name!r} begin at the same appended byte, {place}")
+        names[place] = name
+
+
+def _piece(document: Document, piece: ElementTree.Element) -> Soup:
+    kinds = [kind for kind in KINDS if piece.find(kind) is not None]
+    counted = ["Points", *(kinds or ["Cells"])]
+    try:
+        n_points, *counts = (int(piece.get(f"NumberOf{each}", "")) for each in counted)
+    except ValueError:
+        raise FileError(
+            f"a Piece does not say its {' and '.join(f'NumberOf{each}' for each in counted)}"
+        ) from None
+    n = sum(counts)
+    check_counts(n_points, n)
+    points = _points(document, piece, n_points)
+    arrays: CellArrays = _Arrays(document, piece, "Cells")
+    if kinds:
+        lists = {kind: _list(document, piece, kind, k) for kind, k in zip(kinds, counts, strict=True) if k}
+        arrays = polydata_cells(lists)
+    soup = soup_of_piece(arrays, points, n)
+    point_ids = _ids(document, piece.find("PointData"), n_points)
+    cell_ids = _ids(document, piece.find("CellData"), n)
+    return soup._replace(tags=_tags(document, piece, n) if n else {}, point_ids=point_ids, cell_ids=cell_ids)
+
+
+def _list(document: Document, piece: ElementTree.Element, kind: str, n: int) -> tuple[Int, Int]:
+    """Ends and points of n cells of a PolyData."""
+    arrays = _Arrays(document, piece, kind)
+    ends = arrays.take("offsets", n)
+    if len(ends) != n or (np.diff(ends, prepend=0) < 0).any():
+        raise FileError(f"array 'offsets' of {kind} must rise and have {n} values")
+    vertices = arrays.take("connectivity", int(ends[-1]))
+    if len(vertices) != ends[-1]:
+        raise FileError(f"array 'connectivity' of {kind} has {len(vertices)} values, expected {ends[-1]}")
+    return ends, vertices
+
+
+def _ids(document: Document, section: ElementTree.Element | None, n: int) -> Int | None:
+    """The n integers that a section declares to be its global ids, if it does."""
+    name = "" if section is None else section.get("GlobalIds", "")
+    for element in () if section is None or not name else section.iterfind("DataArray"):
+        if element.get("Name") != name or not element.get("type", "").startswith(("Int", "UInt")):
+            continue
+        values = document.array(element, n)
+        if len(values) != n:
+            raise FileError(f"there are {len(values)} global ids {name!r}, expected {n}")
+        return tag_values(name, values)
+    return None
+
+
+def _points(document: Document, piece: ElementTree.Element, n: int) -> Float:
+    element = piece.find("Points/DataArray")
+    values = document.array(element, 3 * n) if element is not None else np.empty(0)
+    if values.size != 3 * n:
+        raise FileError(f"a Piece of {n} points has {values.size} coordinates, expected {3 * n}")
+    return frozen_float(values.reshape(-1, 3))
+
+
+def _tags(document: Document, piece: ElementTree.Element, n: int) -> dict[str, Int]:
+    """Integer cell data of one component."""
+    tags = {}
+    for element in piece.iterfind("CellData/DataArray"):
+        if not _is_tag(element):
+            continue
+        name, values = element.get("Name", ""), document.array(element, n)
+        if len(values) != n:
+            raise FileError(f"cell data {name!r} has {len(values)} values for {n} cells")
+        tags[name] = tag_values(name, values)
+    return tags
+
+
+def _is_tag(element: ElementTree.Element) -> bool:
+    """Whether cell data are named integers of one component, and not what agglo derived from the mesh."""
+    if is_derived(element):
+        return False
+    kind = element.get("type", "")
+    single = element.get("NumberOfComponents", "1").strip() in ("0", "1")
+    return bool(element.get("Name")) and kind.startswith(("Int", "UInt")) and kind in TYPES and single
+
+
+@dataclass(frozen=True)
+class _Arrays:
+    """Arrays of whole numbers of a section of a piece."""
+
+    document: Document
+    piece: ElementTree.Element
+    section: str
+
+    @cached_property
+    def _elements(self) -> dict[str, ElementTree.Element]:
+        return {each.get("Name", ""): each for each in self.piece.iterfind(f"{self.section}/DataArray")}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._elements
+
+    def take(self, name: str, declared: int) -> Int:
+        """Integers of an array that should have ``declared`` values."""
+        if name not in self._elements:
+            known = ", ".join(self._elements) or "none"
+            raise FileError(f"array {name!r} is missing from {self.section}; found {known}")
+        values: NDArray[Any] = self.document.array(self._elements[name], declared)
+        if values.dtype.kind not in "iu":
+            raise FileError(f"array {name!r} must hold integers, not {values.dtype}")
+        return frozen_int(values)

@@ -1,0 +1,1 @@
+"""Coarse spaces from a matrix: aggregates, coarse points, prolongations."""

@@ -1,0 +1,69 @@
+"""Gauss–Seidel over groups of unknowns that strong couplings join: lines, where a matrix has directions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.smoothers.joined_patches import joined_patches
+from agglo_core.multigrid.smoothers.patch_smoother import VertexPatches
+from agglo_core.problems import Patches
+
+__all__ = ["group_smoother", "strong_groups"]
+
+_STRONG = 0.1
+"""A coupling of this part of the root of both diagonal entries joins its unknowns."""
+_RAISED = 1e-6
+"""Part of the diagonal added to it: A may be semidefinite, and so singular on a group."""
+
+
+def strong_groups(A: Any, most: int) -> Patches:
+    """Groups of up to ``most`` unknowns, each unknown in one, made along the strongest couplings.
+
+    Couplings of either sign count: those of at least a tenth of the root of both diagonal entries.
+
+    Parameters
+    ----------
+    A : (n, n) csr_array
+        Symmetric, of positive diagonal.
+    most : int
+
+    Raises
+    ------
+    OptionError
+        If ``most`` is less than 1.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array([[2.0, -1.0, 0.0], [-1.0, 2.0, -0.1], [0.0, -0.1, 2.0]])
+    >>> groups = strong_groups(A, 8)
+    >>> groups.offsets.tolist(), groups.parts.tolist()
+    ([0, 2, 3], [0, 1, 2])
+    """
+    if most < 1:
+        raise OptionError(f"most must be 1 or more, unknowns of a group; given {most!r}")
+    entries, root = A.tocoo(), np.sqrt(A.diagonal())
+    rows, columns = entries.coords
+    upper = rows < columns
+    rows, columns = rows[upper], columns[upper]
+    strength = np.abs(entries.data[upper]) / (root[rows] * root[columns])
+    joined = np.flatnonzero(strength >= _STRONG)
+    joined = joined[np.argsort(-strength[joined], kind="stable")]
+    return joined_patches(np.column_stack((rows[joined], columns[joined])), A.shape[0], most=most)
+
+
+def group_smoother(A: Any, most: int, dtype: Any = np.float64) -> VertexPatches:
+    """Symmetric block Gauss–Seidel over :func:`strong_groups`, for a diagonal larger by a millionth.
+
+    Raises
+    ------
+    LinAlgError
+        If the matrix is indefinite on a group.
+    """
+    raised = sparse.csr_array(A + _RAISED * sparse.diags_array(A.diagonal()))
+    raised.sort_indices()
+    return VertexPatches(raised.tobsr((1, 1)), strong_groups(A, most), dtype)

@@ -1,0 +1,114 @@
+"""Transfers: what the unknowns of a coarse level are on the next finer one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
+from agglo_core.multigrid.coarsening.prolongation import Couplings, smoothed, tentative
+from agglo_core.multigrid.coarsening.smoothed import smoothed_prolongation
+from agglo_core.multigrid.matrices.checks import checked_system
+from agglo_core.problems import Coarsening, CoarseSpace
+
+__all__ = ["Aggregation", "Injection", "SmoothedInjection", "parents"]
+
+
+def parents(fine: Int, coarse: Int) -> Int | None:
+    """Part of ``coarse`` that holds each part of ``fine``, both labels ``(n,)``; None if they do not nest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import parents
+    >>> parents(np.array([0, 0, 1, 2]), np.array([0, 0, 0, 1]))
+    array([0, 0, 1])
+    >>> print(parents(np.array([0, 0, 1, 1]), np.array([0, 1, 1, 1])))
+    None
+    """
+    holder = np.empty(int(fine.max()) + 1, np.int64)
+    holder[fine] = coarse
+    return frozen_int(holder) if (holder[fine] == coarse).all() else None
+
+
+class Injection:
+    """The functions of the coarse space as they are, where levels do not nest their L2 projections.
+
+    Polynomials on agglomerates, of a discretisation by polynomials; constants of a linear system.
+    """
+
+    def prolongation(self, step: Coarsening) -> Any:
+        """Return P ``(n, m)``.
+
+        Raises
+        ------
+        OptionError
+            If the method has no coarse space of its own, as where the parts of a linear system have unequal
+            numbers of unknowns.
+        """
+        if step.injected is None:
+            raise OptionError(
+                "there is no coarse space to inject here: parts have unequal numbers of unknowns, or do not "
+                "nest; transfer=aggregation makes coarse unknowns from the matrix"
+            )
+        return step.injected
+
+
+class SmoothedInjection:
+    """Injection after a damped step of block Jacobi: :func:`~agglo_core.multigrid.smoothed_prolongation`.
+
+    Parameters
+    ----------
+    damping : float
+    """
+
+    def __init__(self, damping: float = 4 / 3) -> None:
+        if not 0.0 < damping < 2.0:
+            raise OptionError(f"damping must lie between 0 and 2; given {damping!r}")
+        self.damping = damping
+
+    def prolongation(self, step: Coarsening) -> Any:
+        """Return P ``(n, m)``; errors as :class:`Injection`, LinAlgError if A is not positive definite."""
+        return smoothed_prolongation(step.A, Injection().prolongation(step), self.damping)
+
+
+class Aggregation:
+    """Smoothed aggregation of near-null vectors, with the agglomerates as they are for aggregates.
+
+    Where no near-null vectors are known they are found: see
+    :func:`~agglo_core.multigrid.smoothed_near_null`.
+
+    Parameters
+    ----------
+    weak : float
+        Couplings at most this part of the diagonal are left out of the smoothing.
+    """
+
+    def __init__(self, weak: float = 0.01) -> None:
+        if not weak >= 0.0:
+            raise OptionError(f"weak must be 0 or more; given {weak!r}")
+        self.weak = weak
+
+    def prolongation(self, step: Coarsening) -> CoarseSpace:
+        """Return P with its blocks and the near-null vectors of the coarse level.
+
+        Raises
+        ------
+        OptionError
+            If agglomerates are not unions of those of the finer level.
+        LinAlgError
+            If a diagonal block is not positive definite, where near-null vectors have to be found.
+        """
+        if step.parents is None:
+            raise OptionError("aggregation needs agglomerates that are unions of those of the finer level")
+        near_null = step.near_null
+        if near_null is None:
+            near_null = smoothed_near_null(step.A, step.block_offsets)
+        matrix, offsets, B = checked_system(step.A, step.block_offsets, near_null)
+        part_of = frozen_int(np.repeat(np.arange(len(offsets) - 1), np.diff(offsets)))
+        start = tentative(frozen_int(step.parents[part_of]), int(step.parents.max()) + 1, B)
+        P = smoothed(matrix, offsets, part_of, Couplings.of(matrix, offsets, part_of), start, B, self.weak)
+        return CoarseSpace(P, start.offsets, start.near_null)

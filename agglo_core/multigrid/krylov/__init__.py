@@ -1,0 +1,1 @@
+"""Conjugate gradients: iteration, stopping test, restarts."""

@@ -1,0 +1,265 @@
+"""Conjugate gradients with a preconditioner, for one right-hand side or several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+
+from agglo_core.arrays import Float, frozen_float, plain_array
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.krylov.column import Column
+from agglo_core.multigrid.krylov.rules import Beta, Request, Rules, Steps, Stop
+from agglo_core.multigrid.matrices.block_product import swift
+from agglo_core.problems.backward_error import limit_told, magnitudes
+from agglo_core.problems.iteration_history import History, iterated
+from agglo_core.problems.row_scales import lifted, penalised_rows, row_measure
+from agglo_core.problems.sizes import Measure, energy_of_solution
+from agglo_core.progress import Tell, to_nobody
+
+__all__ = ["pcg", "pcg_columns"]
+
+
+def pcg(
+    A: Any,
+    b: Float,
+    M: Any = None,
+    x0: Float | None = None,
+    *,
+    tolerance: float = 1e-6,
+    most: int = 1000,
+    beta: Beta = "flexible",
+    stop: Stop = "energy",
+    probe: bool = True,
+    pace: float | None = None,
+    measure: Measure | None = None,
+    energy: Measure | None = None,
+    tell: Tell = to_nobody,
+) -> History:
+    """Conjugate gradients with a preconditioner.
+
+    Parameters
+    ----------
+    A : (n, n) sparse, array or LinearOperator
+        Symmetric, positive definite.
+    b : (n,) float
+    M : (n, n) sparse, array or LinearOperator, or callable, optional
+        Approximate inverse of A, symmetric and positive definite, such as a cycle; maps a residual ``(n,)``
+        to a correction ``(n,)``.
+    x0 : (n,) float, optional
+        To start from; by default 0.
+    tolerance : float
+        Between 0 and 1.
+    most : int
+        Iterations.
+    beta : "flexible" or "fletcher-reeves"
+        What of the last direction is kept: z·(r − r_before) / (z·r)_before (Polak–Ribière), which bears
+        with an M that changes a little or is not quite symmetric; or z·r / (z·r)_before, one product less.
+    stop : "energy", "residual" or "both"
+        What has to be ``tolerance`` or less: the estimate of the energy error, the measure of b − A x, or
+        both. Both are told in any case.
+    probe : bool
+        Whether to look once, before converged is said, for eigenvalues of M A that b does not show, from a
+        random vector. That takes as many steps as lose four digits of its z·r, some three to five if M is
+        good; it is not needed where M is known to be good.
+    pace : float, optional
+        Iterations that the residual may need in all, if it goes on to fall as in the first five: a slower
+        iteration ends there, as if five were ``most``. For an M whose quality is unknown.
+    measure : callable, optional
+        Of residuals; by default ‖r‖ / ‖b‖ or, if rows of A differ in size by a hundred and more,
+        :func:`~agglo_core.problems.row_scales.row_measure`.
+    energy : callable, optional
+        Of x: the norm that ‖e‖_A is compared with, e being the error; by default (b·x)^½.
+    tell : callable, optional
+        Told how far the iteration has come.
+
+    Returns
+    -------
+    History
+        With the last iterate, converged or not: its energy error is the smallest. After a breakdown it is the
+        iterate of least residual. ``ended`` names what broke down; where ``preconditioner_failed``, one in
+        double precision may go on from ``x``. A matrix on which an iteration finds a null vector is reported
+        as singular, and b as not in its range.
+
+    Raises
+    ------
+    OptionError
+        For shapes that do not fit, values that are not real or not finite, options that are none.
+
+    Notes
+    -----
+    Converged is said only of b − A x, computed from x: where the tests may be passed it takes the place of
+    the recursion's residual, and if the two differ by a tenth the iteration starts afresh from it, and is
+    given up once that gains nothing. The energy error is bounded by means of the smallest Ritz value of M A,
+    taken to fall by once more what it has fallen by; the tests have to be passed again after a tenth more
+    iterations, and with what the probe finds, so that slow modes show.
+
+    Values that are imposed by large numbers on the diagonal of A are taken out of the system first
+    (:func:`~agglo_core.problems.row_scales.lifted`), unless ``measure`` or ``energy`` is given: residuals and
+    energies are then those of the other unknowns. Without that these numbers times the values imposed make up
+    all of ‖b‖ and of ‖x‖_A, and nothing is said of the other unknowns.
+
+    Examples
+    --------
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import pcg
+    >>> A = sparse.csr_array([[4.0, 1.0], [1.0, 3.0]])
+    >>> found = pcg(A, [1.0, 2.0], lambda r: r / A.diagonal(), tolerance=1e-10)
+    >>> found.converged, found.iterations, (11 * found.x).round(8)
+    (True, 2, array([1., 7.]))
+    """
+    whole = _numbers("b", b)
+    if whole.ndim != 1:
+        raise OptionError(f"b must be one right-hand side (n,), given the shape {whole.shape}: pcg_columns")
+    rules = _rules(tolerance, most, beta, stop, probe, pace)
+    start = np.zeros(len(whole)) if x0 is None else _numbers("x0", x0)
+    _require_fit(A, M, whole, start)
+    if measure is None and energy is None:
+        return _lifted_columns(A, whole[:, None], M, start[:, None], rules, tell)[0]
+    column = Column(
+        whole, start, rules, measure or row_measure(A, whole), energy or energy_of_solution(whole)
+    )
+    _iterate(A, M, [column], tell)
+    return limit_told(column.history(), A, whole)
+
+
+def pcg_columns(
+    A: Any,
+    b: Float,
+    M: Any = None,
+    x0: Float | None = None,
+    *,
+    tolerance: float = 1e-6,
+    most: int = 1000,
+    beta: Beta = "flexible",
+    stop: Stop = "energy",
+    probe: bool = True,
+    pace: float | None = None,
+    tell: Tell = to_nobody,
+) -> tuple[History, ...]:
+    """:func:`pcg` for several right-hand sides ``b (n, k)``, from ``x0 (n, k)``: a history of each column.
+
+    Each column has its own iteration, whose count and answer do not depend on the others; products with A,
+    and with an M that is not a callable, are computed together.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import pcg_columns
+    >>> found = pcg_columns(A, np.eye(6)[:, :2], lambda r: r / 2.0, tolerance=1e-10)
+    >>> [history.converged for history in found]
+    [True, True]
+    """
+    whole = _numbers("b", b)
+    if whole.ndim != 2:
+        raise OptionError(f"b must be right-hand sides (n, k), given the shape {whole.shape}")
+    rules = _rules(tolerance, most, beta, stop, probe, pace)
+    start = np.zeros(whole.shape) if x0 is None else _numbers("x0", x0)
+    _require_fit(A, M, whole, start)
+    return _lifted_columns(A, whole, M, start, rules, tell)
+
+
+def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tell) -> tuple[History, ...]:
+    """Iterate on what is left of A x = b ``(n, k)`` without the values imposed by penalties."""
+    rows = penalised_rows(A)
+    offset, load = lifted(A, b, rows)
+    start = x0 - offset
+    start[rows] = 0.0  # x0 − offset would be rounding there, times the penalty
+    columns = [
+        Column(each, y, rules, row_measure(A, each), energy_of_solution(each))
+        for each, y in zip(np.ascontiguousarray(load.T), np.ascontiguousarray(start.T), strict=True)
+    ]
+    _iterate(A, M, columns, tell)
+    histories = [limit_told(column.history(), A, column.b) for column in columns]
+    if not len(rows):
+        return tuple(histories)
+    return tuple(
+        replace(each, x=frozen_float(own + each.x)) for each, own in zip(histories, offset.T, strict=True)
+    )
+
+
+def _iterate(A: Any, M: Any, columns: Sequence[Column], tell: Tell) -> None:
+    """Run the iterations of all columns side by side, each product for all that ask for it."""
+
+    def sizes(vectors: list[Float]) -> list[Float]:
+        return [magnitudes(A, each) for each in vectors]
+
+    products = {"A": _product("A", swift(A)), "M": _product("M", M), "|A|": sizes}
+    running: list[tuple[Column, Steps, Any]] = [(column, column.run(), None) for column in columns]
+    while running:
+        asked = [(column, steps, *_next(steps, answer)) for column, steps, answer in running]
+        running = []
+        for kind, product in products.items():
+            group = [each for each in asked if each[2] == kind]
+            answers = product([each[3] for each in group]) if group else []
+            running += [(each[0], each[1], answer) for each, answer in zip(group, answers, strict=True)]
+        if running:
+            slowest = max((each[0] for each in running), key=lambda column: column.size)
+            tell(*iterated(slowest.done, slowest.size, slowest.rules.tolerance))
+
+
+def _next(steps: Steps, answer: Any) -> Request | tuple[None, None]:
+    """What an iteration asks for next; None once it has ended."""
+    try:
+        return steps.send(answer)
+    except StopIteration:
+        return None, None
+
+
+def _product(name: str, operator: Any) -> Callable[[list[Float]], list[Float]]:
+    """The product of an operator with some vectors."""
+    if operator is None:
+        return lambda vectors: vectors
+    if not hasattr(operator, "shape"):
+        return lambda vectors: [_returned(name, operator(each), each) for each in vectors]
+
+    def together(vectors: list[Float]) -> list[Float]:
+        if len(vectors) == 1:
+            return [_returned(name, operator @ vectors[0], vectors[0])]
+        found = np.asarray(operator @ np.stack(vectors, axis=1), dtype=np.float64)
+        return list(np.ascontiguousarray(found.T))
+
+    return together
+
+
+def _returned(name: str, value: Any, vector: Float) -> Float:
+    found = np.asarray(value, dtype=np.float64)
+    if found.shape != vector.shape:
+        raise OptionError(f"{name} must map vectors {vector.shape} to such, given back {found.shape}")
+    return found
+
+
+def _rules(tolerance: float, most: int, beta: Beta, stop: Stop, probe: bool, pace: float | None) -> Rules:
+    if not 0.0 < tolerance < 1.0:
+        raise OptionError(f"tolerance must be above 0 and below 1, given {tolerance!r}")
+    if most < 0:
+        raise OptionError(f"most must be 0 or more iterations, given {most!r}")
+    for name, given, known in (("beta", beta, get_args(Beta)), ("stop", stop, get_args(Stop))):
+        if given not in known:
+            raise OptionError(f"{name} is one of {', '.join(known)}; given {given!r}")
+    if pace is not None and not pace > 0.0:
+        raise OptionError(f"pace must be above 0, given {pace!r}")
+    return Rules(tolerance, most, beta, stop, probe, pace)
+
+
+def _numbers(name: str, given: Any) -> Float:
+    values = plain_array(given, name, OptionError)
+    if values.dtype.kind not in "biuf":
+        raise OptionError(f"{name} holds {values.dtype}; expected real numbers")
+    if not np.isfinite(values).all():
+        raise OptionError(f"{name} holds values that are not finite")
+    return values.astype(np.float64)
+
+
+def _require_fit(A: Any, M: Any, b: Float, x0: Float) -> None:
+    n = len(b)
+    if A.shape != (n, n):
+        raise OptionError(f"A has the shape {A.shape} and b {b.shape}; expected ({n}, {n}) for that b")
+    if hasattr(M, "shape") and M.shape != (n, n):
+        raise OptionError(f"M has the shape {M.shape}, A {A.shape}")
+    if x0.shape != b.shape:
+        raise OptionError(f"x0 has the shape {x0.shape}, b {b.shape}")

@@ -1,0 +1,181 @@
+"""Stacks of levels from a matrix and prolongations: coarse matrices are Pᵀ A P."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Int, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.coarse_solve import coarse_solver
+from agglo_core.multigrid.matrices.block_galerkin import block_galerkin, have_kernels
+from agglo_core.multigrid.matrices.block_matrix import in_blocks, in_precision
+from agglo_core.multigrid.smoothers.level_smoothers import SetUp, smoother_setup
+from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack, Solve
+from agglo_core.problems import MultigridLevel, Patches
+
+__all__ = ["build_stack", "galerkin", "injection"]
+
+
+def injection(parents: Int, width: int = 1) -> sparse.bsr_array:
+    """Prolongation that gives the ``width`` unknowns of a part to each of its children.
+
+    Parameters
+    ----------
+    parents : (n,) int
+        Coarse part of each fine part: 0..parts − 1.
+    width : int
+        Unknowns of a part.
+
+    Examples
+    --------
+    >>> from agglo_core.multigrid import injection
+    >>> injection([0, 0, 1]).toarray()
+    array([[1., 0.],
+           [1., 0.],
+           [0., 1.]])
+    """
+    parents = frozen_int(parents)
+    n, parts = len(parents), int(parents.max(initial=-1)) + 1
+    blocks = np.broadcast_to(np.eye(width), (n, width, width)).copy()
+    pattern = (parents.astype(np.int32), np.arange(n + 1, dtype=np.int32))
+    return sparse.bsr_array((blocks, *pattern), shape=(n * width, parts * width))
+
+
+def galerkin(A: Any, P: Any) -> Any:
+    """Pᵀ A P, in blocks if A and P are.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+    P : (n, m) sparse
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import galerkin
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> galerkin(A, P).toarray()
+    array([[ 2., -1.,  0.],
+           [-1.,  2., -1.],
+           [ 0., -1.,  2.]])
+    """
+    if have_kernels(A, P):
+        return block_galerkin(A, P)
+    if A.format == P.format == "bsr" and A.blocksize[0] == A.blocksize[1] == P.blocksize[0]:
+        return P.T @ (A @ P)
+    P = sparse.csr_array(P)
+    return sparse.csr_array(P.T) @ (sparse.csr_array(A) @ P)
+
+
+def build_stack(
+    A: Any,
+    block_offsets: Int | Sequence[Int],
+    prolongations: Sequence[Any],
+    smoother: Any = "gauss_seidel",
+    coarse: str | Callable[[Any], Solve] = "dense",
+    dtype: Any = np.float64,
+    *,
+    labels: Sequence[Int] | None = None,
+    patches: Sequence[Patches | None] | None = None,
+    steps: int = 1,
+) -> LevelStack:
+    """A stack of levels whose coarse matrices are Pᵀ A P, multiplied in double precision.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+        Symmetric positive definite.
+    block_offsets : (parts + 1,) int, or a sequence of them
+        Of the finest level, when each coarse level has the blocks that the columns of its prolongation have
+        (single unknowns unless it is a ``bsr_array``); or of every level, finest first.
+    prolongations : sequence of (n, m) sparse
+        To each level from the next one, finest first.
+    smoother : str, object with ``setup``, or callable
+        See :func:`smoother_setup`.
+    coarse : "dense", "elimination", "lu" or callable
+        See :func:`coarse_solver`.
+    dtype : float32 or float64
+        Of the vectors of a cycle.
+    labels : sequence of (n_cells,) int, optional
+        Of each level, finest first: part that holds each cell of the mesh. Without them smoothers see each
+        part as a cell of its own.
+    patches : sequence of Patches or None, optional
+        Of each level that is smoothed, finest first.
+    steps : int
+        Smoothing steps before and after the correction by the next level.
+
+    Raises
+    ------
+    OptionError
+        If shapes do not fit, or for options that are not accepted.
+    LinAlgError
+        If a matrix is not positive definite; the message names the level.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> from agglo_core.multigrid import build_stack, cycle, injection
+    >>> A = sparse.diags_array([-1.0, 2.1, -1.0], offsets=[-1, 0, 1], shape=(8, 8))
+    >>> stack = build_stack(A, np.arange(9), [injection(np.arange(8) // 2)])
+    >>> stack.grid_complexity
+    1.5
+    >>> (cycle(stack) @ np.ones(8)).round(1)[:4]
+    array([2.2, 3.6, 3.9, 4.4])
+    """
+    setup = smoother_setup(smoother)
+    offsets = _offsets(block_offsets, prolongations)
+    for name, given, wanted in (("labels", labels, len(offsets)), ("patches", patches, len(offsets) - 1)):
+        if given is not None and len(given) < wanted:
+            raise OptionError(f"{name} must be given for each of {wanted} levels; given {len(given)}")
+    levels = []
+    for k, P in enumerate(prolongations):
+        if P.shape[0] != A.shape[0]:
+            raise OptionError(
+                f"the prolongation to level {k} has the shape {P.shape}, the matrix there {A.shape}"
+            )
+        A = in_blocks(A, offsets[k])
+        own = labels[k] if labels is not None else frozen_int(np.arange(len(offsets[k]) - 1))
+        groups = patches[k] if patches is not None else None
+        level = MultigridLevel(A, A, offsets[k], own, P, None, steps, groups)
+        smooth = _set_up(setup, level, dtype, k)
+        kept = None if labels is None else own
+        single = (in_precision(each, dtype) for each in (A, _stored(P)))
+        levels.append(Level(next(single), offsets[k], next(single), smooth, kept, groups))
+        A = galerkin(A, P)
+    A = in_blocks(A, offsets[-1])
+    last = in_precision(A, dtype)
+    levels.append(Level(last, offsets[-1], labels=None if labels is None else labels[len(levels)]))
+    return LevelStack(levels, coarse_solver(coarse, A, dtype), dtype)
+
+
+def _set_up(setup: SetUp, level: MultigridLevel, dtype: Any, k: int) -> LevelSmoother:
+    try:
+        return setup(level, dtype)
+    except np.linalg.LinAlgError as error:
+        raise np.linalg.LinAlgError(f"level {k}: {error}") from error
+
+
+def _stored(P: Any) -> Any:
+    return P if P.format in ("bsr", "csr") else sparse.csr_array(P)
+
+
+def _offsets(given: Any, prolongations: Sequence[Any]) -> list[Int]:
+    """Block offsets of every level."""
+    if len(given) and np.ndim(given[0]):
+        if len(given) != len(prolongations) + 1:
+            raise OptionError(
+                f"block_offsets are given for {len(given)} levels, {len(prolongations)} prolongations make "
+                f"{len(prolongations) + 1}"
+            )
+        return [frozen_int(each) for each in given]
+    widths = [P.blocksize[1] if P.format == "bsr" else 1 for P in prolongations]
+    sizes = [P.shape[1] for P in prolongations]
+    coarse = [frozen_int(np.arange(0, n + 1, w)) for n, w in zip(sizes, widths, strict=True)]
+    return [frozen_int(given), *coarse]

@@ -1,0 +1,1 @@
+"""Smoothers of a level: block sweeps, patches, polynomials."""

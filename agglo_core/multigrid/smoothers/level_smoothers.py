@@ -1,0 +1,240 @@
+"""Smoothers of the levels of a stack, by name or made from components of kind ``smoother``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.matrices.block_matrix import BlockMatrix, block_matrix
+from agglo_core.multigrid.smoothers.adapted import adapted
+from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
+from agglo_core.multigrid.stack import LevelSmoother, Real
+from agglo_core.problems import MultigridLevel
+
+__all__ = [
+    "SMOOTHERS",
+    "BlockJacobi",
+    "Chebyshev",
+    "GaussSeidel",
+    "SetUp",
+    "smoother_setup",
+]
+
+SetUp = Callable[[MultigridLevel, Any], LevelSmoother]
+"""Makes a smoother from a level, whose matrices are in double precision, and the dtype of its vectors."""
+
+
+class GaussSeidel:
+    """Block Gauss–Seidel: forward sweeps before the correction by the next level, backward sweeps after.
+
+    As a plain smoother, ``smooth(b, x)``, it sweeps forward and then backward.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import GaussSeidel, build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P], smoother=GaussSeidel())
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
+    """
+
+    uses_coarse: ClassVar[bool] = False
+
+    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Sweeps:
+        """Return the smoother of a level: as many sweeps as it has steps, on the parts of the level.
+
+        Raises
+        ------
+        OptionError
+            If the matrix is not symmetric.
+        LinAlgError
+            If the block of a part is not positive definite.
+        """
+        return self.on(block_matrix(level.A, level.block_offsets, dtype), level.steps)
+
+    @staticmethod
+    def on(matrix: BlockMatrix, steps: int = 1) -> _Sweeps:
+        """Return the smoother of a level whose matrix is ready."""
+        return _Sweeps(matrix, steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sweeps:
+    A: BlockMatrix
+    steps: int
+
+    def before(self, b: Real) -> tuple[Real, Real]:
+        return self.A.forward_from_zero(b, self.steps)
+
+    def after(self, b: Real, x: Real) -> Real:
+        return self.A.backward(b, x, self.steps)
+
+    def __call__(self, b: Real, x: Real) -> Real:
+        forward = self.A.forward(b, np.array(x, self.A.dtype), self.steps)
+        return self.A.backward(b, forward, self.steps)
+
+
+class BlockJacobi:
+    """Block Jacobi steps, damped by 4/(3 λ_max).
+
+    Notes
+    -----
+    λ_max belongs to D⁻¹A, D being the diagonal blocks of the parts: see
+    :func:`~agglo_core.multigrid.largest_eigenvalue`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import BlockJacobi, build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P], smoother=BlockJacobi())
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
+    """
+
+    uses_coarse: ClassVar[bool] = False
+
+    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
+        """Return the smoother of a level: as many steps as the level says; errors as :class:`GaussSeidel`."""
+        A = block_matrix(level.A, level.block_offsets, dtype)
+        damping = 4.0 / (3.0 * largest_eigenvalue(A, A.inverses.__matmul__))
+        return _Steps(A, tuple((0.0, damping) for _ in range(level.steps)))
+
+
+class Chebyshev:
+    """A Chebyshev polynomial of D⁻¹A, D being the diagonal blocks of the parts.
+
+    It is small from λ_max / ``ratio`` to λ_max: see :func:`~agglo_core.multigrid.largest_eigenvalue`.
+
+    Parameters
+    ----------
+    degree : int
+        Applications of the matrix in one step.
+    ratio : float
+        λ_max over the smallest eigenvalue that is smoothed.
+
+    Notes
+    -----
+    M. Adams, M. Brezina, J. Hu, R. Tuminaro, J. Comput. Phys. 188, 2003.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import Chebyshev, build_stack, cycle, pcg
+    >>> P = sparse.csr_array(np.kron(np.eye(3), np.ones((2, 1))))
+    >>> stack = build_stack(A, np.array([0, 2, 4, 6]), [P], smoother=Chebyshev(3))
+    >>> pcg(A, np.ones(6), cycle(stack)).converged
+    True
+    """
+
+    uses_coarse: ClassVar[bool] = False
+
+    def __init__(self, degree: int = 2, ratio: float = 4.0) -> None:
+        if not isinstance(degree, int) or degree < 1:
+            raise OptionError(f"degree must be a whole number, at least 1; given {degree!r}")
+        if not 1.0 < ratio < np.inf:
+            raise OptionError(f"ratio must be larger than 1; given {ratio!r}")
+        self.degree, self.ratio = degree, float(ratio)
+
+    def setup(self, level: MultigridLevel, dtype: Any = np.float64) -> _Steps:
+        """Return the smoother of a level: as many steps as the level says; errors as :class:`GaussSeidel`."""
+        A = block_matrix(level.A, level.block_offsets, dtype)
+        most = 1.05 * largest_eigenvalue(A, A.inverses.__matmul__)  # the estimate may be a little low
+        centre, radius = 0.5 * (most + most / self.ratio), 0.5 * (most - most / self.ratio)
+        return _Steps(A, _chebyshev(centre, radius, self.degree) * level.steps)
+
+
+def _chebyshev(centre: float, radius: float, degree: int) -> tuple[tuple[float, float], ...]:
+    """Factors of the last step and of D⁻¹ r that make each step (Saad, Iterative Methods, algorithm 12.1)."""
+    sigma = centre / radius
+    rho = 1.0 / sigma
+    steps = [(0.0, 1.0 / centre)]
+    for _ in range(degree - 1):
+        after = 1.0 / (2.0 * sigma - rho)
+        steps.append((after * rho, 2.0 * after / radius))
+        rho = after
+    return tuple(steps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Steps d ← α d + β D⁻¹ r, x ← x + d: polynomials of D⁻¹A, which are their own mirror images."""
+
+    A: BlockMatrix
+    factors: tuple[tuple[float, float], ...]
+
+    def before(self, b: Real) -> tuple[Real, Real]:
+        x, r = self._stepped(np.array(b, self.A.dtype))
+        return x, r - self.A @ x
+
+    def after(self, b: Real, x: Real) -> Real:
+        x = np.asarray(x, self.A.dtype)
+        done: Real = x + self._stepped(np.asarray(b, self.A.dtype) - self.A @ x)[0]
+        return done
+
+    def __call__(self, b: Real, x: Real) -> Real:
+        return self.after(b, x)
+
+    def _stepped(self, b: Real) -> tuple[Real, Real]:
+        x = d = np.zeros_like(b)
+        for step, (again, fresh) in enumerate(self.factors):
+            r = b - self.A @ x if step else b
+            d = b.dtype.type(again) * d + b.dtype.type(fresh) * (self.A.inverses @ r)
+            x = x + d
+        return x, b
+
+
+_Own = GaussSeidel | BlockJacobi | Chebyshev
+
+SMOOTHERS: Final[Mapping[str, Callable[[], _Own]]] = {
+    "block_jacobi": BlockJacobi,
+    "chebyshev": Chebyshev,
+    "gauss_seidel": GaussSeidel,
+}
+"""Our smoothers by name; their ``setup`` also takes the dtype of the vectors."""
+
+
+def smoother_setup(given: Any) -> SetUp:
+    """How a smoother is set up on levels.
+
+    Parameters
+    ----------
+    given : str, object with ``setup``, or callable
+        One of :data:`SMOOTHERS` by name; one of those or any component of kind ``smoother``; or a function of
+        level and dtype that returns a :class:`~agglo_core.multigrid.LevelSmoother`.
+
+    Raises
+    ------
+    OptionError
+        If it is none of these.
+
+    Examples
+    --------
+    >>> from agglo_core.multigrid import smoother_setup
+    >>> callable(smoother_setup("gauss_seidel"))
+    True
+    """
+    if isinstance(given, str) and given in SMOOTHERS:
+        given = SMOOTHERS[given]()
+    if isinstance(given, _Own):
+        return given.setup
+    if callable(getattr(given, "setup", None)) and not isinstance(given, type):
+        return lambda level, dtype: adapted(given, level, f"smoother {type(given).__name__}")
+    if callable(given) and not isinstance(given, type):
+        setup: SetUp = given
+        return setup
+    raise OptionError(
+        f"smoother must be one of {', '.join(SMOOTHERS)}, an object with setup(level), or a function "
+        f"of level and dtype; given {given!r:.60}"
+    )

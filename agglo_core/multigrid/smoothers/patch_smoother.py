@@ -1,0 +1,289 @@
+"""Schwarz smoothing on patches: exact solves in overlapping groups of parts, in turn or all at once.
+
+Cell by cell smoothing cannot move the continuous part of an error of discontinuous polynomials; patches
+around vertices can. J. Schöberl, J. M. Melenk, C. Pechstein, S. Zaglmayr, "Additive Schwarz
+preconditioning for p-version triangular and tetrahedral finite elements", IMA J. Numer. Anal. 28 (2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.arrays import Float, Int, frozen, frozen_index, frozen_int
+from agglo_core.errors import OptionError
+from agglo_core.multigrid.kernels.block_sweeps import clear_tiny
+from agglo_core.multigrid.kernels.group_sweeps import UNROLLED, group_sweeps
+from agglo_core.multigrid.kernels.patch_factors import patch_factors, patch_orders
+from agglo_core.multigrid.kernels.patch_sweeps import patch_inverses, patch_sum, patch_sweep
+from agglo_core.multigrid.matrices.block_matrix import in_precision
+from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
+from agglo_core.multigrid.stack import Real
+from agglo_core.problems import MultigridLevel, Patches
+
+__all__ = ["AdditivePatches", "PatchSmoother", "VertexPatches"]
+
+
+_TINY = 1e-22
+_CUBICS = 10
+"""Unknowns of a cell at degree 3, where overlapping patches serve most: factors are compiled for it."""
+
+
+class _Inverses:
+    """Patches of a matrix in blocks, and the inverse of the matrix on each: its lower half, or all of it."""
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any, *, half: bool, some: bool = False) -> None:
+        self.offsets, self.parts = _checked(A, patches, some)
+        self.width = int(A.blocksize[0])
+        rows = np.diff(self.offsets) * self.width
+        sizes = rows * (rows + 1) // 2 if half else rows**2
+        self.starts = frozen_int(np.concatenate(([0], np.cumsum(sizes))))
+        values = np.empty(self.starts[-1], dtype)
+        blocks = frozen(A.data, A.dtype)
+        failed = patch_inverses(
+            self.offsets, self.parts, *_pattern(A), blocks, frozen_int(self.starts[:-1]), half, values
+        )
+        _require_definite(failed, self.offsets, self.parts)
+        self.values = frozen(values, dtype)
+
+    @property
+    def arrays(self) -> tuple[Int, Any, Int, Any]:
+        return self.offsets, self.parts, self.starts, self.values
+
+
+class _Groups:
+    """Patches that do not overlap, their inverses, and the rows of a matrix in their order: for sweeps.
+
+    Those from the last patch to the first have arrays of their own, which are read from their beginnings.
+    """
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
+        whole = _Inverses(A, patches, dtype, half=False, some=some)
+        blocks, pattern = in_precision(A, dtype).data, _pattern(A)
+        count = len(whole.offsets) - 1
+        self.forwards, self.backwards = (
+            _ordered(whole, np.arange(count)[::step], *pattern, blocks) for step in (1, -1)
+        )
+
+
+def _ordered(whole: _Inverses, groups: Int, indptr: Int, indices: Any, blocks: Real) -> tuple[Any, ...]:
+    """Groups in another order: offsets, parts, starts, inverses, and the rows of the matrix (a BSR)."""
+    offsets, members = _slices(whole.offsets, groups)
+    starts, values = _slices(whole.starts, groups)
+    parts = whole.parts[members]
+    rows, entries = _slices(indptr, parts)
+    inverses = frozen(whole.values[values], whole.values.dtype)
+    matrix = rows, frozen_index(indices[entries]), frozen(blocks[entries], blocks.dtype)
+    return offsets, frozen_index(parts), starts, inverses, *matrix
+
+
+def _slices(starts: Int, chosen: Int) -> tuple[Int, Int]:
+    """Slices ``starts[i]:starts[i + 1]`` one after the other: where they start, and what they hold."""
+    sizes = starts[chosen + 1] - starts[chosen]
+    there = np.concatenate(([0], np.cumsum(sizes)))
+    return frozen_int(there), frozen_int(np.repeat(starts[chosen] - there[:-1], sizes) + np.arange(there[-1]))
+
+
+class _Factors:
+    """Patches of a matrix in blocks, and the factors of the matrix on each."""
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any, some: bool) -> None:
+        self.offsets, parts = _checked(A, patches, some)
+        width = int(A.blocksize[0])
+        ordered, starts, below = patch_orders(self.offsets, parts, *_pattern(A))
+        self.parts, self.starts, self.below = frozen_index(ordered), frozen_int(starts), frozen_index(below)
+        pivots, blocks = (np.empty((len(each), width, width), dtype) for each in (ordered, below))
+        pattern = self.offsets, self.parts, self.starts, self.below
+        factorise = patch_factors(width if width == _CUBICS else 0)
+        failed = factorise(*pattern, *_pattern(A), frozen(A.data, A.dtype), pivots, blocks)
+        _require_definite(failed, self.offsets, self.parts)
+        self.pivots, self.blocks = (_without_tiny(each.reshape(-1)) for each in (pivots, blocks))
+
+    @property
+    def arrays(self) -> tuple[Int, Any, Int, Any, Any, Any]:
+        return self.offsets, self.parts, self.starts, self.below, self.pivots, self.blocks
+
+
+def _without_tiny(values: Real) -> Real:
+    """Values of which the tiny ones become 0, lest single precision computes with denormal numbers."""
+    if values.dtype == np.float32 and len(values):
+        clear_tiny(values, values.dtype.type(_TINY * max(values.max(), -values.min())))
+    return frozen(values, values.dtype)
+
+
+def _checked(A: Any, patches: Patches, some: bool) -> tuple[Int, Any]:
+    """Offsets and parts of patches that hold every part of a matrix, or ``some``, and no others."""
+    offsets, parts, n_parts = (
+        frozen_int(patches.offsets),
+        frozen_index(patches.parts),
+        A.shape[0] // A.blocksize[0],
+    )
+    if len(parts) and (parts.min() < 0 or parts.max() >= n_parts):
+        raise OptionError(f"patches hold part {parts.max()}; the matrix has blocks for {n_parts}")
+    missing = np.flatnonzero(np.bincount(parts, minlength=n_parts) == 0)
+    if len(missing) and not some:
+        raise OptionError(f"part {missing[0]} of {n_parts} is in no patch: it would not be smoothed")
+    return offsets, parts
+
+
+def _require_definite(failed: int, offsets: Int, parts: Any) -> None:
+    if failed >= 0:
+        members = sorted(parts[offsets[failed] : offsets[failed + 1]].tolist())
+        raise np.linalg.LinAlgError(f"the matrix is not positive definite on the parts {members}")
+
+
+class VertexPatches:
+    """Multiplicative Schwarz: solves patch by patch, forwards before the coarse correction, backwards after.
+
+    Parameters
+    ----------
+    A : (n, n) bsr
+        Symmetric and positive definite, in square blocks, one for each part.
+    patches : Patches
+        Every part must be in one.
+    dtype : numpy dtype
+        Precision of sweeps; inverses and factors are computed in double precision.
+    some : bool
+        Whether parts may be in no patch: they stay as they are, and their rows are not looked at.
+
+    Attributes
+    ----------
+    A : (n, n) bsr
+        The matrix in the precision of the sweeps.
+
+    Raises
+    ------
+    OptionError
+        If a part is in no patch, or a patch holds a part that the matrix lacks.
+    LinAlgError
+        If the matrix is not positive definite on a patch.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(3, 3)).tobsr((1, 1))
+    >>> x, r = VertexPatches(A, Patches(np.array([0, 2, 4]), np.array([0, 1, 1, 2]))).before(np.ones(3))
+    >>> x.round(3).tolist(), r.round(3).tolist()
+    ([1.0, 1.667, 1.333], [0.667, 0.0, 0.0])
+    """
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64, *, some: bool = False) -> None:
+        self.A = in_precision(A, dtype)
+        width, blocks = int(A.blocksize[0]), frozen(self.A.data, dtype)
+        if np.bincount(patches.parts, minlength=1).max() <= 1:  # they do not overlap
+            groups = _Groups(A, patches, dtype, some)
+            first, again = group_sweeps(width if width <= UNROLLED else 0)
+            self._first = partial(first, *groups.forwards)
+            self._forwards, self._backwards = (
+                partial(again, *each) for each in (groups.forwards, groups.backwards)
+            )
+        else:
+            arrays = (*_Factors(A, patches, dtype, some).arrays, *_pattern(A), blocks.reshape(-1))
+            again = partial(patch_sweep(width), *arrays)
+            self._first, self._forwards, self._backwards = (partial(again, order=k) for k in (0, 1, -1))
+
+    def before(self, b: Real) -> tuple[Real, Real]:
+        """Return x ``(n,)`` of a sweep from zero, and the residual b − A x."""
+        x, r = np.zeros(len(b), self.A.dtype), np.array(b, self.A.dtype)
+        self._first(r, x)
+        return x, r
+
+    def after(self, b: Real, x: Real) -> Real:
+        """Return x after a sweep backwards; the array given is changed."""
+        return self._swept(b, np.ascontiguousarray(x, dtype=self.A.dtype), self._backwards)
+
+    def sweep(self, b: Real, x: Real, *, back: bool = False) -> Real:
+        """Return x ``(n,)`` after a sweep through the patches, the last first if ``back``."""
+        return self._swept(b, np.array(x, self.A.dtype), self._backwards if back else self._forwards)
+
+    def _swept(self, b: Real, x: Real, again: Callable[..., None]) -> Real:
+        again(np.require(b, self.A.dtype, ["C", "W"]), x)
+        return x
+
+
+class AdditivePatches:
+    """Additive Schwarz: the sum of the solutions on all patches, weighted by their overlap and damped.
+
+    A part that m patches share has the weight m^(−1/2) before and after each solve; damping is
+    4 / (3 λ_max). Slower to converge than :class:`VertexPatches`, the same in any order of the patches.
+    Parameters, attributes and errors are the same.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.csr_array(2.0 * np.eye(6) - np.eye(6, k=1) - np.eye(6, k=-1))
+    >>> from agglo_core.multigrid import AdditivePatches
+    >>> from agglo_core.problems import Patches
+    >>> patches = Patches(np.array([0, 2, 4]), np.array([0, 1, 1, 2]))
+    >>> M = AdditivePatches(A.tobsr((2, 2)), patches)
+    >>> M.before(np.ones(6))[0].shape
+    (6,)
+    """
+
+    def __init__(self, A: Any, patches: Patches, dtype: Any = np.float64) -> None:
+        self._inverses = _Inverses(A, patches, dtype, half=True)
+        self.A = in_precision(A, dtype)
+        shared = np.bincount(self._inverses.parts, minlength=A.shape[0] // A.blocksize[0])
+        self._weights = frozen(1.0 / np.sqrt(shared), dtype)
+        self._damping = self.A.dtype.type(4 / 3 / largest_eigenvalue(self.A, self._summed))
+
+    def before(self, b: Real) -> tuple[Real, Real]:
+        """Return x ``(n,)`` of a step from zero, and the residual b − A x."""
+        x = self._damping * self._summed(b)
+        return x, b - self.A @ x
+
+    def after(self, b: Real, x: Real) -> Real:
+        """Return x after another step."""
+        better: Real = x + self._damping * self._summed(b - self.A @ x)
+        return better
+
+    def _summed(self, r: Real) -> Real:
+        residual = frozen(r, self.A.dtype)
+        added: Real = patch_sum(*self._inverses.arrays, self._weights, self._inverses.width, residual)
+        return added
+
+
+class PatchSmoother:
+    """A component of kind ``smoother``: sweeps forwards and backwards through the patches of a level."""
+
+    uses_coarse: ClassVar[bool] = False
+
+    def setup(self, level: MultigridLevel) -> Callable[[Float, Float], Float]:
+        """Return ``smooth(b, x)``.
+
+        Raises
+        ------
+        OptionError
+            If the level comes without patches, or its parts have unequal numbers of unknowns.
+        LinAlgError
+            If the matrix is not positive definite on a patch.
+        """
+        if level.patches is None:
+            raise OptionError(
+                "vertex_patches needs the patches of the level, and the method that calls it gives none "
+                "(level.patches, as agglo_core.multigrid.vertex_patches finds them on a mesh)"
+            )
+        sizes = np.diff(level.block_offsets)
+        if sizes.min() != sizes.max():
+            raise OptionError(
+                f"vertex_patches takes parts of one number of unknowns; given {sizes.min()} to {sizes.max()}"
+            )
+        width = int(sizes[0])
+        sweeps = VertexPatches(sparse.bsr_array(level.A, blocksize=(width, width)), level.patches)
+        return partial(_smoothed, sweeps, level.steps)
+
+
+def _smoothed(sweeps: VertexPatches, steps: int, b: Float, x: Float) -> Float:
+    for _ in range(steps):
+        x = np.asarray(sweeps.sweep(b, sweeps.sweep(b, x), back=True), dtype=np.float64)
+    return x
+
+
+def _pattern(A: Any) -> tuple[Int, Any]:
+    return frozen_int(A.indptr), frozen_index(A.indices)

@@ -1,0 +1,116 @@
+"""Networks of your own: how to name one, what it must offer, and how it is built.
+
+A network is a class of ``torch.nn.Module`` that takes no arguments, or a function that returns one. Its
+
+    forward(x, neighbours) -> logits (n, 2)
+
+takes the features ``x (n, 3)`` of :func:`agglo_gnn.paper.network.inorm` (measure and two coordinates of
+each cell, block by block) and a :class:`agglo_gnn.paper.network.Neighbours`, whose ``mean``, ``sum`` and
+``block_sums`` are all a message-passing network needs. Several graphs share a call, so nothing may be
+computed across blocks (no batch statistics). All of its state must be real arrays, and some of it parameters.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from agglo_core.authoring import OptionError
+from agglo_gnn import model_file
+from agglo_gnn.paper.network import ARCHITECTURE, PaperNetwork
+from agglo_gnn.paper.trial import try_network, unseeded
+
+__all__ = ["architecture_of", "arrays_of", "filled", "network_class"]
+
+
+def network_class(name: str | None) -> Callable[[], nn.Module]:
+    """The paper's network, or what ``"module:Class"`` names; modules of the current folder are found.
+
+    Raises
+    ------
+    OptionError
+        If it cannot be imported, is not what this module describes (it is not called then), or cannot be
+        trained and used (:mod:`agglo_gnn.paper.trial`).
+    """
+    if name is None:
+        return PaperNetwork
+    module, colon, attribute = name.partition(":")
+    if not colon or not module or not attribute:
+        raise OptionError(f"network {name!r} is not of the form module:Class")
+    try:
+        with _current_folder():
+            target: Any = reduce(getattr, attribute.split("."), importlib.import_module(module))
+    except (ImportError, AttributeError) as error:
+        raise OptionError(f"network {name!r} cannot be imported: {error}") from error
+    if not _builds_networks(target):
+        raise OptionError(
+            f"network {name!r} is {target!r:.60}, expected a class of torch.nn.Module, or a function without "
+            "arguments that returns one"
+        )
+    try_network(name, target)
+    build: Callable[[], nn.Module] = target
+    return build
+
+
+def _builds_networks(target: object) -> bool:
+    """Whether it may be called: a class of networks, or a plain function that needs no arguments."""
+    if isinstance(target, type):
+        return issubclass(target, nn.Module)
+    if not inspect.isfunction(target):
+        return False
+    parameters = inspect.signature(target).parameters.values()
+    return all(
+        each.default is not each.empty or each.kind in (each.VAR_POSITIONAL, each.VAR_KEYWORD)
+        for each in parameters
+    )
+
+
+def architecture_of(name: str | None) -> str:
+    """What model files call a network."""
+    return ARCHITECTURE if name is None else f"custom {name}"
+
+
+def arrays_of(network: nn.Module) -> dict[str, NDArray[np.float32]]:
+    """Parameters and buffers by name."""
+    return {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
+
+
+def filled(name: str | None, weights: str | Path) -> nn.Module:
+    """A network with the arrays of a model file, ready for use.
+
+    The file is read first: no code is imported for one that cannot be used.
+
+    Raises
+    ------
+    FileError
+        If the file is not a valid model file of that very network.
+    """
+    arrays, _ = model_file.load(weights, architecture=architecture_of(name))
+    with unseeded():
+        network = network_class(name)()
+    shapes = {key: tuple(value.shape) for key, value in network.state_dict().items()}
+    model_file.check_shapes(weights, arrays, shapes)
+    network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in arrays.items()})
+    return network.eval().requires_grad_(False)
+
+
+@contextmanager
+def _current_folder() -> Iterator[None]:
+    """Modules of the current folder can be imported in the block."""
+    folder = str(Path.cwd())
+    sys.path.insert(0, folder)
+    try:
+        yield
+    finally:
+        sys.path.remove(folder)

@@ -1,0 +1,129 @@
+"""Checks, before any training, that a network of yours can be trained, saved and used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import torch
+from torch import Tensor, nn
+from torch.nn.parameter import is_lazy
+
+from agglo_core.authoring import AggloError, OptionError, samples
+from agglo_gnn.paper.network import Neighbours, inorm
+
+__all__ = ["try_network", "unseeded"]
+
+_BATCH_NORMS = (nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm)
+
+
+def try_network(name: str, build: Callable[[], nn.Module]) -> None:
+    """Build the network, look at its state, and ask it about two small meshes, side by side and alone.
+
+    It is asked as it will be used and as it will be trained: batch norm, say, mixes blocks in training only.
+
+    Raises
+    ------
+    OptionError
+        If it fails, has nothing to train, cannot be kept in a model file, or does not answer with finite
+        logits ``(n, 2)`` that depend on the block alone.
+    """
+    try:
+        with unseeded():
+            network = build()
+            before = _shapes(name, network)
+            _ask(name, network)
+            _check_state(name, network, before)
+    except AggloError:
+        raise
+    except Exception as error:  # third-party code: whatever it raises is what is wrong with it
+        raise OptionError(
+            f"network {name!r} failed on two meshes: {type(error).__name__}: {error}"
+        ) from error
+
+
+@contextmanager
+def unseeded() -> Iterator[None]:
+    """Whatever the block draws from torch's generators, they are afterwards as they were."""
+    with torch.random.fork_rng():
+        yield
+
+
+def _shapes(name: str, network: nn.Module) -> dict[str, tuple[int, ...] | None]:
+    """Shapes of the arrays of the state, None for anything that is not an array."""
+    if not any(parameter.requires_grad for parameter in network.parameters()):
+        raise OptionError(f"network {name!r} has no parameters to train")
+    state = network.state_dict()
+    if lazy := [key for key, value in state.items() if is_lazy(value)]:
+        raise OptionError(
+            f"network {name!r}: {lazy[0]!r} has no shape before the first call; "
+            "give its layer the number of inputs"
+        )
+    return {key: tuple(value.shape) if isinstance(value, Tensor) else None for key, value in state.items()}
+
+
+def _check_state(name: str, network: nn.Module, before: dict[str, tuple[int, ...] | None]) -> None:
+    """Raise OptionError, naming it, for any state that a model file could not restore."""
+    for key, value in network.state_dict().items():
+        if reason := _unkept(value):
+            raise OptionError(f"network {name!r} cannot be kept in a model file: {key!r} {reason}")
+    after = _shapes(name, network)
+    if odd := sorted(key for key in before.keys() | after.keys() if before.get(key) != after.get(key)):
+        raise OptionError(f"network {name!r} changes shape when it is asked: {', '.join(odd)}")
+
+
+def _unkept(value: object) -> str:
+    """Why a model file does not keep a value of a state; empty if it does."""
+    if not isinstance(value, Tensor):
+        return f"is a {type(value).__name__}, and model files hold arrays only"
+    if value.dtype not in (torch.float16, torch.float32, torch.float64):
+        kind = str(value.dtype).removeprefix("torch.")
+        return (
+            f"is {kind}, and model files hold real numbers only; "
+            "register_buffer(..., persistent=False) keeps a constant out of them"
+        )
+    return "" if value.isfinite().all() else "has values that are not finite"
+
+
+def _ask(name: str, network: nn.Module) -> None:
+    """Ask about both meshes: in use, the second one alone as well; in training, the first one changed."""
+    graphs = [samples.voronoi(18).graph, samples.strip(5).graph]
+    first, second = (torch.from_numpy(inorm(graph)).float() for graph in graphs)
+    both = Neighbours.of(graphs)
+
+    def logits(x: Tensor, neighbours: Neighbours) -> Tensor:
+        torch.manual_seed(0)  # dropout, if any, drops the same each time
+        return _checked(name, network(x, neighbours), len(x))
+
+    network.eval()
+    with torch.no_grad():
+        used = logits(torch.cat((first, second)), both)[len(first) :]
+        alone = logits(second, Neighbours.of(graphs[1:]))
+    network.train()
+    trained = logits(torch.cat((first, second)), both)
+    changed = logits(torch.cat((1 - 3 * first, second)), both)[len(first) :]
+    for one, other, when in ((used, alone, ""), (trained[len(first) :], changed, " in training")):
+        if not torch.allclose(one, other, rtol=1e-3, atol=1e-4):
+            raise OptionError(
+                f"network {name!r} answers for a block by what is in the blocks beside it{when}"
+                f"{_culprit(network)}"
+            )
+    if not trained.requires_grad:
+        raise OptionError(f"network {name!r} gives logits that do not depend on its parameters")
+
+
+def _culprit(network: nn.Module) -> str:
+    """The first batch norm by name, if there is one."""
+    norms = ((key, layer) for key, layer in network.named_modules() if isinstance(layer, _BATCH_NORMS))
+    return next((f": {key!r} is a {type(layer).__name__}" for key, layer in norms), "")
+
+
+def _checked(name: str, logits: Tensor, cells: int) -> Tensor:
+    if tuple(logits.shape) != (cells, 2):
+        raise OptionError(
+            f"network {name!r} returned shape {tuple(logits.shape)} for {cells} cells, "
+            f"expected logits ({cells}, 2)"
+        )
+    if not logits.isfinite().all():
+        raise OptionError(f"network {name!r} returned logits that are not finite for a mesh of {cells} cells")
+    return logits

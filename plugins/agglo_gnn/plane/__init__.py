@@ -1,0 +1,1 @@
+"""The small network of the plane: data, training, kernels."""

@@ -1,0 +1,100 @@
+"""Training data of the fast model in flat arrays, and batches of them as tensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agglo_core.authoring import Float, Graph, Int
+from agglo_gnn.plane.features import rasterise
+
+if TYPE_CHECKING:
+    import torch
+
+__all__ = ["Pieces", "batch_of", "gather", "rows_of"]
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces in flat arrays; piece p owns rows ``offsets[p]:offsets[p + 1]`` of each kind."""
+
+    cell_offsets: Int
+    cells: Float
+    shares: Float
+    edge_offsets: Int
+    ends: Int
+    lengths: Float
+    node_offsets: Int
+    nodes: Float
+    near: Int
+    areas: Float
+    blocks: Float
+
+    @property
+    def sizes(self) -> Int:
+        return np.diff(self.cell_offsets)
+
+
+def gather(levels: list[Graph]) -> Pieces:
+    """Flat arrays of all blocks; lengths in units of √A."""
+    kinds: dict[str, list[Any]] = {key: [] for key in Pieces.__dataclass_fields__}
+    for level in levels:
+        rasters = rasterise(level)
+        rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
+        once = rows < level.indices
+        rows, columns, block = rows[once], level.indices[once], level.block_ids[rows[once]]
+        area = np.bincount(level.block_ids, level.measures)
+        first = level.offsets[block]
+        found = {
+            "cell_offsets": np.diff(level.offsets),
+            "cells": rasters.cells,
+            "shares": rasters.shares,
+            "edge_offsets": np.bincount(block, minlength=level.n_blocks),
+            "ends": np.stack((rows - first, columns - first), axis=1),
+            "lengths": level.interface[once] / np.sqrt(area[block]),
+            "node_offsets": np.diff(rasters.node_offsets),
+            "nodes": rasters.nodes,
+            "near": rasters.near.astype(np.int64),
+            "areas": rasters.areas,
+            "blocks": rasters.blocks,
+        }
+        for key, values in found.items():
+            kinds[key].append(values)
+    joined = {key: np.concatenate(values) for key, values in kinds.items()}
+    for key in ("cell_offsets", "edge_offsets", "node_offsets"):
+        joined[key] = np.concatenate(([0], np.cumsum(joined[key])))
+    return Pieces(**joined)
+
+
+def batch_of(data: Pieces, chosen: Int) -> dict[str, torch.Tensor]:
+    import torch
+
+    cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)
+    edges, edge_owner, _ = rows_of(data.edge_offsets, chosen)
+    nodes, node_owner, node_first = rows_of(data.node_offsets, chosen)
+    near = data.near[nodes]
+    arrays = {
+        "cells": data.cells[cells].astype(np.float32),
+        "shares": data.shares[cells].astype(np.float32),
+        "cell_owner": cell_owner,
+        "ends": data.ends[edges] + cell_first[edge_owner][:, None],
+        "lengths": data.lengths[edges].astype(np.float32),
+        "edge_owner": edge_owner,
+        "nodes": data.nodes[nodes].astype(np.float32),
+        "near": np.where(near >= 0, near + node_first[node_owner][:, None], -1),
+        "areas": data.areas[nodes].astype(np.float32),
+        "node_owner": node_owner,
+        "blocks": data.blocks[chosen].astype(np.float32),
+        "root": np.sqrt(data.sizes[chosen]).astype(np.float32),
+    }
+    return {key: torch.from_numpy(values) for key, values in arrays.items()}
+
+
+def rows_of(offsets: Int, chosen: Int) -> tuple[Int, Int, Int]:
+    """Rows of the chosen pieces one after the other, the place of each row's piece, and their new starts."""
+    sizes = np.diff(offsets)[chosen]
+    first = np.cumsum(sizes) - sizes
+    owner = np.repeat(np.arange(len(chosen)), sizes)
+    return np.arange(sizes.sum()) + (offsets[chosen] - first)[owner], owner, first

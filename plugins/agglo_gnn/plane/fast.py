@@ -1,0 +1,177 @@
+"""The fast model: a small graph network on a raster of each piece points to the cut. No torch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from copy import copy
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    Int,
+    OptionError,
+    PieceGrowth,
+    Target,
+    UInt64,
+    frozen_float,
+    sweep_arrays,
+)
+from agglo_gnn.space.network import SPATIAL_SHAPES
+
+__all__ = ["SHAPES", "FastGNN"]
+
+SHAPES: Mapping[str, tuple[int, ...]] = {
+    "sage1.own": (4, 16), "sage1.near": (4, 16), "sage1.bias": (16,),
+    "sage2.own": (16, 16), "sage2.near": (16, 16), "sage2.bias": (16,),
+    "dense1.weight": (29, 48), "dense1.bias": (48,),
+    "dense2.weight": (48, 48), "dense2.bias": (48,),
+    "dense3.weight": (48, 2), "dense3.bias": (2,),
+}  # fmt: skip
+"""The parameters, in the order of the forward pass: 4,562 numbers."""
+
+_WEIGHTS = Path(__file__).parents[1] / "weights"
+_MODELS = {2: ("fast", SHAPES), 3: ("fast3d", SPATIAL_SHAPES)}
+
+
+class FastGNN:
+    """Bisection by a learned direction and an exact sweep across it.
+
+    In the plane a block of at least 400 cells is rasterised in its principal frame. Two SAGE layers on the
+    raster, pooled, and three dense ones give the direction of the cut; of the thresholds near the mean
+    the one of least cost by :func:`agglo_core.graph.sweep.sweep` is taken. Smaller blocks try their axes and
+    diagonals instead, those of equal cells as well, and the best of these directions turned by ± 22.5°. Below
+    96 cells all thresholds are tried, and directions turned from 24 cells on.
+
+    In space a network of two dense layers looks at the moments of a block, up to the fourth: it scores the
+    three principal axes and tilts each. The block is swept along the best one, and along those that come
+    close to it.
+
+    Neither side is ever empty, and no random numbers are used.
+
+    Parameters
+    ----------
+    weights : path or mapping of arrays, optional
+        A model file written by ``agglo train --preset fast`` or ``fast3d``, or its arrays, for meshes of its
+        dimension; default: those shipped, for both.
+    lookahead : int
+        If positive: this many cuts of each block are tried by splitting both sides all the way to the
+        size that is the target, and the one that leads to the fewest parts is taken. Much slower. A
+        number of parts cannot be the target then; without a target there is nothing to look ahead to.
+        In the plane only.
+
+    Raises
+    ------
+    FileError
+        If the model file is missing, corrupt or of another architecture.
+    OptionError
+        If an option makes no sense, or the weights are for meshes of the other dimension.
+    """
+
+    def __init__(
+        self,
+        weights: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+        lookahead: int = 0,
+    ) -> None:
+        if isinstance(lookahead, bool) or not isinstance(lookahead, int) or lookahead < 0:
+            raise OptionError(f"gnn: lookahead must be a whole number, 0 or more, given {lookahead!r}")
+        self.lookahead = lookahead
+        self._nets = {} if weights is None else _parameters(weights)
+        self._h_star: float | None = None
+
+    def for_target(self, target: Target) -> FastGNN:
+        """This bisector, or one that looks ahead to the size that ``target`` asks for.
+
+        Raises
+        ------
+        OptionError
+            If it is to look ahead, and the target is a number of parts.
+        """
+        if not self.lookahead:
+            return self
+        if target.h_star is None:
+            raise OptionError(
+                "gnn: lookahead works with a target size, h_star, "
+                f"not with a number of parts ({target.parts})"
+            )
+        ahead = copy(self)
+        ahead._h_star = target.h_star
+        return ahead
+
+    def bisect_level(self, level: Graph, seeds: UInt64) -> Int:
+        """Side of each node ``(n,)``; ``seeds`` are not used."""
+        if self._h_star is not None:
+            if level.dim != 2:
+                raise OptionError("gnn: lookahead works in the plane; this mesh has dimension 3")
+            from agglo_gnn.plane.lookahead import look_ahead
+
+            return look_ahead(level, self.fast_sides, self.lookahead, self._h_star)
+        return self.fast_sides(level)
+
+    def grow(self, graph: Graph, pieces: Int, refiners: Sequence[Any], fixer: Any) -> PieceGrowth | None:
+        """All splits of a run in one call, with the built-in refiner or none and the built-in fixer.
+
+        Not when it looks ahead.
+        """
+        if self._h_star is not None:
+            return None
+        if graph.dim == 2:
+            from agglo_gnn.plane.kernels import split_fast as split
+        else:
+            from agglo_gnn.space.kernels import split_solids as split
+
+        return PieceGrowth.for_components(graph, pieces, partial(split, self.net(graph.dim)), refiners, fixer)
+
+    def fast_sides(self, level: Graph) -> Int:
+        """Side of each node ``(n,)``, without looking ahead."""
+        if level.dim == 2:
+            from agglo_gnn.plane.kernels import bisect_fast as bisect
+        else:
+            from agglo_gnn.space.kernels import bisect_solids as bisect
+
+        sides: Int = bisect(*sweep_arrays(level), self.net(level.dim))
+        return sides
+
+    def net(self, dim: int) -> tuple[Float, ...]:
+        """The parameters for meshes of that dimension.
+
+        Raises
+        ------
+        OptionError
+            If other weights were given.
+        """
+        if self._nets and dim not in self._nets:
+            (other,) = self._nets
+            raise OptionError(f"gnn: these weights are for meshes of dimension {other}; this one has {dim}")
+        return self._nets[dim] if self._nets else _shipped(dim)
+
+
+def _parameters(weights: str | os.PathLike[str] | Mapping[str, Any]) -> dict[int, tuple[Float, ...]]:
+    """The arrays in their order, by the dimension of the meshes that they are for."""
+    if isinstance(weights, Mapping):
+        arrays: Mapping[str, Any] = weights
+        dim = 3 if set(arrays) == set(SPATIAL_SHAPES) else 2
+        shapes = _MODELS[dim][1]
+        wrong = [key for key, shape in shapes.items() if np.shape(arrays.get(key, 0.0)) != shape]
+        if wrong or set(arrays) != set(shapes):
+            raise OptionError(f"gnn: weights must be arrays named and shaped as {dict(shapes)}")
+    elif isinstance(weights, str | os.PathLike):
+        from agglo_gnn import model_file
+
+        path = Path(weights)
+        dim = 3 if model_file.read_header(path)["architecture"] == _MODELS[3][0] else 2
+        architecture, shapes = _MODELS[dim]
+        arrays, _ = model_file.load(path, architecture=architecture, shapes=shapes)
+    else:
+        raise OptionError(f"gnn: weights must be a model file, given {weights!r}")
+    return {dim: tuple(frozen_float(arrays[key]) for key in shapes)}
+
+
+@cache  # to read and check the file takes longer than to split a small mesh
+def _shipped(dim: int) -> tuple[Float, ...]:
+    return _parameters(_WEIGHTS / f"{_MODELS[dim][0]}.safetensors")[dim]

@@ -1,0 +1,288 @@
+"""Kernels of the fast model: the network on the raster of a piece, and the sweep in its direction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import (
+    NO_CUT,
+    axes_block,
+    half_circle,
+    halvings,
+    helper,
+    kernel,
+    piece_driver,
+    piece_splits,
+    piece_sweeps,
+    scan_thresholds,
+    turned,
+)
+from agglo_gnn.plane.raster_kernels import fill_raster, raster_room, to_frame
+
+__all__ = ["bisect_fast", "dense", "direction", "number_cells", "split_fast"]
+
+_ONE = np.uint64(1)  # to be added to unsigned indices
+_TIE = 1e-6  # of a bin: values that close to its end lie inside
+_BAND = 0.45  # standard deviations either side of the mean in which a cut is sought
+_BINS = 32
+_SMALL = 96  # cells below which some axes are swept instead
+_AXES = 4
+_FINER = 1  # halvings of the angle between them, about the best
+_LONG = 0.5  # ratio of principal moments below which a piece is long
+_FEW = 400  # cells below which the axes are tried in its place: there its answer changes nothing
+
+
+@helper(allocates=True)
+def _sage(count, near, given, own, other, bias, out):
+    """``out = ReLU(given · own + mean over neighbours of given · other + bias)``; inputs come in fours."""
+    inputs, outputs = own.shape
+    mean = np.empty(inputs)
+    for a in range(count):
+        degree = 0
+        for k in range(inputs):
+            mean[k] = 0.0
+        for s in range(4):
+            if near[a, s] >= 0:
+                degree += 1
+                for k in range(inputs):
+                    mean[k] += given[near[a, s], k]
+        for o in range(outputs):
+            out[a, o] = bias[o]
+        for k in range(inputs):
+            mean[k] /= max(degree, 1)
+        for k in range(0, inputs, 4):  # four at a time: each round of the inner loop checks what overlaps
+            x, y, z, w = given[a, k], given[a, k + 1], given[a, k + 2], given[a, k + 3]
+            p, q, r, s = mean[k], mean[k + 1], mean[k + 2], mean[k + 3]
+            for o in range(outputs):
+                total = out[a, o] + (x * own[k, o] + p * other[k, o])
+                total += y * own[k + 1, o] + q * other[k + 1, o]
+                total += z * own[k + 2, o] + r * other[k + 2, o]
+                out[a, o] = total + (w * own[k + 3, o] + s * other[k + 3, o])
+        for o in range(outputs):
+            out[a, o] = max(out[a, o], 0.0)
+
+
+@helper
+def dense(given, weight, bias, rectify, out):
+    """``out = given · weight + bias``, rectified or not."""
+    for o in range(len(bias)):
+        out[o] = bias[o]
+    for k in range(weight.shape[0]):
+        for o in range(len(bias)):
+            out[o] += given[k] * weight[k, o]
+    if rectify:
+        for o in range(len(bias)):
+            out[o] = max(out[o], 0.0)
+
+
+@kernel
+def direction(count, nodes, near, areas, features, net):
+    """The network: coefficients (c₁, c₂) of the logit c₁ u + c₂ v of a piece."""
+    own1, other1, bias1, own2, other2, bias2, dense1, add1, dense2, add2, dense3, add3 = net
+    first, second = np.empty((count, len(bias1))), np.empty((count, len(bias2)))
+    _sage(count, near, nodes, own1, other1, bias1, first)
+    _sage(count, near, first, own2, other2, bias2, second)
+    width = len(bias2)
+    pooled = np.zeros(width + len(features))
+    for a in range(count):
+        for k in range(width):
+            pooled[k] += areas[a] * second[a, k]
+    for k in range(len(features)):
+        pooled[width + k] = features[k]
+    hidden, again, out = np.empty(len(add1)), np.empty(len(add2)), np.empty(2)
+    dense(pooled, dense1, add1, True, hidden)
+    dense(hidden, dense2, add2, True, again)
+    dense(again, dense3, add3, False, out)
+    return out[0], out[1]
+
+
+@helper(reorder_sums=True)
+def _band_bins(n, x, y, p, q, low, rate, shares, bins):
+    """Bins of the score p x + q y, −1 below the band and 32 above; share and moments of what is below."""
+    area, sx, sy = 0.0, 0.0, 0.0
+    for i in range(n):
+        place = min(max((p * x[i] + q * y[i] - low) * rate - _TIE, -1.0), float(_BINS))
+        below = shares[i] if place < 0.0 else 0.0
+        bins[i] = np.int32(np.floor(place))
+        area += below
+        sx += below * x[i]
+        sy += below * y[i]
+    return area, sx, sy
+
+
+@helper
+def number_cells(cells, lo, hi, tag, marks):
+    """Tag the cells of a piece as on the left, and write their numbers to the second column of the marks."""
+    own, _ = piece_splits.side_tags(lo, hi)
+    start = np.uint64(lo)
+    for k in range(np.uint64(hi - lo)):
+        i = np.uint32(cells[start + k])
+        tag[i], marks[i, 1] = own, k
+
+
+@helper
+def _band_sweep(graph, cells, lo, hi, tag, marks, local, shares, scales, p, q, spread, bins, listed, tally):
+    """Cheapest threshold of p x + q y near its mean, as ``sweep_block`` does; only edges there count.
+
+    Returns its cost, the last bin below, the lowest threshold and thresholds per unit.
+    """
+    indptr, indices, interface = graph[0], graph[1], graph[2]
+    n, piece = hi - lo, tag[cells[lo]]
+    low = -_BAND * spread
+    rate = -0.5 * _BINS / low if low < 0.0 else 0.0
+    area, sx, sy = _band_bins(n, local[0], local[1], p, q, low, rate, shares, bins)
+    cut, start, inside = 0.0, np.uint64(lo), np.uint64(0)
+    for i in range(n):
+        listed[inside] = i  # no branch: it would be mispredicted
+        inside += np.uint64((bins[i] >= 0) & (bins[i] < _BINS))
+    for k in range(inside):
+        i = np.uint64(np.uint32(listed[k]))
+        own, rise, cell = bins[i], 0.0, np.uint64(np.uint32(cells[start + i]))
+        b = np.uint32(own)
+        for h in range(np.uint64(indptr[cell]), np.uint64(indptr[cell + _ONE])):
+            j = np.uint32(indices[h])
+            other = bins[np.uint32(marks[j, 1])] if tag[j] == piece else own
+            length = interface[h]
+            rise += (length if other > own else 0.0) - (length if other < own else 0.0)
+            cut += length if other < 0 else 0.0
+        tally[b, 0] += shares[i] * local[0, i]
+        tally[b, 1] += shares[i] * local[1, i]
+        tally[b, 3] += shares[i]
+        tally[b, 4] += rise
+    scale, inertia, weight = scales
+    best, last = scan_thresholds(tally, sx, sy, 0.0, area, cut, scale, inertia, weight)
+    return best, last, low, rate
+
+
+@helper
+def _equal(n, shares):
+    low, high = shares[0], shares[0]
+    for i in range(n):
+        low, high = min(low, shares[i]), max(high, shares[i])
+        if high - low > 1e-6 * high:
+            return False
+    return True
+
+
+@helper
+def _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis):
+    """Cheapest cut near the mean of the network's score.
+
+    With few cells the axes are tried instead, with cells that are all alike as well, and the best turned a
+    little. Returns what ``_band_sweep`` does, leaves the score in the score room, its gradient in ``axis``.
+    """
+    (local, shares, scales), (score, bins, tally, _), raster, (turns, finer, uv, listed), net = own
+    grid, place, nodes, near, areas, features = raster
+    n = hi - lo
+    ux, uy, vx, vy = to_frame(n, local, shares, scales[1], uv, features)
+    asked, pointed = n >= _FEW, (1.0, 0.0)
+    if asked:
+        count = fill_raster(n, uv, shares, grid, place, nodes, near, areas)
+        pointed = direction(count, nodes[:count], near[:count], areas[:count], features, net)
+    axes, long = not asked or _equal(n, shares), features[2] < _LONG * features[0]
+    best, p, q, cos, sin = (NO_CUT, 0, 0.0, 0.0), 1.0, 0.0, 1.0, 0.0
+    first, last = (-len(turns), 2 * len(finer)) if axes else (0, 0)
+    section = scales[0], scales[1], scales[2]
+    number_cells(cells, lo, hi, tag, marks)
+    for c in range(first, last + 1):
+        f = (c - 1) // 2
+        if c < 0:
+            a, b = turns[c - first, 0], turns[c - first, 1]
+            if long and abs(a) < 0.9:
+                continue  # a long piece is not cut lengthwise
+        elif c == 0:
+            if not asked:
+                continue
+            a, b = pointed
+        elif c % 2 == 1:
+            cos, sin = p, q
+            a, b = turned(cos, sin, finer[f, 0], finer[f, 1])
+        else:
+            a, b = turned(cos, sin, finer[f, 0], -finer[f, 1])
+        spread = np.sqrt(features[0] * a * a + 2.0 * features[1] * a * b + features[2] * b * b)
+        x, y = a * ux + b * vx, a * uy + b * vy
+        trial = _band_sweep(
+            graph, cells, lo, hi, tag, marks, local, shares, section, x, y, spread, bins, listed, tally
+        )
+        if trial[0] < best[0] - 1e-9 * abs(best[0]):
+            best, p, q = trial, a, b
+    axis[0], axis[1] = p * ux + q * vx, p * uy + q * vy
+    for i in range(n):
+        score[i] = axis[0] * local[0, i] + axis[1] * local[1, i]
+    return best
+
+
+@helper
+def _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums):
+    """Tag both sides of a piece that is loaded, as ``piece_driver.split_pieces`` wants it."""
+    (local, shares, scales), (score, bins, tally, ends), _, (turns, finer, _, _), _ = own
+    n, axis, best = hi - lo, sums[2], (NO_CUT, 0, 0.0, 0.0)
+    axis[2] = 0.0
+    if n >= _SMALL and scales[1] > 1e-299:
+        best = _pointed_cut(graph, cells, lo, hi, own, tag, marks, axis)
+    if best[0] == NO_CUT:
+        some = finer[: n >= 24]  # few cells have few cuts
+        edges = ends, piece_sweeps.edges_of_piece(graph, cells, lo, hi, tag, marks, ends)
+        section = scales[0], scales[1], scales[2]
+        best, axis[0], axis[1] = axes_block(n, edges, local, shares, section, turns, some, score, bins, tally)
+    unit = 1.0 / np.hypot(axis[0], axis[1])
+    return piece_driver.tag_sides(
+        graph, cells, lo, hi, score, piece_sweeps.bar_of(best), unit, extent, tag, near, sums
+    )
+
+
+@helper(allocates=True)
+def _room(m, edges, net):
+    """Work arrays for pieces of at most m cells, and the network."""
+    directions = half_circle(_AXES), halvings(_AXES, _FINER), np.empty((2, m)), np.empty(m + 1, np.int32)
+    return piece_sweeps.point_room(m), piece_sweeps.score_room(m, edges), raster_room(m), directions, net
+
+
+@kernel
+def bisect_fast(offsets, indptr, indices, interface, centroids, weights, measures, net):
+    """Side of each node of a planar graph: the network's cut, or the best of some axes if it is small."""
+    n, largest, most = len(weights), np.int64(0), np.int64(0)
+    for b in range(len(offsets) - 1):
+        largest = max(largest, offsets[b + 1] - offsets[b])
+        most = max(most, indptr[offsets[b + 1]] - indptr[offsets[b]])
+    own, sums = _room(largest, most // 2 + 1, net), (np.empty(2), np.empty(2, np.int64), np.empty(3))
+    cells, tag, marks = np.empty(n, np.int32), np.empty(n, np.int32), np.empty((n, 2), np.int32)
+    near, reach = np.empty(largest + 1, np.int32), np.zeros(n, np.float32)
+    graph = (indptr, indices, interface, centroids, measures, weights, reach, (1.0, 1.0))
+    for i in range(n):
+        cells[i] = i
+    for b in range(len(offsets) - 1):
+        lo, hi = offsets[b], offsets[b + 1]
+        extent = piece_sweeps.load_piece(graph, cells, lo, hi, own)
+        _cut(graph, cells, lo, hi, extent, own, tag, marks, near, sums)
+    sides = np.empty(n, np.int64)
+    for i in range(n):
+        sides[i] = tag[i] & 1
+    return sides
+
+
+@kernel
+def split_fast(net, graph, shape, cells, tag, marks, todo, ready, leaf, counts, tally, goal, work):
+    """Split pieces, the last in ``todo`` first; the arguments but the first are those of ``PieceGrowth``."""
+    m, edges = (
+        piece_driver.largest_piece(todo, counts),
+        piece_sweeps.most_edges(todo, counts, cells, graph[0]),
+    )
+    own = _room(m, edges, net)
+    piece_driver.split_pieces(
+        piece_sweeps.load_piece,
+        _cut,
+        own,
+        graph,
+        shape,
+        cells,
+        tag,
+        marks,
+        todo,
+        ready,
+        leaf,
+        counts,
+        tally,
+        goal,
+        work,
+    )

@@ -1,0 +1,57 @@
+"""The fast network in torch, as it is trained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agglo_core.authoring import Float
+from agglo_gnn.plane.fast import SHAPES
+
+if TYPE_CHECKING:
+    import torch
+
+__all__ = ["initial_parameters", "network"]
+
+
+def initial_parameters(seed: int) -> dict[str, Float]:
+    """Random weights (He), except that the output is (1, 0) whatever comes in: inertial bisection."""
+    rng = np.random.default_rng([seed, 1])
+    values = {}
+    for name, shape in SHAPES.items():
+        scale = 0.0 if len(shape) == 1 or name == "dense3.weight" else np.sqrt(2.0 / shape[0])
+        values[name] = scale * rng.standard_normal(shape)
+    values["dense3.bias"] = np.array([1.0, 0.0])
+    return values
+
+
+def network(
+    parameters: Mapping[str, torch.Tensor],
+    nodes: torch.Tensor,
+    near: torch.Tensor,
+    areas: torch.Tensor,
+    owner: torch.Tensor,
+    blocks: torch.Tensor,
+) -> torch.Tensor:
+    """Coefficients (c₁, c₂) of each block ``(B, 2)``.
+
+    SAGE 4 → 16 → 16 (ReLU, mean), pooling by area, MLP to 48, 48, 2. ``near`` numbers all bins of the
+    batch, −1 for none; ``owner (N,)`` is the block of each bin.
+    """
+    import torch
+
+    present = (near >= 0).to(nodes.dtype)
+    degree = present.sum(1, keepdim=True).clamp(min=1)
+    rows = near.clamp(min=0)
+    hidden = nodes
+    for layer in ("sage1", "sage2"):
+        mean = (hidden[rows] * present[:, :, None]).sum(1) / degree
+        mixed = hidden @ parameters[f"{layer}.own"] + mean @ parameters[f"{layer}.near"]
+        hidden = torch.relu(mixed + parameters[f"{layer}.bias"])
+    pooled = hidden.new_zeros(len(blocks), hidden.shape[1]).index_add(0, owner, areas[:, None] * hidden)
+    out = torch.cat((pooled, blocks), 1)
+    for layer in ("dense1", "dense2"):
+        out = torch.relu(out @ parameters[f"{layer}.weight"] + parameters[f"{layer}.bias"])
+    return out @ parameters["dense3.weight"] + parameters["dense3.bias"]

@@ -1,0 +1,164 @@
+"""Training data of the model in space: pieces as they occur in recursion, of meshes generated on the fly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from agglo_core.authoring import (
+    Float,
+    Graph,
+    InertialBisection,
+    Int,
+    Mask,
+    Mesh,
+    SweepBisection,
+    frozen_int,
+    samples,
+)
+from agglo_gnn.training.pieces import FEWEST, halved
+
+if TYPE_CHECKING:
+    import torch
+
+__all__ = ["SPATIAL_RECIPE", "SpatialPieces", "gather_solids", "solid_graphs", "tensors_of"]
+
+SPATIAL_RECIPE = (
+    "recursion pieces of 10..2500 cells of Voronoi, Delaunay, tetrahedral and hexahedral meshes, half "
+    "stretched up to 2.5:1, half cut to random stars with holes and slits; split by inertial or sweep "
+    "bisection, half of them refined"
+)
+_MOST = 2500
+
+
+def solid_graphs(rng: np.random.Generator, count: int) -> Iterator[Graph]:
+    """Graphs whose blocks are pieces, at least ``count`` blocks in all."""
+    found = 0
+    while found < count:
+        graph = _domain(rng)
+        bisector = (InertialBisection(), SweepBisection())[rng.integers(2)]
+        refine = bool(rng.random() < 0.5)
+        while graph.n_blocks:
+            found += graph.n_blocks
+            yield graph
+            graph = halved(graph, bisector, refine)
+
+
+def _domain(rng: np.random.Generator) -> Graph:
+    """A mesh, perhaps stretched, perhaps cut to a blob: its largest connected component."""
+    n = int(np.exp(rng.uniform(np.log(150), np.log(_MOST))))
+    blob = rng.random() < 0.5
+    mesh = _mesh(rng, int(2.0 * n) if blob else n)
+    if rng.random() < 0.5:
+        turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        factors = rng.uniform(1.0, 2.5, 3)
+        mesh = replace(mesh, points=mesh.points @ (turn * factors) @ turn.T)
+    graph = mesh.graph
+    inside = _blob(rng, graph.centroids) if blob else np.ones(graph.n, bool)
+    if inside.sum() < 2 * FEWEST:
+        return graph
+    labels = graph.components(frozen_int(inside)) + 1
+    largest = np.argmax(np.bincount(labels * inside)[1:]) + 1
+    return graph.subgraph(np.flatnonzero(labels == largest), [0, int((labels == largest).sum())])
+
+
+def _mesh(rng: np.random.Generator, n: int) -> Mesh:
+    seed, kind = int(rng.integers(2**31)), rng.integers(4)
+    if kind == 0:
+        return samples.voronoi3d(n, seed)
+    if kind == 1:
+        return samples.random_tetrahedra(max(n // 6, 4), seed)
+    if kind == 2:
+        return samples.tetrahedra(max(2, round(np.cbrt(n / 6))))
+    return samples.boxes(max(3, round(np.cbrt(n))))
+
+
+def _blob(rng: np.random.Generator, centroids: Float) -> Mask:
+    """Cells inside a star r(u) = 1 + waves along random axes, outside some balls and off some slits."""
+    x = (centroids - centroids.mean(axis=0)) / np.ptp(centroids, axis=0).max() * 2.0
+    radius = np.linalg.norm(x, axis=1)
+    waves = rng.standard_normal((6, 3)) * rng.uniform(0.5, 2.5, (6, 1))
+    height = rng.normal(size=6) * rng.uniform(0.1, 0.4)
+    phase = rng.uniform(0, 2 * np.pi, 6)
+    inside = radius < 0.8 * (1 + np.cos(x / radius[:, None] @ waves.T + phase) @ height)
+    for _ in range(rng.integers(3)):
+        inside &= np.linalg.norm(x - rng.uniform(-0.7, 0.7, 3), axis=1) > rng.uniform(0.1, 0.4)
+    for _ in range(rng.integers(3)):
+        turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        along, across, _ = ((x - rng.uniform(-0.7, 0.7, 3)) @ turn).T
+        inside &= (np.abs(across) > 0.08) | (along < 0) | (along > rng.uniform(0.5, 1.5))
+    return np.asarray(inside)
+
+
+@dataclass(frozen=True)
+class SpatialPieces:
+    """Pieces in flat arrays; piece p owns rows ``cell_offsets[p]:cell_offsets[p + 1]`` of its cells."""
+
+    cell_offsets: Int
+    edge_offsets: Int
+    cells: Float
+    shares: Float
+    ends: Int
+    areas: Float
+    even: Float
+    odd: Float
+    frames: Float
+
+    @property
+    def sizes(self) -> Int:
+        return np.diff(self.cell_offsets)
+
+
+def gather_solids(levels: list[Graph]) -> SpatialPieces:
+    """Flat arrays of all blocks; the areas of faces between cells over those of typical sections."""
+    from agglo_gnn.space.moments import describe_solids
+
+    kinds: dict[str, list[Any]] = {field.name: [] for field in fields(SpatialPieces)}
+    for level in levels:
+        even, odd, frames, _, cells, shares, sections = describe_solids(
+            level.offsets, level.centroids, level.weights, level.measures
+        )
+        rows = np.repeat(np.arange(level.n), np.diff(level.indptr))
+        once = rows < level.indices
+        block = level.block_ids[rows[once]]
+        found = {
+            "cell_offsets": np.diff(level.offsets),
+            "edge_offsets": np.bincount(block, minlength=level.n_blocks),
+            "cells": cells,
+            "shares": shares,
+            "ends": np.stack((rows[once], level.indices[once]), axis=1) - level.offsets[block][:, None],
+            "areas": level.interface[once] * sections[block],
+            "even": even,
+            "odd": odd,
+            "frames": frames,
+        }
+        for key, values in found.items():
+            kinds[key].append(values)
+    joined = {key: np.concatenate(values) for key, values in kinds.items()}
+    for key in ("cell_offsets", "edge_offsets"):
+        joined[key] = np.concatenate(([0], np.cumsum(joined[key])))
+    return SpatialPieces(**joined)
+
+
+def tensors_of(data: SpatialPieces, chosen: Int) -> dict[str, torch.Tensor]:
+    """The chosen pieces as one batch."""
+    import torch
+
+    from agglo_gnn.plane.data import rows_of
+
+    cells, cell_owner, cell_first = rows_of(data.cell_offsets, chosen)
+    edges, edge_owner, _ = rows_of(data.edge_offsets, chosen)
+    arrays = {
+        "cells": data.cells[cells].astype(np.float32),
+        "shares": data.shares[cells].astype(np.float32),
+        "cell_owner": cell_owner,
+        "ends": data.ends[edges] + cell_first[edge_owner][:, None],
+        "areas": data.areas[edges].astype(np.float32),
+        "edge_owner": edge_owner,
+        "sizes": data.sizes[chosen].astype(np.float32),
+        **{key: getattr(data, key)[chosen].astype(np.float32) for key in ("even", "odd", "frames")},
+    }
+    return {key: torch.from_numpy(values) for key, values in arrays.items()}

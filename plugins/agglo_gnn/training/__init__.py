@@ -1,0 +1,1 @@
+"""The command that trains networks, and what all of them share."""

@@ -1,0 +1,1 @@
+"""Coarse spaces of the default solver: the continuous space and its levels."""

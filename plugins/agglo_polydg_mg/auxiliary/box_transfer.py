@@ -1,0 +1,85 @@
+"""The transfer between the spaces of polynomials on a mesh and on its agglomerates."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Int, OptionError, frozen_float, frozen_int
+from agglo_polydg_mg.space.basis import Basis, one_per_row
+from agglo_polydg_mg.space.gauss_points import gauss
+from agglo_polydg_mg.space.polynomials import legendre, orders
+
+__all__ = ["project_between"]
+
+
+def project_between(fine: Basis, coarse: Basis, labels: Int) -> sparse.bsr_array:
+    """Prolongation ``(fine.n, coarse.n)`` from agglomerates to cells: injection, so the L2 projection.
+
+    A polynomial of an agglomerate is one of each of its cells; only the box changes. The shape of the cells
+    does not enter.
+
+    Parameters
+    ----------
+    fine, coarse : Basis
+        Of a mesh and of ``mesh.coarsen(labels)``; the coarse degree must not be higher.
+    labels : (fine.mesh.n_cells,) int
+        Agglomerate of each cell.
+
+    Raises
+    ------
+    OptionError
+        If the coarse degree is higher, or the labels do not fit the meshes.
+    """
+    if coarse.degree > fine.degree:
+        raise OptionError(f"degree {coarse.degree} does not inject into degree {fine.degree}")
+    labels = np.asarray(labels)
+    if labels.shape != (fine.mesh.n_cells,) or labels.max() + 1 != coarse.mesh.n_cells:
+        raise OptionError(f"labels of shape {labels.shape} do not lead from {fine.mesh!r} to {coarse.mesh!r}")
+    blocks = np.empty((len(labels), fine.n_local, coarse.n_local))
+    turned = np.zeros(len(labels), bool)
+    if fine.mesh.dim == 2:
+        turned = (coarse.boxes[labels, 5] != 0.0) | (fine.boxes[:, 5] != 0.0)
+        some = np.flatnonzero(turned)
+        blocks[some] = _sampled(fine, coarse, frozen_int(some), frozen_int(labels[some]))
+    blocks[~turned] = _stretched(fine, coarse, frozen_int(np.flatnonzero(~turned)), labels[~turned])
+    return one_per_row(blocks, labels, (fine.n, coarse.n))
+
+
+def _stretched(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
+    """Coefficients ``(n, fine.n_local, coarse.n_local)`` where boxes have the same directions."""
+    outer, inner = coarse.halves[labels], fine.halves[cells]
+    shift = fine.centres[cells] - coarse.centres[labels] + (fine.mesh.origin - coarse.mesh.origin)
+    dim = fine.mesh.dim
+    found = np.ones((len(cells), fine.n_local, coarse.n_local))
+    for axis, (into, of) in enumerate(
+        zip(orders(fine.degree, dim).T, orders(coarse.degree, dim).T, strict=True)
+    ):
+        along = _restricted(shift[:, axis] / outer[:, axis], inner[:, axis] / outer[:, axis], fine.degree)
+        found *= along[:, into[:, None], of]
+    return np.asarray(found * (coarse.scale[labels] / fine.scale[cells])[:, None, None])
+
+
+def _sampled(fine: Basis, coarse: Basis, cells: Int, labels: Int) -> Float:
+    """Coefficients ``(n, fine.n_local, coarse.n_local)`` of the polynomials of agglomerates in cells.
+
+    By Gauss points in the boxes of the cells, whatever the directions of these are.
+    """
+    nodes, weights = gauss(fine.degree + 1)
+    u, v = (each.ravel() for each in np.meshgrid(nodes, nodes, indexing="ij"))
+    box = fine.boxes[cells]
+    c, s, across, up = box[:, 4:5], box[:, 5:], box[:, 2:3] * u, box[:, 3:4] * v
+    points = box[:, None, :2] + np.stack((c * across - s * up, s * across + c * up), axis=2)
+    points += fine.mesh.origin - coarse.mesh.origin
+    wide = coarse.values(frozen_int(np.repeat(labels, len(u))), frozen_float(points.reshape(-1, 2)))
+    (i, j), lines = orders(fine.degree).T, legendre(nodes, fine.degree)
+    own = (lines[i][:, :, None] * lines[j][:, None]).reshape(len(i), -1) * np.outer(weights, weights).ravel()
+    found = own @ wide.reshape(len(cells), len(u), coarse.n_local)
+    return np.asarray(found / fine.scale[cells, None, None])
+
+
+def _restricted(shift: Float, stretch: Float, degree: int) -> Float:
+    """Coefficients ``(n, k, i)`` of L_i(shift + stretch t) in the L_k(t)."""
+    nodes, weights = gauss(degree + 1)
+    wide = legendre(shift[:, None] + stretch[:, None] * nodes, degree)
+    return np.triu(np.einsum("inq,kq,q->nki", wide, legendre(nodes, degree), weights))

@@ -1,0 +1,278 @@
+"""A continuous space inside the discontinuous one: where the slow modes of cell by cell smoothing live.
+
+The penalty pushes the solution towards continuity. The space has one unknown per vertex and p − 1 bubbles
+per face; on each cell a function of it is the polynomial of degree p next to the trace that the unknowns
+give on the boundary. The idea of an auxiliary space: J. Xu, Computing 56 (1996); for discontinuous methods
+V. Dobrev, R. Lazarov, P. Vassilevski, L. Zikatanov, Numer. Linear Algebra Appl. 13 (2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Index, Int, Mask, Mesh, frozen, frozen_float, frozen_index, frozen_int
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.gauss_points import gauss
+
+__all__ = ["ConformingSpace", "bubble_signs", "conforming_space", "directions"]
+
+_SHORT = 0.5
+"""A face is short below this fraction of |K| / diam K: its ends share an unknown, it has no bubbles."""
+_WEAK = 10.0
+"""A face is weak if a jump across it costs less than what it could in either cell, divided by this."""
+_COMPARABLE = 3.0
+"""A cell unites two groups whose stiffness is at most this many times its own."""
+_SQUARES = 6
+"""Cells with more corners than the square of this depend on one corner in each square of a grid only."""
+_UNROLLED = 10
+"""Blocks up to this size have a kernel of their own for PᵀAP."""
+_REGULARISATION = 1e-4
+"""Times the squared degree: keeps polynomials small that vanish on the boundary."""
+_DIRECTION = (1.0, 0.618)
+"""Bubbles of odd order have the sign that belongs to faces which run this way."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConformingSpace:
+    """A space of one unknown per vertex and, after these, bubbles on faces.
+
+    Attributes
+    ----------
+    offsets : (n_cells + 1,) int
+        The unknowns of cell c are ``unknowns[offsets[c]:offsets[c + 1]]``.
+    unknowns : (m,) int
+    fitted : (m, n_local) float
+        Coefficients in the cell of the function that belongs to the unknown.
+    n_vertices, n : int
+        Unknowns of vertices, and all.
+    ends : (n_faces, 2, 2) int
+        Unknowns at both ends of each face, of the cells on both sides; −1 for none.
+    bubbles : (n_faces,) int
+        First bubble of each face, −1 if it has none.
+    bubbles_of_a_face : int
+    jumps : (n_faces,) float
+        What a jump of 1 across each face costs.
+    """
+
+    offsets: Int
+    unknowns: Index
+    fitted: Float
+    n_vertices: int
+    n: int
+    ends: Int
+    bubbles: Int
+    bubbles_of_a_face: int
+    jumps: Float
+
+    def prolongation(self, dtype: Any = np.float64, scale: Float | None = None) -> sparse.bsr_array:
+        """P ``(n_cells · n_local, n)`` in blocks of one column; what is only rounding is 0.
+
+        With ``scale (n_cells, n_local, n_local)`` the rows of each cell are multiplied by its block.
+        """
+        from agglo_polydg_mg.auxiliary.galerkin_kernels import scaled_rows
+
+        rows = self.fitted if scale is None else scaled_rows(scale, self.offsets, self.fitted)
+        blocks = rows.astype(dtype)
+        blocks[np.abs(blocks) < 1e-22 * np.abs(blocks).max(initial=0.0)] = 0.0  # their products: denormals
+        shape = (self.fitted.shape[1] * (len(self.offsets) - 1), self.n)
+        return sparse.bsr_array((blocks[:, :, None], self.unknowns, self.offsets), shape=shape)
+
+    def galerkin(
+        self,
+        A: sparse.bsr_array,
+        small: float = 0.0,
+        small_bubbles: float = 0.0,
+        small_vertices: float = 0.0,
+    ) -> sparse.csr_array:
+        """C = Pᵀ A P ``(n, n)``, columns sorted, without small entries.
+
+        Those are |c_ij| ≤ ``small`` (c_ii c_jj)^½; between two bubbles ``small_bubbles`` stands for
+        ``small``, and the diagonal takes their magnitude, so that C stays definite. Between two vertices the
+        diagonal takes those up to ``small_vertices``, so that C does to constants what it did.
+        """
+        from agglo_polydg_mg.auxiliary.galerkin_kernels import half_product, thinned
+
+        pattern = frozen_index(A.indptr), frozen_index(A.indices)
+        width = self.fitted.shape[1]
+        product = half_product(width if width <= _UNROLLED else 0)
+        half = product(*pattern, frozen_float(A.data), self.offsets, self.unknowns, self.fitted, self.n)
+        rows, columns, values = (frozen(each, each.dtype) for each in half)
+        limits = small, small_bubbles, small_vertices
+        starts, indices, data = thinned(rows, columns, values, self.n_vertices, *limits)
+        return sparse.csr_array((data, indices, starts), shape=(self.n, self.n))
+
+
+def conforming_space(
+    basis: Basis, sigma: Float, kappa: Float, *, bubbles: bool = True, orthogonal: bool = True
+) -> ConformingSpace:
+    """The continuous space of a basis.
+
+    Vertices joined by faces shorter than half of |K| / diam K share an unknown, as long as they lie that
+    close together.
+
+    A vertex has an unknown for each group of cells that are tied together there. Cells are tied by their
+    face unless it is weak: a jump across it costs little, in both cells, next to what jumps within reach
+    of the cell cost. So the space is discontinuous across the sides of the flat cells of boundary layers,
+    where the penalty is small and smoothing slow. Where κ jumps the weaker cell follows the stronger,
+    but does not tie together two stronger ones that touch at the vertex only.
+
+    On the long faces of flat cells, whose ends belong to the cells beside them alone, bubbles are orthogonal
+    to linear functions: constants along such cells would else be mixtures of both.
+
+    A cell with more than 36 corners (a large cell among small ones, one with many holes) depends on at most
+    36 of them and on no bubbles, so that time and memory grow with the number of edges, not its square.
+
+    Parameters
+    ----------
+    basis : Basis
+    sigma : (n_faces,) float
+        Penalty of the faces in 1 / length.
+    kappa : (n_cells,) float
+        Coefficient of the cells.
+    bubbles : bool
+        Whether faces have p − 1 bubbles each.
+    orthogonal : bool
+        Whether bubbles are orthogonal to linear functions on the long faces of flat cells.
+    """
+    from agglo_polydg_mg.auxiliary.conforming_kernels import corner_unknowns, corners_of_cells, fit_traces
+
+    mesh, p = basis.mesh, basis.degree
+    topology = (*mesh.cell_faces, mesh.face_pairs, mesh.face_cells)
+    short, clusters = _clusters(mesh)
+    starts, ends = (frozen_int(each) for each in corners_of_cells(*topology, clusters))
+    offsets, faces = mesh.cell_faces
+    coupling, stiffness = _stiffness(mesh, sigma, kappa)
+    order = frozen_int(np.argsort(-stiffness, kind="stable"))
+    parts = offsets, faces, mesh.face_cells, ends, starts, coupling, stiffness, order
+    found = corner_unknowns(*parts, _WEAK, _COMPARABLE)
+    unknowns, n_vertices = frozen_int(found[0]), int(found[1])
+    extra = p - 1 if bubbles else 0
+    first, n = _bubbles(mesh, starts, short, n_vertices, extra)
+    at_ends = np.where(ends < 0, -1, unknowns[ends])
+    corners = np.bincount(unknowns, minlength=n_vertices)
+    held = _held_by_a_face(mesh, at_ends, corners, orthogonal and n > n_vertices)
+    nodes, weights = gauss(p + 1)
+    room = len(unknowns) + 2 * (n - n_vertices)
+    cells, indices, fitted = fit_traces(
+        mesh.local_points,
+        *topology,
+        ends,
+        starts,
+        unknowns,
+        first,
+        held,
+        frozen_float(_orthogonal(extra)),
+        basis.boxes,
+        basis.scale,
+        p,
+        frozen_float(0.5 * (nodes + 1.0)),
+        frozen_float(0.5 * weights),
+        _REGULARISATION,
+        _SQUARES,
+        room,
+    )
+    used = np.zeros(n, bool)
+    used[indices] = True  # of cells with many corners not all are
+    places = np.where(used, np.cumsum(used) - 1, -1)
+    counts = int(used[:n_vertices].sum()), int(used.sum())
+    fitted *= bubble_signs(mesh, first, extra, n)[indices, None]
+    return ConformingSpace(
+        frozen_int(cells),
+        frozen_index(places[indices]),
+        frozen_float(fitted),
+        *counts,
+        frozen_int(np.where(at_ends < 0, -1, places[at_ends])),
+        frozen_int(np.where(first < 0, -1, places[first])),
+        extra,
+        coupling,
+    )
+
+
+def directions(mesh: Mesh) -> Float:
+    """Vectors ``(n_faces, 2)`` along the faces, all to one side."""
+    a, b = mesh.face_pairs.T
+    vectors = mesh.local_points[b] - mesh.local_points[a]
+    return frozen_float(np.where(vectors @ _DIRECTION < 0.0, -1.0, 1.0)[:, None] * vectors)
+
+
+def bubble_signs(mesh: Mesh, bubbles: Int, extra: int, n: int) -> Float:
+    """Sign ``(n,)`` of each unknown's function: bubbles of odd order change it as a face is turned."""
+    signs, on = np.ones(n), bubbles >= 0
+    a, b = mesh.face_pairs[on].T
+    turned = (mesh.local_points[b] - mesh.local_points[a]) @ _DIRECTION < 0.0
+    for k in range(1, extra, 2):
+        signs[bubbles[on] + k] = np.where(turned, -1.0, 1.0)
+    return frozen_float(signs)
+
+
+def _held_by_a_face(mesh: Mesh, ends: Int, corners: Int, bubbles: bool) -> Mask:
+    """Whether the unknowns at both ends of a face ``(n_faces, 2, 2)`` belong to the cells beside it alone.
+
+    ``corners (n_vertices,)`` is the number of cells that each belongs to. Without ``bubbles`` nobody asks.
+    """
+    if not bubbles:
+        return np.zeros(mesh.n_faces, bool)
+    inner = mesh.face_cells[:, 1] >= 0
+    other = np.where(inner[:, None], ends[:, 1], ends[:, 0])
+    apart = ends[:, 0, 0] != ends[:, 0, 1]
+    alone = (corners[ends[:, 0]] == 1 + inner[:, None]).all(axis=1)
+    return np.asarray((other == ends[:, 0]).all(axis=1) & alone & apart)
+
+
+def _orthogonal(extra: int) -> Float:
+    """What of linear functions ((1 − s)/2, (1 + s)/2) and of the bubbles (1 − s²) s^k before to add to each.
+
+    ``(extra, 2 + extra)``, so that the bubbles are orthogonal on −1..1 to all of these.
+    """
+    nodes, weights = gauss(extra + 2)
+    values = [0.5 * (1.0 - nodes), 0.5 * (1.0 + nodes), *((1.0 - nodes**2) * nodes**k for k in range(extra))]
+    rows = np.array(values)
+    table = np.zeros((extra, 2 + extra))
+    for k in range(extra):
+        before, own = rows[: 2 + k], rows[2 + k]
+        table[k, : 2 + k] = -np.linalg.solve((before * weights) @ before.T, (before * weights) @ own)
+    return frozen_float(table)
+
+
+def _clusters(mesh: Mesh) -> tuple[Mask, Int]:
+    """Whether each face is short, and the cluster of each vertex."""
+    from agglo_polydg_mg.auxiliary.conforming_kernels import cluster_vertices
+
+    limits = _SHORT * mesh.cell_measures / mesh.cell_diameters
+    owner, other = mesh.face_cells.T
+    limit = np.minimum(limits[owner], limits[np.where(other < 0, owner, other)])
+    short = mesh.face_measures < limit
+    if not short.any():
+        return short, frozen_int(np.arange(mesh.n_points))
+    faces = np.flatnonzero(short)
+    faces = faces[np.argsort(mesh.face_measures[faces], kind="stable")]
+    edges = frozen_int(mesh.face_pairs[faces])
+    return short, frozen_int(cluster_vertices(mesh.local_points, edges, frozen_float(limit[faces])))
+
+
+def _bubbles(mesh: Mesh, starts: Int, short: Mask, first: int, each: int) -> tuple[Int, int]:
+    """First bubble of each face ``(F,)``, −1 if it has none, by first cell; and the number of unknowns."""
+    numbers = np.full(mesh.n_faces, -1)
+    if not each:
+        return frozen_int(numbers), first
+    many = np.diff(starts) > _SQUARES**2
+    owner, other = mesh.face_cells.T
+    other = np.where(other < 0, owner, other)
+    faces = np.flatnonzero(~(short | many[owner] | many[other]))
+    faces = faces[np.argsort(np.minimum(owner, other)[faces], kind="stable")]
+    numbers[faces] = first + each * np.arange(len(faces))
+    return frozen_int(numbers), first + each * len(faces)
+
+
+def _stiffness(mesh: Mesh, sigma: Float, kappa: Float) -> tuple[Float, Float]:
+    """What a jump of 1 across each face costs ``(F,)``, and the most that it could in each cell."""
+    owner, other = mesh.face_cells.T
+    own, beyond = kappa[owner], kappa[np.where(other < 0, owner, other)]
+    jump = sigma * mesh.face_measures
+    offsets, faces = mesh.cell_faces
+    stiffness = kappa * np.maximum.reduceat(jump[faces], offsets[:-1])
+    return frozen_float(2.0 * own * (beyond / (own + beyond)) * jump), frozen_float(stiffness)

@@ -1,0 +1,168 @@
+"""Values at points of faces in place of bubbles: in thin triangles smoothing takes bubbles for vertices.
+
+Across a flat cell a trace costs what its mean square does, and in the mean square the function of a vertex
+is nearly a sum of bubbles. Functions that are 1 at one Gauss–Lobatto point of a face and 0 at the others are
+nearly orthogonal. Constants have the value 1 everywhere, and the matrix of linear elements between these
+points has the same energy within factors (S. Orszag, J. Comput. Phys. 37, 1980): it guides classical levels.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Int, Mask, Mesh, frozen_float
+from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace, bubble_signs
+from agglo_polydg_mg.auxiliary.coupling_network import (
+    Edges,
+    across_faces,
+    at_boundary,
+    cotangents,
+    network,
+)
+
+__all__ = ["nodal_basis", "nodal_network", "on_nodes"]
+
+
+def on_nodes(space: ConformingSpace, mesh: Mesh) -> Mask:
+    """Faces ``(n_faces,)`` with bubbles and one unknown at each end, the same in the cells on both sides."""
+    inner = mesh.face_cells[:, 1] >= 0
+    return (space.bubbles >= 0) & (~inner | (space.ends[:, 0] == space.ends[:, 1]).all(axis=1))
+
+
+def nodal_basis(space: ConformingSpace, mesh: Mesh) -> sparse.csr_array:
+    """T ``(n, n)``: unknowns of a space from values at its vertices and at the inner points of its faces.
+
+    The points of a face have the numbers of its bubbles, and run from its first end to the other. Faces that
+    are not :func:`on_nodes` keep their bubbles.
+    """
+    faces, extra = np.flatnonzero(on_nodes(space, mesh)), space.bubbles_of_a_face
+    t = _points(extra)
+    powers = np.arange(extra)
+    values = (4.0 * t * (1.0 - t))[:, None] * (2.0 * t - 1.0)[:, None] ** powers
+    inverse = np.linalg.inv(values)  # coefficients of bubbles from values at points
+    first = space.bubbles[faces]
+    signs = bubble_signs(mesh, space.bubbles, extra, space.n)
+    rows, columns, entries = [], [], []
+    for k in range(extra):
+        own = signs[first + k]
+        columns += [space.ends[faces, 0, 0], space.ends[faces, 0, 1], *(first + m for m in range(extra))]
+        weights = (-(inverse[k] @ (1.0 - t)), -(inverse[k] @ t), *inverse[k])
+        rows += [first + k] * len(weights)
+        entries += [weight * own for weight in weights]
+    kept = np.ones(space.n)
+    kept[(first[:, None] + powers).ravel()] = 0.0
+    everywhere = np.arange(space.n)
+    parts = (np.concatenate(each) for each in ((*entries, kept), (*rows, everywhere), (*columns, everywhere)))
+    data, row, column = parts
+    some = (data != 0.0) & (column >= 0)
+    return sparse.coo_array((data[some], (row[some], column[some])), shape=(space.n, space.n)).tocsr()
+
+
+def nodal_network(space: ConformingSpace, mesh: Mesh, kappa: Float) -> sparse.csr_array:
+    """Network ``(n, n)`` of the unknowns of :func:`nodal_basis`, as coupling_network is of the space's own.
+
+    Points that follow each other on a face are joined, and points of two faces of a cell that lie at the same
+    place of both: on lines that run alongside the third face of a triangle, and from side to side of a
+    quadrilateral.
+
+    Parameters
+    ----------
+    space : ConformingSpace
+    mesh : Mesh
+        In 2-D, that of the space.
+    kappa : (n_cells,) float
+        Coefficient of the cells.
+    """
+    nodal = on_nodes(space, mesh)
+    edges = [each for side in (0, 1) for each in _along_faces(space, mesh, kappa, side, nodal)]
+    edges += [across_faces(space, mesh, end) for end in (0, 1)]
+    edges += _in_triangles(space, mesh, kappa, nodal) + _in_quadrilaterals(space, mesh, kappa, nodal)
+    ground = at_boundary(space, mesh)
+    outer = np.flatnonzero((mesh.face_cells[:, 1] < 0) & nodal)
+    for k, share in enumerate(_shares(space.bubbles_of_a_face)):
+        ground[space.bubbles[outer] + k] += share * space.jumps[outer]
+    return network(edges, ground)
+
+
+def _points(extra: int) -> Float:
+    """Inner Gauss–Lobatto points ``(extra,)`` of 0..1."""
+    legendre = np.polynomial.Legendre.basis(extra + 1)
+    return frozen_float(0.5 + 0.5 * np.sort(legendre.deriv().roots().real))
+
+
+def _shares(extra: int) -> Float:
+    """Half the distance between the neighbours of each inner point ``(extra,)``."""
+    t = np.concatenate(([0.0], _points(extra), [1.0]))
+    return frozen_float(0.5 * (t[2:] - t[:-2]))
+
+
+def _along_faces(space: ConformingSpace, mesh: Mesh, kappa: Float, side: int, nodal: Mask) -> list[Edges]:
+    """Between points that follow each other on a face, in the cell on one side of it."""
+    faces, weights = cotangents(mesh, kappa, side)
+    extra, own = space.bubbles_of_a_face, nodal[faces]
+    start, end = space.ends[faces, side].T
+    t = np.concatenate(([0.0], _points(extra), [1.0]))
+    chain = [start[own], *(space.bubbles[faces[own]] + k for k in range(extra)), end[own]]
+    steps = zip(chain[:-1], chain[1:], np.diff(t), strict=True)
+    found = [(a, b, weights[own] / ((extra + 1) * step)) for a, b, step in steps]
+    return [*found, (start[~own], end[~own], 0.5 * weights[~own])]
+
+
+def _in_triangles(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
+    """Between two faces, alongside the third."""
+    offsets, of_cells = mesh.cell_faces
+    cells = np.flatnonzero(np.diff(offsets) == 3)
+    faces = of_cells[offsets[cells][:, None] + np.arange(3)]
+    squares, extra = mesh.face_measures[faces] ** 2, space.bubbles_of_a_face
+    places = _shares(extra) / _points(extra)
+    found = []
+    for third in range(3):
+        e, f = faces[:, third - 2], faces[:, third - 1]
+        cotangent = (squares.sum(axis=1) - 2.0 * squares[:, third]) / (4.0 * mesh.cell_measures[cells])
+        both = nodal[e] & nodal[f]
+        a, b = mesh.face_pairs[e[both]], mesh.face_pairs[f[both]]
+        turned = [
+            ~(x[:, :1] == y).any(axis=1) for x, y in ((a, b), (b, a))
+        ]  # whether it ends where they meet
+        weights = (kappa[cells] * cotangent)[both]
+        for k, place in enumerate(places):
+            ends = [
+                space.bubbles[g[both]] + np.where(away, extra - 1 - k, k)
+                for g, away in zip((e, f), turned, strict=True)
+            ]
+            found.append((*ends, place * weights))
+    return found
+
+
+def _in_quadrilaterals(space: ConformingSpace, mesh: Mesh, kappa: Float, nodal: Mask) -> list[Edges]:
+    """Between opposite faces."""
+    cells, pairs = _opposite_faces(mesh)
+    extra, squares = space.bubbles_of_a_face, mesh.face_measures[pairs] ** 2
+    points = mesh.local_points[mesh.face_pairs[pairs]]
+    along = points[:, :, :, 1] - points[:, :, :, 0]
+    alike = (along[:, :, 0] * along[:, :, 1]).sum(axis=2) > 0.0
+    found = []
+    for pair in (0, 1):
+        both = nodal[pairs[:, pair]].all(axis=1)
+        first, second = space.bubbles[pairs[both, pair]].T
+        weights = ((kappa * mesh.cell_measures)[cells] * (1.0 / squares[:, 1 - pair]).mean(axis=1))[both]
+        for k, share in enumerate(_shares(extra)):
+            other = second + np.where(alike[both, pair], k, extra - 1 - k)
+            found.append((first + k, other, share * weights))
+    return found
+
+
+def _opposite_faces(mesh: Mesh) -> tuple[Int, Any]:
+    """Quadrilaterals ``(q,)``, and both pairs of their faces without a common vertex ``(q, 2, 2)``."""
+    offsets, of_cells = mesh.cell_faces
+    cells = np.flatnonzero(np.diff(offsets) == 4)
+    faces = of_cells[offsets[cells][:, None] + np.arange(4)]
+    ends = mesh.face_pairs[faces]
+    meets = (ends[:, :1, :, None] == ends[:, 1:, None, :]).any(axis=(2, 3))
+    partner = 1 + np.argmin(meets, axis=1)
+    others = np.array([[2, 3], [1, 3], [1, 2]])[partner - 1]
+    order = np.column_stack((np.zeros_like(partner), partner, others))
+    return cells, np.take_along_axis(faces, order, axis=1).reshape(-1, 2, 2)

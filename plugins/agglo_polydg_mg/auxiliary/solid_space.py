@@ -1,0 +1,75 @@
+"""The continuous space inside the discontinuous one, on polyhedra: vertices, and from degree 2 on edges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import Float, Index, Int, Mesh, frozen_float, frozen_index, frozen_int
+from agglo_polydg_mg.auxiliary.conforming_space import ConformingSpace
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.gauss_points import simplex_rule
+from agglo_polydg_mg.space.polynomials import orders
+
+__all__ = ["solid_space"]
+
+_REGULARISATION = 1e-4
+"""Times the squared degree: keeps polynomials small that vanish on the surface."""
+
+
+def solid_space(basis: Basis, *, bubbles: bool = True) -> ConformingSpace:
+    """The continuous space of a basis in 3-D, as
+    :func:`~agglo_polydg_mg.auxiliary.conforming_space.conforming_space`.
+
+    One unknown for each vertex and, from degree 2 on, one for each edge between triangles, the bubble
+    4 λ_a λ_b. On each cell a function of it is the polynomial next to the trace on the surface, at degree 1
+    to the values at the corners.
+
+    Parameters
+    ----------
+    basis : Basis
+    bubbles : bool
+        Whether edges have bubbles.
+    """
+    from agglo_polydg_mg.auxiliary.solid_trace_kernels import fit_corners, fit_solid_traces
+
+    mesh, p = basis.mesh, basis.degree
+    if p == 1:
+        starts, vertices = mesh.cell_vertices
+        own, linear, n = fit_corners(mesh.local_points, starts, vertices, basis.boxes, basis.scale)
+        return _space(starts, own, linear, n, n)
+    numbers, n_vertices = _vertices(mesh)
+    edges, n = _edges(mesh, numbers, n_vertices, bubbles and p > 1)
+    (offsets, faces), sizes = mesh.cell_faces, np.diff(mesh.face_offsets)
+    room = np.add.reduceat(2 * sizes[faces], offsets[:-1])
+    shape = mesh.local_points, offsets, faces, mesh.face_offsets, mesh.face_vertices
+    polynomials = basis.boxes, basis.scale, orders(p, 3), *simplex_rule(2, p + 1), _REGULARISATION
+    rooms = int(room.sum()), int(room.max()) + 1
+    found = fit_solid_traces(*shape, numbers, edges, *polynomials, *rooms)
+    return _space(*found, n_vertices, n)
+
+
+def _space(offsets: Int, unknowns: Index, fitted: Float, n_vertices: int, n: int) -> ConformingSpace:
+    given = frozen_int(offsets), frozen_index(unknowns), frozen_float(fitted), int(n_vertices), int(n)
+    none = frozen_int(np.empty(0))
+    return ConformingSpace(*given, none, none, 0, frozen_float(np.empty(0)))
+
+
+def _vertices(mesh: Mesh) -> tuple[Int, int]:
+    """Unknown of each vertex of each face ``(v,)``, numbered by first cell, and how many there are."""
+    used, first = np.unique(mesh.cell_vertices[1], return_index=True)
+    numbers = np.full(mesh.n_points, -1)
+    numbers[used[np.argsort(first)]] = np.arange(len(used))
+    return frozen_int(numbers[mesh.face_vertices]), len(used)
+
+
+def _edges(mesh: Mesh, numbers: Int, n_vertices: int, wanted: bool) -> tuple[Int, int]:
+    """Unknown of the edge from each vertex of a face to the next ``(v,)``, −1 for none, and the unknowns."""
+    edges = np.full(len(numbers), -1)
+    slots = np.flatnonzero(np.repeat(np.diff(mesh.face_offsets) == 3, np.diff(mesh.face_offsets)))
+    if not wanted or not len(slots):
+        return frozen_int(edges), n_vertices
+    ends = numbers[slots].reshape(-1, 3)
+    pairs = np.stack((ends, np.roll(ends, -1, axis=1)), axis=2).reshape(-1, 2)
+    keys, own = np.unique(pairs.min(axis=1) * n_vertices + pairs.max(axis=1), return_inverse=True)
+    edges[slots] = n_vertices + own
+    return frozen_int(edges), n_vertices + len(keys)

@@ -1,0 +1,159 @@
+"""Kernel of the continuous space of polyhedra: the polynomials of cells next to traces on their surface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import helper, kernel
+from agglo_polydg_mg.auxiliary.conforming_kernels import solve_rows
+from agglo_polydg_mg.space.legendre_kernels import CONSTANT, legendre_at, recurrences
+from agglo_polydg_mg.space.solid_kernels import in_box
+
+__all__ = ["fit_corners", "fit_solid_traces"]
+
+
+@helper
+def _place(unknown, indices, position, count):
+    """Where an unknown of a cell is among those found before, or ``count``."""
+    for i in range(count):
+        if indices[position + i] == unknown:
+            return i
+    return count
+
+
+@helper
+def _polynomials(x, y, z, orders, table, lines, out):
+    """The polynomials of a cell, not scaled, at a point of its box."""
+    degree = table.shape[1]
+    legendre_at(x, degree, table, lines[0])
+    legendre_at(y, degree, table, lines[1])
+    legendre_at(z, degree, table, lines[2])
+    for k in range(len(orders)):
+        out[k] = lines[0, orders[k, 0]] * lines[1, orders[k, 1]] * lines[2, orders[k, 2]]
+
+
+@helper
+def _corners(points, face_vertices, first, last, box, ring):
+    """Corners of a face in the coordinates of a box, into ``ring``; its last row is their mean."""
+    count = last - first
+    ring[count] = 0.0
+    for k in range(count):
+        for d in range(3):
+            ring[k, d] = in_box(points[face_vertices[first + k]], box, d)
+            ring[count, d] += ring[k, d] / count
+
+
+@helper
+def _size(a, b, c):
+    """Twice the area of a triangle."""
+    x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
+    y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+    z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return np.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def fit_solid_traces(
+    points, offsets, faces, face_offsets, face_vertices, numbers, edges, boxes, scale, orders, rule, weights,
+    regularisation, room, most,
+):  # fmt: skip
+    """Unknowns of each cell, as offsets ``(n_cells + 1,)`` and indices, and coefficients ``(·, m)`` of each.
+
+    They are those of the polynomial next to the trace on the cell's surface, in the mean square over the
+    bounding box turned to a cube. A face is cut into triangles around the mean of its corners, on which the
+    trace is linear, the value there being the mean; a triangle stays as it is. The unknown of vertex
+    ``face_vertices[k]`` is ``numbers[k]``, that of the edge from there to the next vertex of the face
+    ``edges[k]``, if that is not negative: the bubble 4 λ_a λ_b, in triangles. ``room`` is the most that may
+    be needed, ``most`` of a cell or face.
+    """
+    n, table = len(orders), recurrences(orders[len(orders) - 1, 2])
+    counts, indices = np.zeros(len(offsets), np.int64), np.empty(room, np.int32)
+    fitted, lines = np.empty((room, n)), np.empty((3, table.shape[1] + 1))
+    normal, right, values = np.empty((n, n)), np.empty((most, n)), np.empty(n)
+    ring, place, share = np.empty((most, 3)), np.empty(most, np.int64), np.empty(most)
+    position = 0
+    for c in range(len(offsets) - 1):
+        normal[:] = 0.0
+        count = 0
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            first, last = face_offsets[f], face_offsets[f + 1]
+            sides = last - first
+            _corners(points, face_vertices, first, last, boxes[c], ring)
+            for k in range(2 * sides):
+                unknown = numbers[first + k] if k < sides else edges[first + k - sides]
+                place[k] = -1
+                if unknown >= 0:
+                    place[k] = _place(unknown, indices, position, count)
+                    if place[k] == count:
+                        indices[position + count] = unknown
+                        right[count, :] = 0.0
+                        count += 1
+            for k in range(1 if sides == 3 else sides):
+                after = (k + 1) % sides
+                centre = ring[2] if sides == 3 else ring[sides]
+                size = _size(centre, ring[k], ring[after])
+                for q in range(len(weights)):
+                    s, t = rule[q, 0], rule[q, 1]
+                    rest = 1.0 - s - t
+                    _polynomials(
+                        rest * centre[0] + s * ring[k, 0] + t * ring[after, 0],
+                        rest * centre[1] + s * ring[k, 1] + t * ring[after, 1],
+                        rest * centre[2] + s * ring[k, 2] + t * ring[after, 2],
+                        orders, table, lines, values,
+                    )  # fmt: skip
+                    for i in range(2 * sides):
+                        share[i] = rest / sides if i < sides and sides > 3 else 0.0
+                    share[k] += s
+                    share[after] += t
+                    if sides == 3:
+                        share[2] += rest
+                        share[3], share[4], share[5] = 4.0 * s * t, 4.0 * t * rest, 4.0 * rest * s
+                    for i in range(n):
+                        weighted = size * weights[q] * values[i]
+                        for j in range(i + 1):
+                            normal[i, j] += weighted * values[j]
+                        for j in range(2 * sides):
+                            if place[j] >= 0:
+                                right[place[j], i] += weighted * share[j]
+        for k in range(n):
+            total = orders[k, 0] + orders[k, 1] + orders[k, 2]
+            normal[k, k] += regularisation * total * total if total > 1 else 0.0
+        solve_rows(normal, right, n, count)
+        for i in range(count):
+            for j in range(n):
+                fitted[position + i, j] = right[i, j] / scale[c]
+        position += count
+        counts[c + 1] = position
+    return counts, indices[:position].copy(), fitted[:position].copy()
+
+
+@kernel
+def fit_corners(points, offsets, vertices, boxes, scale):
+    """The same for degree 1: unknowns ``(v,)`` of the vertices of the cells, coefficients ``(v, 4)``, and n.
+
+    The linear polynomial is that next to the values at the corners in their mean square: where a trace is
+    linear, or a cell a box, that is what comes of its whole surface. Unknowns are numbered by first cell.
+    """
+    numbers, count = np.full(len(points), -1), 0
+    unknowns, fitted = np.empty(len(vertices), np.int32), np.empty((len(vertices), 4))
+    normal, slope = np.empty((4, 4)), np.sqrt(3.0) * CONSTANT**3
+    for c in range(len(offsets) - 1):
+        first, last = offsets[c], offsets[c + 1]
+        normal[:] = 0.0
+        for k in range(first, last):
+            v = vertices[k]
+            if numbers[v] < 0:
+                numbers[v] = count
+                count += 1
+            unknowns[k], fitted[k, 0] = numbers[v], CONSTANT**3
+            for d in range(3):
+                fitted[k, 1 + d] = slope * in_box(points[v], boxes[c], d)
+            for i in range(4):
+                for j in range(i + 1):
+                    normal[i, j] += fitted[k, i] * fitted[k, j]
+        solve_rows(normal, fitted[first:last], 4, last - first)
+        for k in range(first, last):
+            for i in range(4):
+                fitted[k, i] /= scale[c]
+    return unknowns, fitted, count

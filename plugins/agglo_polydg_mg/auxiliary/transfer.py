@@ -1,0 +1,88 @@
+"""The levels of a hierarchy that multigrid uses, and the transfer of unknowns between them.
+
+The spaces of two levels are nested where every agglomerate of the coarser one is a union of
+agglomerates of the finer: prolongation is then injection. Otherwise it is the L2 projection. All
+agglomerates are unions of fine cells, so the products it needs are sums over the fine mesh:
+with J_k the injection of level k into the fine space and M the fine mass matrix,
+P = (J_kᵀ M J_k)⁻¹ J_kᵀ M J_{k+1}.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from agglo_core.authoring import Float, Hierarchy, Int, OptionError, frozen_float
+from agglo_polydg_mg.space.basis import block_diagonal
+
+__all__ = ["block_matrix", "chosen_levels", "diagonal_blocks", "l2_projection"]
+
+_log = logging.getLogger("agglo")
+
+
+def chosen_levels(hierarchy: Hierarchy, levels: int | None = None) -> list[Int]:
+    """Labels of the coarse levels of a multigrid method, finest first.
+
+    Parameters
+    ----------
+    hierarchy : Hierarchy
+    levels : int, optional
+        How many of mesh, level 0, 1, … to use, the mesh included; by default all.
+
+    Raises
+    ------
+    OptionError
+        If there are fewer, or none of them has fewer parts than the mesh has cells.
+    """
+    most = len(hierarchy.levels) + 1
+    if levels is not None and not 2 <= levels <= most:
+        raise OptionError(f"levels must lie in 2..{most}, mesh and coarse levels together; given {levels}")
+    chosen, finer = [], hierarchy.graph.n
+    for level, labels in enumerate(hierarchy.levels[: levels - 1 if levels else None]):
+        parts = int(labels.max()) + 1
+        if parts < finer:
+            chosen.append(labels)
+            finer = parts
+        else:
+            _log.info("level %d is skipped: its %d parts are no fewer than the %d above", level, parts, finer)
+    if not chosen and hierarchy.graph.n > 1:  # one cell is its own coarsest level
+        raise OptionError(
+            f"no level of the hierarchy is coarser than its {hierarchy.graph.n} cells: ask for fewer parts"
+        )
+    return chosen
+
+
+def l2_projection(fine: Any, coarse: Any, mass: Any, width: int) -> sparse.bsr_array:
+    """Prolongation between spaces that do not nest.
+
+    Parameters
+    ----------
+    fine, coarse : sparse
+        Injections J_k and J_{k+1} of both levels into the space of the mesh.
+    mass : sparse
+        Mass matrix M of the mesh.
+    width : int
+        Unknowns of a cell.
+    """
+    weighted = sparse.bsr_array(fine.T @ mass, blocksize=(width, width))
+    inverses = frozen_float(np.linalg.inv(diagonal_blocks(weighted @ fine, width)))
+    return block_diagonal(inverses) @ sparse.bsr_array(weighted @ coarse, blocksize=(width, width))
+
+
+def block_matrix(A: Any, width: int) -> sparse.bsr_array:
+    """``A`` in blocks of ``width``, with 32-bit indices where they suffice."""
+    return sparse.bsr_array(A, blocksize=(width, width))
+
+
+def diagonal_blocks(A: Any, width: int) -> Float:
+    """Diagonal blocks ``(n, w, w)`` of a square matrix; zero where none is stored."""
+    bsr = block_matrix(A, width)
+    n = bsr.shape[0] // width
+    rows = np.repeat(np.arange(n), np.diff(bsr.indptr))
+    on = rows == bsr.indices
+    blocks = np.zeros((n, width, width))
+    blocks[rows[on]] = bsr.data[on]
+    return blocks

@@ -1,0 +1,1 @@
+"""Solvers without levels: direct ones and plain conjugate gradients."""

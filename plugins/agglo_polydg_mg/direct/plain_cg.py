@@ -1,0 +1,93 @@
+"""Plain conjugate gradients: the baseline of multigrid methods (paper, column CG)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.authoring import (
+    Hierarchy,
+    Listener,
+    Problem,
+    Solution,
+    conjugate_gradients,
+    phase,
+)
+from agglo_polydg_mg.forms.penalty import PAPER, Penalty
+from agglo_polydg_mg.option_checks import require_count, require_fraction
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.operators import fine_system
+from agglo_polydg_mg.stopwatch import Stopwatch
+
+__all__ = ["PlainCG"]
+
+
+class PlainCG:
+    """Conjugate gradients from zero on the system of the mesh, without a preconditioner.
+
+    The levels of the hierarchy are not used. If ``max_iterations`` are not enough, the solution is the
+    iterate of smallest residual, and ``iterations`` its number, as in the paper's tables; ``reason`` says
+    how many were done.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    tolerance : float
+        Of the residual relative to the right-hand side, by
+        :class:`~agglo_polydg_mg.solver.residual_measure.ResidualMeasure`.
+    max_iterations : int
+    penalty : float, "paper" or "sharp"
+        Of jumps: the constant C, ``paper`` for C = 10, or ``sharp``, see
+        :class:`~agglo_polydg_mg.polydg.PolyDG`.
+    scaled_basis : bool
+        Scale the basis by the size of each cell's bounding box. The paper does not.
+    """
+
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    plain_cg: ClassVar[bool] = True
+    tells_progress: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        degree: int = 1,
+        tolerance: float = 1e-6,
+        max_iterations: int = 10_000,
+        penalty: Penalty = PAPER,
+        scaled_basis: bool = False,
+    ) -> None:
+        require_fraction("tolerance", tolerance)
+        require_count("max_iterations", max_iterations, 1)
+        self.discretisation = PolyDG(degree, penalty, scaled_basis)
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Iterate; ``converged`` and ``reason`` say how it ended, ``progress`` is told of each phase.
+
+        Raises
+        ------
+        OptionError
+            If problem and hierarchy do not fit, or data are not finite.
+        MeshError
+            For a mesh of cells that overlap themselves.
+        """
+        watch = Stopwatch()
+        with watch("assemble"), phase(progress, "assembling"):
+            fine = fine_system(problem, hierarchy, self.discretisation)
+        how_long = (self.tolerance, self.max_iterations)
+        with watch("solve"), phase(progress, "solving") as tell:
+            history = conjugate_gradients(fine.A, fine.b, *how_long, fine.measure, fine.measure.energy, tell)
+        return fine.solution(history, [(fine.A, None)], watch, self.tolerance)
+
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
+        """The identity ``(n, n)``: plain conjugate gradients have no preconditioner.
+
+        Raises
+        ------
+        OptionError, MeshError
+            As :meth:`solve`.
+        """
+        fine = fine_system(problem, hierarchy, self.discretisation)
+        return LinearOperator(fine.A.shape, matvec=np.copy, rmatvec=np.copy, dtype=np.float64)

@@ -1,0 +1,1 @@
+"""Bilinear forms, loads, penalties and norms."""

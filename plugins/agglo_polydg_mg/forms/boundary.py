@@ -1,0 +1,173 @@
+"""Boundary data: which faces have Dirichlet or Neumann data, and their part of the right-hand side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.authoring import Diffusion, Field, Float, Int, Mask, Mesh, OptionError, frozen_int
+from agglo_polydg_mg.forms.face_quadrature import FaceRule, face_rule, on_pieces
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.quadrature import per_cell, sample
+
+__all__ = [
+    "Boundary",
+    "boundary_faces",
+    "boundary_values",
+    "data_offset",
+    "dirichlet_load",
+    "dirichlet_values",
+    "neumann_load",
+    "rule_of",
+]
+
+
+class Boundary(NamedTuple):
+    """Tags ``(n_faces,)`` of all faces, and the boundary faces with Dirichlet data and without (natural)."""
+
+    tags: Int
+    dirichlet: Int
+    natural: Int
+
+
+def boundary_faces(mesh: Mesh, problem: Diffusion) -> Boundary:
+    """Faces of the boundary with Dirichlet data and without; ``tags`` are those of all faces.
+
+    Without any data all of them are Dirichlet faces, with value 0.
+
+    Raises
+    ------
+    OptionError
+        For a face tag the mesh does not have, a value in both kinds of data or on no face, a component
+        without Dirichlet faces.
+    """
+    tags = _tags(mesh, problem.boundary)
+    outer, kinds = mesh.face_cells[:, 1] < 0, mesh.boundary_kinds
+    on_boundary = kinds.tags.get(problem.boundary, np.zeros_like(kinds.component))
+    present = np.unique(on_boundary).tolist()
+    both = sorted(set(problem.dirichlet) & set(problem.neumann))
+    if both:
+        raise OptionError(f"boundary tags {both} have Dirichlet and Neumann data: give one of them")
+    unknown = sorted({*problem.dirichlet, *problem.neumann} - set(present))
+    if unknown:
+        raise OptionError(f"no boundary face has the tag {unknown[0]}; the boundary has the tags {present}")
+    given = problem.dirichlet or problem.neumann
+    dirichlet = outer & np.isin(tags, list(problem.dirichlet)) if given else outer
+    natural = outer & ~dirichlet
+    if given:
+        _require_dirichlet(kinds.component, np.isin(on_boundary, list(problem.dirichlet)))
+    return Boundary(tags, frozen_int(np.flatnonzero(dirichlet)), frozen_int(np.flatnonzero(natural)))
+
+
+def _tags(mesh: Mesh, name: str) -> Int:
+    """Values of the face tag ``name``; 0 if it is ``boundary`` and the mesh has no such tag."""
+    if name in mesh.face_tags:
+        return mesh.face_tags[name]
+    if name != Diffusion.boundary:
+        known = ", ".join(mesh.face_tags) or "none"
+        raise OptionError(f"the mesh has no face tag {name!r} for the boundary; it has: {known}")
+    return frozen_int(np.zeros(mesh.n_faces))
+
+
+def _require_dirichlet(component: Int, dirichlet: Mask) -> None:
+    """Raise OptionError if some component, of those that kinds of faces are on, has no Dirichlet face."""
+    free = np.setdiff1d(component, component[dirichlet])
+    if len(free):
+        raise OptionError(
+            f"the component of cell {free[0]} has no boundary face with Dirichlet data: the solution is "
+            "known only up to a constant there; give a value on some boundary tag (where only others have "
+            "data, faces are insulated)"
+        )
+
+
+def boundary_values(
+    mesh: Mesh, boundary: Boundary, data: Mapping[int, Field], faces: Int, points: Float, name: str
+) -> Float:
+    """Data ``(t, q)`` on boundary ``faces (t,)`` at ``points (t, q, d)``, 0 where the tag has none."""
+    values = np.zeros(points.shape[:2])
+    for tag, field in data.items():
+        on = boundary.tags[faces] == tag
+        if callable(field):
+            given = sample(field, points[on].reshape(-1, mesh.dim) + mesh.origin, f"{name} of tag {tag}")
+            values[on] = given.reshape(-1, points.shape[1])
+        else:
+            cells = per_cell(field, mesh.n_cells, f"{name} of tag {tag}")
+            values[on] = cells[mesh.face_cells[faces[on], 0], None]
+    return values
+
+
+def dirichlet_values(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+    """Dirichlet data ``(t, q)`` at the points of the :func:`rule_of` the faces ``boundary.dirichlet``."""
+    if not problem.dirichlet:
+        return np.zeros((len(boundary.dirichlet), basis.degree + 2))
+    rule = rule_of(basis, boundary.dirichlet)
+    return boundary_values(basis.mesh, boundary, problem.dirichlet, rule.faces, rule.points, "dirichlet")
+
+
+def rule_of(basis: Basis, faces: Int) -> FaceRule:
+    """Points of faces at which boundary data are taken."""
+    return face_rule(basis.mesh, faces, basis.degree + 2)
+
+
+def data_offset(basis: Basis, problem: Diffusion, boundary: Boundary, kappa: Float) -> Float:
+    """What Dirichlet data have in common, in each cell ``(n_cells,)``.
+
+    In each component of the domain it is the number nearest to 0 between the least and the largest of the
+    data: 0 if they change sign. Only faces count whose κ is at least a hundredth of the largest: they decide
+    what rounding does. A constant added to the data is added to the solution, whatever κ, and alters nothing
+    else. ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners of the Dirichlet faces.
+    """
+    mesh = basis.mesh
+    g, component = dirichlet_values(basis, problem, boundary), mesh.graph.components()
+    if not g.any():
+        return np.zeros(mesh.n_cells)
+    rule = rule_of(basis, boundary.dirichlet)
+    of_face = component[mesh.face_cells[rule.faces, 0]]
+    of_kappa = on_pieces(kappa, boundary.dirichlet, rule).max(axis=1)
+    n = int(component.max()) + 1
+    largest, least, most = np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf)
+    np.maximum.at(largest, of_face, of_kappa)
+    counts = of_kappa >= 0.01 * largest[of_face]
+    np.minimum.at(least, of_face[counts], g[counts].min(axis=1))
+    np.maximum.at(most, of_face[counts], g[counts].max(axis=1))
+    return np.asarray(np.clip(0.0, least, most)[component])
+
+
+def dirichlet_load(basis: Basis, boundary: Boundary, kappa: Float, sigma: Float) -> Callable[[Float], Float]:
+    """Map from data g ``(t, q)`` to its right-hand side ``(n_cells, n_local)``: ∫ σκ g v − κ g ∂v/∂n.
+
+    g is given as by :func:`dirichlet_values`; ``kappa (f, 1)`` or ``(t, q)`` is the coefficient in the owners
+    of the Dirichlet faces, ``sigma (n_faces,)`` the penalty.
+    """
+    mesh, rule = basis.mesh, rule_of(basis, boundary.dirichlet)
+    tests, faces = _traces(basis, rule), rule.faces
+    cells = np.repeat(mesh.face_cells[faces, 0], rule.points.shape[1])
+    slopes = basis.gradients(cells, rule.points.reshape(-1, mesh.dim))
+    normals = np.repeat(rule.normals, rule.points.shape[1], axis=0)
+    fluxes = np.einsum("qd,qdk->qk", normals, slopes).reshape(tests.shape)
+    own = on_pieces(kappa, boundary.dirichlet, rule)
+    tests = own[:, :, None] * (sigma[faces][:, None, None] * tests - fluxes)
+    return lambda g: _gathered(basis, faces, rule.weights * g, tests)
+
+
+def neumann_load(basis: Basis, problem: Diffusion, boundary: Boundary) -> Float:
+    """Right-hand side ``(n_cells, n_local)`` of Neumann data: ∫ flux v."""
+    rule = rule_of(basis, boundary.natural)
+    g = boundary_values(basis.mesh, boundary, problem.neumann, rule.faces, rule.points, "neumann")
+    return _gathered(basis, rule.faces, rule.weights * g, _traces(basis, rule))
+
+
+def _traces(basis: Basis, rule: FaceRule) -> Float:
+    """Values ``(t, q, n_local)`` of the polynomials of the owners at the points of a rule."""
+    count, n, dim = rule.points.shape
+    cells = np.repeat(basis.mesh.face_cells[rule.faces, 0], n)
+    return basis.values(cells, rule.points.reshape(-1, dim)).reshape(count, n, basis.n_local)
+
+
+def _gathered(basis: Basis, faces: Int, values: Float, tests: Float) -> Float:
+    """Σ_q values (t, q) tests (t, q, k), summed over the faces of each cell."""
+    load = np.zeros((basis.mesh.n_cells, basis.n_local))
+    np.add.at(load, basis.mesh.face_cells[faces, 0], np.einsum("tq,tqk->tk", values, tests))
+    return load

@@ -1,0 +1,121 @@
+"""Norms of the error of a solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.authoring import Diffusion, Float, Int, Mask, Mesh, OptionError
+from agglo_polydg_mg.forms.assembly import jump_penalty, positive
+from agglo_polydg_mg.forms.boundary import boundary_faces
+from agglo_polydg_mg.forms.jumps import jumps, offset_of
+from agglo_polydg_mg.forms.penalty import PAPER, Penalty
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.quadrature import Batch, inside, sample
+
+__all__ = ["Errors", "errors"]
+
+_STEP = 1e-4  # of the box's half side: differences of fourth order are then exact to about 1e-12
+
+
+class Errors(NamedTuple):
+    """Norms of u − u_h: ``l2``, ``h1`` = ‖∇(u − u_h)‖ cell by cell, and
+
+    ``dg`` = (‖√κ ∇(u − u_h)‖² + Σ_F γσ ‖[u − u_h]‖²)^½, the jumps over Dirichlet faces included.
+    """
+
+    l2: float
+    h1: float
+    dg: float
+
+
+def errors(
+    basis: Basis,
+    x: Float,
+    problem: Diffusion,
+    *,
+    gradient: Callable[[Float], Float] | None = None,
+    penalty: Penalty = PAPER,
+    chosen: Mask | None = None,
+) -> Errors:
+    """Error of the function with coefficients ``x (n,)`` against ``problem.exact``.
+
+    Parameters
+    ----------
+    basis : Basis
+    x : (n,) float
+    problem : Diffusion
+        Its ``exact`` solution must be continuous across faces.
+    gradient : callable of points ``(q, d)`` returning ``(q, d)``, optional
+        Of the exact solution; by default its central differences over a ten-thousandth of the box.
+    penalty : float, "paper" or "sharp"
+        The penalty of the discretisation, which the DG norm contains.
+    chosen : (n_cells,) bool, optional
+        The cells that count, by default all; half a face counts for each of its cells.
+
+    Raises
+    ------
+    OptionError
+        If the problem has no exact solution; as :func:`~agglo_polydg_mg.forms.assembly.discretise`.
+    """
+    exact = problem.exact
+    if exact is None:
+        raise OptionError("this problem has no exact solution to compare with")
+    kappa = positive(basis.mesh, problem.kappa)
+    natural = boundary_faces(basis.mesh, problem).natural
+    sigma = jump_penalty(basis, kappa, penalty, natural)
+    c = offset_of(basis, problem)
+    rest = x - basis.constants(c)
+    coefficients = basis.coefficients(rest)
+    sums = np.zeros(3)
+    for batch in inside(basis.mesh, 2 * basis.degree + 6):
+        cells, points = batch.cells, batch.points + basis.mesh.origin
+        e = sample(exact, points, "exact") - c[cells] - basis.evaluate(rest, cells, points)
+        slopes = _differences(basis, exact, c, batch) if gradient is None else np.asarray(gradient(points))
+        slopes = slopes - np.einsum("qdk,qk->qd", basis.gradients(cells, batch.points), coefficients[cells])
+        weights = batch.weights if chosen is None else batch.weights * chosen[cells]
+        square = weights * (slopes**2).sum(axis=1)
+        here = sample(kappa, points, "kappa") if callable(kappa) else np.asarray(kappa)[cells]
+        sums += weights @ e**2, square.sum(), here @ square
+
+    def outside(faces: Int, points: Float) -> Float:
+        values = sample(exact, points.reshape(-1, basis.mesh.dim) + basis.mesh.origin, "exact")
+        return values.reshape(points.shape[:2]) - c[basis.mesh.face_cells[faces, 0], None]
+
+    counted = sigma if chosen is None else sigma * _shares(basis.mesh, chosen)
+    sums[2] += jumps(basis, rest, outside, kappa, counted)
+    return Errors(*np.sqrt(sums).tolist())
+
+
+def _shares(mesh: Mesh, chosen: Mask) -> Float:
+    """Which part of each face ``(n_faces,)`` belongs to the chosen cells."""
+    sides = mesh.face_cells
+    return np.asarray(np.append(chosen, False)[sides].sum(axis=1) / (sides >= 0).sum(axis=1))
+
+
+def _differences(basis: Basis, exact: Callable[[Float], Float], offset: Float, batch: Batch) -> Float:
+    """Gradient ``(q, d)`` of a callable by central differences of fourth order.
+
+    The steps grow with what the offset ``(n_cells,)`` exceeds all the rest by: the callable's own rounding is
+    of its size.
+    """
+    cells = batch.cells
+    centres = sample(exact, batch.points + basis.mesh.origin, "exact") - offset[cells]
+    excess = float(np.abs(offset).max()) / (float(np.abs(centres).max()) or 1.0)
+    extents = basis.halves
+    if basis.mesh.dim == 2:
+        c, s = np.abs(basis.boxes[:, 4:].T[:, :, None])
+        extents = c * extents + s * extents[:, ::-1]  # along the axes
+    steps = _STEP * max(1.0, excess) ** 0.2 * extents[cells]
+    result = np.empty_like(steps)
+    for axis in range(basis.mesh.dim):
+        h = np.zeros_like(steps)
+        h[:, axis] = steps[:, axis]
+        at = [
+            sample(exact, batch.points + k * h + basis.mesh.origin, "exact") - offset[cells]
+            for k in (-2, -1, 1, 2)
+        ]
+        result[:, axis] = (at[0] - 8 * at[1] + 8 * at[2] - at[3]) / (12 * steps[:, axis])
+    return result

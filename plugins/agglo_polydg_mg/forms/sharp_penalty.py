@@ -1,0 +1,143 @@
+"""The least penalty of the jumps that keeps the bilinear form provably coercive, cell by cell.
+
+The local trace inverse inequality is taken as it is, without a constant of the literature: the largest
+eigenvalue of a small matrix for each cell (K. Shahbazi, J. Comput. Phys. 205, 2005, and Y. Epshteyn,
+B. Rivière, J. Comput. Appl. Math. 206, 2007, have explicit ones for simplices). The derivation is in
+``docs/mathematics.md``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import Field, Float, Int, Mesh, MeshError, frozen_float, over_ranges
+from agglo_polydg_mg.forms.penalty import simplex_heights
+from agglo_polydg_mg.forms.side_sums import asked_by_solids
+from agglo_polydg_mg.forms.unit_forms import UnitForms
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.gauss_points import gauss
+from agglo_polydg_mg.space.quadrature import inside, sample
+
+__all__ = ["MARGIN", "sharp_penalty"]
+
+_FEW = 2_000  # cells one thread looks at in some milliseconds
+
+MARGIN = 0.25
+"""Least eigenvalue of the matrix A relative to the square of the DG norm."""
+
+
+def sharp_penalty(
+    basis: Basis,
+    kappa: Field,
+    on_faces: Float,
+    blocks: Float | None,
+    natural: Int | None = None,
+    units: UnitForms | None = None,
+) -> Float:
+    """Penalty σ ``(n_faces,)``, in 1 / length, for which a(v, v) >= MARGIN · ‖v‖²_DG whatever v.
+
+    ‖v‖²_DG = Σ_K ‖√κ ∇v‖² + Σ_F γσ ‖[v]‖². Each cell names what it needs of its faces, σ_F is the sum of the
+    two. Where a cell is so thin that its stiffness matrix is singular to rounding, it asks for the constants
+    of the triangles that fit on its faces times their number: safe, and larger than need be. In 3-D faces
+    between the same two cells have one penalty, and so have those of a cell at the boundary that look one
+    way.
+
+    Parameters
+    ----------
+    basis : Basis
+    kappa : number, ``(n_cells,)`` or callable
+        The coefficient.
+    on_faces : (n_faces, 2, 1) or (t, 2, q) float
+        The same on both sides of the faces, at the Gauss points of their pieces where it is a callable.
+    blocks : (n_cells, n_local, n_local) float, or None
+        ∫ κ∇φ_i·∇φ_j of each cell; not needed if there are ``units``.
+    natural : (k,) int, optional
+        Faces of Neumann data: they have no penalty, and ask for none.
+    units : UnitForms, optional
+        Of an earlier problem, if κ is one number in each cell.
+
+    Raises
+    ------
+    MeshError
+        Naming cells that overlap themselves, or are flat; in 3-D, that are too thin and not convex.
+    """
+    held = np.ones(basis.mesh.n_faces, bool)
+    if natural is not None:
+        held[natural] = False
+    if units is not None and not callable(kappa):
+        asked, resolved = units.asked(kappa, held)
+    else:
+        assert blocks is not None
+        ask = _asked if basis.mesh.dim == 2 else asked_by_solids
+        asked, resolved = ask(basis, on_faces, blocks, held)
+    if not resolved.all():
+        asked += _by_simplices(basis, kappa, on_faces, held, ~resolved)
+    return frozen_float(asked.sum(axis=1) / (1.0 - MARGIN) ** 2)
+
+
+def _asked(basis: Basis, on_faces: Float, blocks: Float, held: np.ndarray) -> tuple[Float, np.ndarray]:
+    """What cells ask of their faces ``(n_faces, 2)``, and which are not too thin for that ``(n_cells,)``."""
+    from agglo_polydg_mg.forms.trace_kernels import side_penalties
+
+    mesh = basis.mesh
+    rule = basis.degree if on_faces.shape[2] == 1 else on_faces.shape[2]
+    points, (offsets, faces), sides = mesh.local_points, mesh.cell_faces, (mesh.face_pairs, mesh.face_cells)
+    of_cells, asked = (basis.boxes, basis.scale, basis.fill, blocks), np.zeros((mesh.n_faces, 2))
+
+    def ask(start: int, stop: int) -> np.ndarray:
+        own = [each[start:stop] for each in of_cells]
+        shape = points, offsets[start : stop + 1], faces, *sides, start
+        return np.asarray(side_penalties(*shape, held, *own, on_faces, *gauss(rule), basis.degree, asked))
+
+    return asked, np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+
+
+def _by_simplices(basis: Basis, kappa: Field, on_faces: Float, held: np.ndarray, thin: np.ndarray) -> Float:
+    """What the ``thin`` cells ``(n_cells,)`` ask of their faces ``(n_faces, 2)``, by triangles inside them.
+
+    On a triangle T of height h over the face F, ‖q‖²_F <= p (p + 1) / h ‖q‖²_T for polynomials q of degree
+    p − 1 (T. Warburton, J. Hesthaven, Comput. Methods Appl. Mech. Engrg. 192, 2003), on a tetrahedron
+    p (p + 2) / h. The triangles of a cell overlap, at worst all of them.
+    """
+    mesh, p = basis.mesh, basis.degree
+    heights = simplex_heights(mesh, thin)
+    inner = mesh.face_cells[:, 1] >= 0
+    sides = np.stack((mesh.face_cells[:, 0], np.where(inner, mesh.face_cells[:, 1], 0)), axis=1)
+    counts = np.where(held[:, None] & thin[sides] & np.isfinite(heights), 1.0, 0.0)
+    counts[~inner, 1] = 0.0
+    if (heights[counts > 0] == 0).any():
+        cells = np.unique(sides[(counts > 0) & (heights == 0)])[:5].tolist()
+        raise MeshError(f"cells {cells} overlap themselves, or are flat: nothing fits on some face")
+    own, across = on_faces[:, 0], on_faces[:, 1]
+    half = 0.5 * own * (across / (own + across))  # ωκ/2, the same from either side
+    most = _largest(np.where(_of_rows(mesh, inner, own)[:, None], half, own).max(axis=1), mesh)
+    n_faces = np.bincount(sides.ravel(), counts.ravel(), mesh.n_cells)
+    least = _least(mesh, kappa, p)
+    return np.asarray(
+        counts * (p * (p + mesh.dim - 1) * most)[:, None] * n_faces[sides] / (heights * least[sides])
+    )
+
+
+def _of_rows(mesh: Mesh, values: np.ndarray, rows: Float) -> np.ndarray:
+    """Values of faces for each row of the coefficients of faces, or of their pieces."""
+    if len(values) == len(rows):
+        return values
+    return np.repeat(values, np.diff(mesh.face_offsets) - mesh.dim + 1)
+
+
+def _largest(rows: Float, mesh: Mesh) -> Float:
+    """Largest value of each face ``(n_faces,)`` from values of faces, or of their pieces."""
+    if len(rows) == mesh.n_faces:
+        return rows
+    starts = mesh.face_offsets[:-1] - (mesh.dim - 1) * np.arange(mesh.n_faces)
+    return np.asarray(np.maximum.reduceat(rows, starts))
+
+
+def _least(mesh: Mesh, kappa: Field, degree: int) -> Float:
+    """Least κ of each cell ``(n_cells,)``: of a callable, at the points where it is integrated."""
+    if not callable(kappa):
+        return np.broadcast_to(np.asarray(kappa, float), (mesh.n_cells,))
+    least = np.full(mesh.n_cells, np.inf)
+    for batch in inside(mesh, 2 * degree + 3):
+        np.minimum.at(least, batch.cells, sample(kappa, batch.points + mesh.origin, "kappa"))
+    return least

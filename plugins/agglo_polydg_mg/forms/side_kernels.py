@@ -1,0 +1,274 @@
+"""Kernels of the sides of polyhedra: which there are, and their blocks of the matrix.
+
+On each side both cells' polynomials are written in powers of the coordinates of one frame, a box that holds
+the side. All faces of the side add to the integrals of these powers, weighted by penalty and by normals; what
+is done with the integrals afterwards does not depend on how many faces there are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import helper, kernel
+from agglo_polydg_mg.space.legendre_kernels import CONSTANT, recurrences
+
+__all__ = ["side_blocks", "sides_of_cells"]
+
+
+@kernel
+def sides_of_cells(offsets, faces, face_cells, normals):
+    """The arrays of :class:`~agglo_polydg_mg.forms.sides.Sides`."""
+    n, count = len(offsets) - 1, 0
+    of_faces, last, outer = np.empty(len(face_cells), np.int64), np.full(n, -1), np.empty(6, np.int64)
+    cells = np.full((len(face_cells), 2), -1)
+    for c in range(n):
+        start = count
+        for k in range(6):
+            outer[k] = -1
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            if face_cells[f, 1] < 0:
+                axis = 0
+                for k in range(1, 3):
+                    if abs(normals[f, k]) > abs(normals[f, axis]):
+                        axis = k
+                way = 2 * axis + (1 if normals[f, axis] < 0.0 else 0)
+                if outer[way] < 0:
+                    outer[way] = count
+                    cells[count, 0] = c
+                    count += 1
+                of_faces[f] = outer[way]
+                continue
+            other = face_cells[f, 0] + face_cells[f, 1] - c
+            if other < c:
+                continue
+            if last[other] < start:
+                last[other] = count
+                cells[count, 0], cells[count, 1] = c, other
+                count += 1
+            of_faces[f] = last[other]
+    ends, members = _members(of_faces, count)
+    cell_ends, cell_sides = _sides_by_cells(cells[:count], n)
+    return ends, members, cells[:count].copy(), cell_ends, cell_sides, of_faces
+
+
+@helper(allocates=True)
+def _members(groups, count):
+    """Members of each group as offsets ``(count + 1,)`` and members."""
+    ends, members = np.zeros(count + 1, np.int64), np.empty(len(groups), np.int64)
+    for f in range(len(groups)):
+        ends[groups[f] + 1] += 1
+    for s in range(count):
+        ends[s + 1] += ends[s]
+    free = ends[:count].copy()
+    for f in range(len(groups)):
+        members[free[groups[f]]] = f
+        free[groups[f]] += 1
+    return ends, members
+
+
+@helper(allocates=True)
+def _sides_by_cells(cells, n):
+    """Sides of each cell as offsets ``(n + 1,)`` and sides."""
+    ends = np.zeros(n + 1, np.int64)
+    for s in range(len(cells)):
+        for k in range(2):
+            if cells[s, k] >= 0:
+                ends[cells[s, k] + 1] += 1
+    for c in range(n):
+        ends[c + 1] += ends[c]
+    free, sides = ends[:n].copy(), np.empty(ends[n], np.int64)
+    for s in range(len(cells)):
+        for k in range(2):
+            if cells[s, k] >= 0:
+                sides[free[cells[s, k]]] = s
+                free[cells[s, k]] += 1
+    return ends, sides
+
+
+@helper
+def _frame(owner, neighbour, boxes, frame):
+    """Centre and half sides of a box that holds what two cells share; that of the owner at the boundary."""
+    for d in range(3):
+        low, high = boxes[owner, d] - boxes[owner, 3 + d], boxes[owner, d] + boxes[owner, 3 + d]
+        half = boxes[owner, 3 + d]
+        if neighbour >= 0:
+            low = max(low, boxes[neighbour, d] - boxes[neighbour, 3 + d])
+            high = min(high, boxes[neighbour, d] + boxes[neighbour, 3 + d])
+            half = min(half, boxes[neighbour, 3 + d])
+        frame[d], frame[3 + d] = 0.5 * (low + high), half
+
+
+@helper
+def _in_powers(box, scale, frame, table, powers, terms, lines, out):
+    """Coefficients ``out`` of a cell's polynomials in the powers of a frame, at the ``terms``."""
+    degree = table.shape[1]
+    for d in range(3):
+        at, stretch, line = (frame[d] - box[d]) / box[3 + d], frame[3 + d] / box[3 + d], lines[d]
+        line[0, 0] = CONSTANT
+        line[1, 0], line[1, 1] = table[0, 0] * at * CONSTANT, table[0, 0] * stretch * CONSTANT
+        for k in range(1, degree):
+            a, b = table[0, k], table[1, k]
+            for i in range(k + 2):
+                value = a * at * line[k, i] if i <= k else 0.0
+                if i > 0:
+                    value += a * stretch * line[k, i - 1]
+                if i < k:
+                    value -= b * line[k - 1, i]
+                line[k + 1, i] = value
+    for t in range(len(out)):
+        i, a = terms[t, 0], terms[t, 1]
+        value = scale * lines[0, powers[i, 0], powers[a, 0]] * lines[1, powers[i, 1], powers[a, 1]]
+        out[t] = value * lines[2, powers[i, 2], powers[a, 2]]
+
+
+@helper
+def _add_triangle(a, b, c, weighted, frame, rule, powers, along, local):
+    """Add Σ_q weighted[q] ξ^powers over the points of a triangle to ``local``."""
+    most = along.shape[1] - 1
+    for q in range(len(rule)):
+        s, t = rule[q, 0], rule[q, 1]
+        for d in range(3):
+            x = (a[d] + s * (b[d] - a[d]) + t * (c[d] - a[d]) - frame[d]) / frame[3 + d]
+            along[d, 0] = 1.0
+            for k in range(most):
+                along[d, k + 1] = along[d, k] * x
+        for k in range(len(local)):
+            local[k] += weighted[q] * along[0, powers[k, 0]] * along[1, powers[k, 1]] * along[2, powers[k, 2]]
+
+
+@helper
+def _add_face(
+    points, face_offsets, face_vertices, f, vector, turned, sigma, kappa, inner, frame, rule, weights,
+    powers, along, weighted, local, stiff, normal,
+):  # fmt: skip
+    """Add ∫ γσ ξ^powers of a face to ``stiff``, and ∫ γ/2 n ξ^powers, κ at the boundary, to ``normal``."""
+    first, lower = face_offsets[f], normal.shape[1]
+    a = points[face_vertices[first]]
+    for k in range(first + 1, face_offsets[f + 1] - 1):
+        b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
+        x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
+        y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+        z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        size = np.sqrt(x * x + y * y + z * z)
+        if size == 0.0:
+            continue
+        if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
+            size = -size
+        row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
+        for q in range(len(weights)):
+            at = min(q, kappa.shape[2] - 1)
+            own, other = kappa[row, 0, at], kappa[row, 1, at]
+            mean = own * (other / (own + other)) if inner else own
+            weighted[q] = mean * weights[q] * size
+        local[:] = 0.0
+        _add_triangle(a, b, c, weighted, frame, rule, powers, along, local)
+        size = -size if turned else size
+        x, y, z = x / size, y / size, z / size
+        for i in range(lower):
+            normal[0, i] += x * local[i]
+            normal[1, i] += y * local[i]
+            normal[2, i] += z * local[i]
+        factor = 2.0 * sigma if inner else sigma
+        for i in range(len(local)):
+            stiff[i] += factor * local[i]
+
+
+@helper
+def _gradients(normal, frame, lowered, powers, out):
+    """``out[a, b]`` = ∫ γ/2 ξ^a ∂ξ^b/∂n from the integrals with normals."""
+    for a in range(len(out)):
+        for b in range(len(out)):
+            value = 0.0
+            for d in range(3):
+                if powers[b, d] > 0:
+                    value += powers[b, d] / frame[3 + d] * normal[d, lowered[a, b, d]]
+            out[a, b] = value
+
+
+@helper
+def _transformed(form, left, right, terms, rooms, out):
+    """The transpose ``out`` of L form Rᵀ, L and R having the entries ``left`` and ``right`` at ``terms``."""
+    first, second = rooms[0], rooms[1]
+    n = len(out)
+    first[:] = 0.0
+    for t in range(len(terms)):
+        i, a, value = terms[t, 0], terms[t, 1], left[t]
+        for b in range(n):
+            first[i, b] += value * form[a, b]
+    for i in range(n):
+        for b in range(n):
+            second[b, i] = first[i, b]
+    out[:] = 0.0
+    for t in range(len(terms)):
+        j, b, value = terms[t, 0], terms[t, 1], right[t]
+        for i in range(n):
+            out[j, i] += value * second[b, i]
+
+
+@helper
+def _add_own(form, gradients, sign, sums, left, terms, rooms, block):
+    """Add what a cell's own polynomials make of a side to its block, which stays symmetric."""
+    n, whole, out = len(block), rooms[2], rooms[3]
+    for a in range(n):
+        for b in range(n):
+            whole[a, b] = form[sums[a, b]] - sign * (gradients[a, b] + gradients[b, a])
+    _transformed(whole, left, left, terms, rooms, out)
+    for i in range(n):
+        for j in range(i):
+            block[i, j] += out[i, j]
+            block[j, i] += out[i, j]
+        block[i, i] += out[i, i]
+
+
+@kernel
+def side_blocks(
+    points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, sides,
+    mine, slots, boxes, scale, sigma, kappa, rule, weights, powers, sums, lowered, terms, blocks,
+):  # fmt: skip
+    """Add −{κ∇u·n}[v] − {κ∇v·n}[u] + γσ[u][v] of ``sides (k,)`` to the blocks of cells that are ``mine``.
+
+    A block ``(m, m)`` is that of the cell of its row; ``slots (S, 2, 2)`` says which one holds (owner or
+    neighbour, owner or neighbour). ``kappa`` is the coefficient on both sides, of faces ``(F, 2, 1)`` or of
+    the points of their triangles ``(t, 2, q)``; ``sigma (F,)`` the penalty without it. Faces of σ = 0 are
+    skipped. ``vectors (F, 3)`` are area vectors. The tables are those of ``monomials``.
+    """
+    n, degree = blocks.shape[1], powers[len(powers) - 1, 2] // 2
+    table, lines = recurrences(degree), np.zeros((3, degree + 1, degree + 1))
+    along, frame, weighted = np.empty((3, 2 * degree + 1)), np.empty(6), np.empty(len(weights))
+    local, stiff = np.empty(len(powers)), np.empty(len(powers))
+    normal, gradients = np.empty((3, len(powers) - (degree + 1) * (2 * degree + 1))), np.empty((n, n))
+    left, right, rooms = np.empty(len(terms)), np.empty(len(terms)), np.empty((4, n, n))
+    for s in sides:
+        owner, neighbour = side_cells[s, 0], side_cells[s, 1]
+        _frame(owner, neighbour, boxes, frame)
+        stiff[:] = 0.0
+        normal[:] = 0.0
+        for h in range(side_offsets[s], side_offsets[s + 1]):
+            f = side_faces[h]
+            if sigma[f] != 0.0:
+                _add_face(
+                    points, face_offsets, face_vertices, f, vectors[f], face_cells[f, 0] != owner, sigma[f],
+                    kappa, neighbour >= 0, frame, rule, weights, powers, along, weighted, local, stiff,
+                    normal,
+                )  # fmt: skip
+        _gradients(normal, frame, lowered, powers, gradients)
+        _in_powers(boxes[owner], scale[owner], frame, table, powers, terms, lines, left)
+        if mine[owner]:
+            _add_own(stiff, gradients, 1.0, sums, left, terms, rooms, blocks[slots[s, 0, 0]])
+        if neighbour < 0:
+            continue
+        _in_powers(boxes[neighbour], scale[neighbour], frame, table, powers, terms, lines, right)
+        if mine[neighbour]:
+            _add_own(stiff, gradients, -1.0, sums, right, terms, rooms, blocks[slots[s, 1, 1]])
+        whole, out = rooms[2], rooms[3]
+        for a in range(n):
+            for b in range(n):
+                whole[a, b] = gradients[a, b] - gradients[b, a] - stiff[sums[a, b]]
+        _transformed(whole, right, left, terms, rooms, out)
+        for j in range(n):
+            for i in range(n):
+                if mine[neighbour]:
+                    blocks[slots[s, 1, 0], i, j] += out[j, i]
+                if mine[owner]:
+                    blocks[slots[s, 0, 1], j, i] += out[j, i]

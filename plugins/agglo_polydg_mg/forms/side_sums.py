@@ -1,0 +1,69 @@
+"""What sides of polyhedra add to the matrix, and what cells ask of their penalty."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import Float, Int, Mask, frozen_float, frozen_int, over_ranges
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.space.gauss_points import simplex_rule
+from agglo_polydg_mg.space.polynomials import monomials, orders
+
+__all__ = ["add_sides", "asked_by_solids"]
+
+_FEW = 2_000  # cells one thread looks at in some milliseconds
+
+
+def add_sides(basis: Basis, sides: Int, mine: Mask, sigma: Float, on_faces: Float, blocks: Float) -> None:
+    """Add what ``sides (k,)`` contribute to the ``blocks`` of the rows of cells that are ``mine``.
+
+    ``sigma (n_faces,)`` is the penalty, ``on_faces`` what
+    :func:`~agglo_polydg_mg.forms.face_quadrature.face_coefficients` makes of κ for all faces.
+    """
+    from agglo_polydg_mg.forms.side_kernels import side_blocks
+
+    mesh, p, own = basis.mesh, basis.degree, basis.sides
+    if basis.walk is not None:
+        sides = sides[np.argsort(basis.walk.turns[own.cells[sides, 0]], kind="stable")]
+    rule = _rule(p + 1, on_faces)
+    of_faces = mesh.face_offsets, mesh.face_vertices, mesh.face_cells, mesh.face_normals
+    of_sides = own.offsets, own.faces, own.cells, frozen_int(sides), mine, basis.pattern[3]
+    frames = basis.boxes, basis.scale, frozen_float(sigma), on_faces
+    side_blocks(mesh.local_points, *of_faces, *of_sides, *frames, *rule, *monomials(p), blocks)
+
+
+def asked_by_solids(basis: Basis, on_faces: Float, blocks: Float, held: Mask) -> tuple[Float, Mask]:
+    """What cells ask of the penalty of the ``held`` faces ``(n_faces, 2)``; which can ``(n_cells,)``.
+
+    As in 2-D, with sides in place of faces: all faces of a side have the penalty that a cell asks of it.
+    """
+    from agglo_polydg_mg.forms.side_trace_kernels import solid_penalties
+
+    mesh, p, own = basis.mesh, basis.degree, basis.sides
+    asked = np.zeros((len(own.cells), 2))
+    given = held, on_faces, *_rule(p, on_faces), orders(p, 3)
+    of_cells = basis.boxes, basis.scale, basis.fill, blocks
+    offsets, sides, beside, joined = own.cell_offsets, own.cell_sides, mesh.face_cells, own.cells
+    walk = basis.walk
+    if walk is not None:
+        offsets, sides = walk.rows(offsets, sides)
+        of_cells = tuple(frozen_float(each[walk.cells]) for each in of_cells)
+        beside, joined = frozen_int(walk.turns[beside]), frozen_int(walk.turns[joined])
+    shape = mesh.local_points, mesh.face_offsets, mesh.face_vertices, beside, mesh.face_normals
+
+    def ask(start: int, stop: int) -> np.ndarray:
+        cells = offsets[start : stop + 1], sides, start, *(each[start:stop] for each in of_cells)
+        return np.asarray(solid_penalties(*shape, own.offsets, own.faces, joined, *cells, *given, asked))
+
+    resolved = np.concatenate(over_ranges(ask, mesh.n_cells, few=_FEW))
+    resolved = resolved if walk is None else walk.back(resolved)
+    turned = mesh.face_cells[:, 0] != own.cells[own.of_faces, 0]
+    of_faces = np.where(held[:, None], asked[own.of_faces], 0.0)
+    of_faces[turned] = of_faces[turned][:, ::-1]
+    return of_faces, resolved
+
+
+def _rule(n: int, on_faces: Float) -> tuple[Float, Float]:
+    """Points and weights of triangles: those at which the coefficient is given, or n in each direction."""
+    count = on_faces.shape[2]
+    return simplex_rule(2, n if count == 1 else round(np.sqrt(count)))

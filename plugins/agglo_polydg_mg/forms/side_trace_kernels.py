@@ -1,0 +1,144 @@
+"""Kernel of the sharp penalty in space: how large normal derivatives on its sides a cell allows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import helper, kernel
+from agglo_polydg_mg.forms.bound_kernels import factorise
+from agglo_polydg_mg.forms.form_balance import balance, balancing, most_faces, whiten
+from agglo_polydg_mg.forms.trace_kernels import RESOLVED
+from agglo_polydg_mg.space.legendre_kernels import LANES, legendre_at, recurrences
+
+__all__ = ["solid_penalties"]
+
+
+@helper
+def _slopes_at(values, table, out):
+    """Derivatives of the polynomials ``values``, as ``legendre_at`` gives them."""
+    before, slope = 0.0, 0.0
+    out[0] = 0.0
+    for k in range(table.shape[1]):
+        before, slope = slope, table[2, k] * before + table[3, k] * values[k]
+        out[k + 1] = slope
+
+
+@helper
+def _normal_slopes(x, y, z, normal, table, lines, orders, slopes):
+    """Derivatives along ``normal`` of the polynomials but the constant at a point of the box."""
+    degree = table.shape[1]
+    lx, ly, lz, dx, dy, dz = lines[0], lines[1], lines[2], lines[3], lines[4], lines[5]
+    legendre_at(x, degree, table, lx)
+    legendre_at(y, degree, table, ly)
+    legendre_at(z, degree, table, lz)
+    _slopes_at(lx, table, dx)
+    _slopes_at(ly, table, dy)
+    _slopes_at(lz, table, dz)
+    for k in range(1, len(orders)):
+        i, j, m = orders[k, 0], orders[k, 1], orders[k, 2]
+        value = normal[0] * dx[i] * ly[j] * lz[m] + normal[1] * lx[i] * dy[j] * lz[m]
+        slopes[0, k - 1] = value + normal[2] * lx[i] * ly[j] * dz[m]
+
+
+@helper
+def _add_form(slopes, mass, n, form):
+    """Add mass y yᵀ with y = slopes[0] to a form: lower half, row by row, and trace."""
+    place, last = 0, len(form) - 1
+    for i in range(n):
+        value = mass * slopes[0, i]
+        for j in range(i + 1):
+            form[place] += value * slopes[0, j]
+            place += 1
+        form[last] += value * slopes[0, i]
+
+
+@helper
+def _trace_face(
+    points, face_offsets, face_vertices, f, vector, side, outer, kappa, rule, weights, orders, box, scale,
+    factor, rooms, form,
+):  # fmt: skip
+    """Add what a face makes of the whitened normal derivatives of a cell to a form; its area."""
+    table, lines, slopes, normal = rooms[0], rooms[1], rooms[2], rooms[3]
+    first, area, n = face_offsets[f], 0.0, len(orders) - 1
+    a = points[face_vertices[first]]
+    for k in range(first + 1, face_offsets[f + 1] - 1):
+        b, c = points[face_vertices[k]], points[face_vertices[k + 1]]
+        x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
+        y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+        z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        size = np.sqrt(x * x + y * y + z * z)
+        if size == 0.0:
+            continue
+        if x * vector[0] + y * vector[1] + z * vector[2] < 0.0:
+            size = -size
+        area += 0.5 * size
+        normal[0], normal[1] = scale * x / size / box[3], scale * y / size / box[4]
+        normal[2] = scale * z / size / box[5]
+        row = f if kappa.shape[2] == 1 else first - 2 * f + k - first - 1
+        for q in range(len(weights)):
+            at = min(q, kappa.shape[2] - 1)
+            own, across = kappa[row, side, at], kappa[row, 1 - side, at]
+            share = own if outer else 0.5 * own * (across / (own + across))
+            s, t = rule[q, 0], rule[q, 1]
+            _normal_slopes(
+                (a[0] + s * (b[0] - a[0]) + t * (c[0] - a[0]) - box[0]) / box[3],
+                (a[1] + s * (b[1] - a[1]) + t * (c[1] - a[1]) - box[1]) / box[4],
+                (a[2] + s * (b[2] - a[2]) + t * (c[2] - a[2]) - box[2]) / box[5],
+                normal, table, lines, orders, slopes,
+            )  # fmt: skip
+            whiten(slopes, 0, factor, n)
+            _add_form(slopes, share * weights[q] * size, n, form)
+    return area
+
+
+@kernel
+def solid_penalties(
+    points, face_offsets, face_vertices, face_cells, vectors, side_offsets, side_faces, side_cells, offsets,
+    cell_sides, first_cell, boxes, scale, fill, blocks, held, kappa, rule, weights, orders, asked,
+):  # fmt: skip
+    """Write to ``asked (S, 2)`` what cells ``first_cell``, ... ask of the penalty of their sides; who can.
+
+    As ``side_penalties`` in ``trace_kernels``; only faces that are ``held`` count. ``kappa`` is the
+    coefficient on both sides, of faces ``(F, 2, 1)`` or of the points of their triangles ``(t, 2, q)``.
+    """
+    n, n_cells, most = len(orders) - 1, len(offsets) - 1, most_faces(offsets)
+    degree = orders[len(orders) - 1, 2]
+    resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
+    areas, shares, factor, rooms = np.empty(most), np.ones(most), np.empty((n, n)), balancing(most, n)
+    tracing = recurrences(degree), np.empty((6, degree + 1)), np.empty((1, n)), np.empty(3)
+    for begin in range(0, n_cells, LANES):
+        end, start = min(begin + LANES, n_cells), offsets[begin]
+        for c in range(begin, end):
+            for i in range(n):
+                for j in range(i + 1):
+                    factor[i, j] = blocks[c, i + 1, j + 1]
+            resolved[c] = factorise(factor, n, RESOLVED / fill[c])
+            for h in range(offsets[c], offsets[c + 1]):
+                s, k = cell_sides[h], h - start
+                areas[k] = 0.0
+                forms[k, :] = 0.0
+                for at in range(side_offsets[s], side_offsets[s + 1] if resolved[c] else 0):
+                    f = side_faces[at]
+                    if not held[f]:
+                        continue
+                    side = 0 if face_cells[f, 0] == first_cell + c else 1
+                    areas[k] += _trace_face(
+                        points, face_offsets, face_vertices, f, vectors[f], side, side_cells[s, 1] < 0, kappa,
+                        rule, weights, orders, boxes[c], scale[c], factor, tracing, forms[k],
+                    )  # fmt: skip
+        balance(
+            offsets,
+            cell_sides,
+            side_cells,
+            first_cell,
+            begin,
+            end,
+            forms,
+            start,
+            shares,
+            areas,
+            n,
+            rooms,
+            asked,
+        )
+    return resolved

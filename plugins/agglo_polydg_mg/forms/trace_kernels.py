@@ -1,0 +1,178 @@
+"""Kernel of the sharp penalty: how large normal derivatives on its faces a cell allows.
+
+Either at once, whatever κ; or in two parts where κ is one number in each cell: what is geometry alone is
+kept, and scaled by each κ.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import helper, kernel
+from agglo_polydg_mg.forms.bound_kernels import factorise
+from agglo_polydg_mg.forms.form_balance import balance, balancing, most_faces, whiten
+from agglo_polydg_mg.space.legendre_kernels import CONSTANT, LANES, along_box, recurrences
+
+__all__ = ["RESOLVED", "scaled_penalties", "side_penalties", "whitened_forms"]
+
+RESOLVED = 1e-10  # of a pivot to its diagonal entry, times the share of its box a cell fills
+
+
+@helper
+def _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q):
+    """Normal derivatives of the polynomials but the constant at a point of the box, into ``slopes[q]``."""
+    degree = table.shape[1]
+    for axis in range(2):
+        at, value, slope, before, below = (x, y)[axis], CONSTANT, 0.0, 0.0, 0.0
+        lines[axis, 0], lines[2 + axis, 0] = value, slope
+        for k in range(degree):
+            slope, below = table[2, k] * below + table[3, k] * value, slope
+            value, before = table[0, k] * at * value - table[1, k] * before, value
+            lines[axis, k + 1], lines[2 + axis, k + 1] = value, slope
+    k = 0
+    for total in range(1, degree + 1):
+        for j in range(total + 1):
+            i = total - j
+            slopes[q, k] = along_x * lines[2, i] * lines[1, j] + along_y * lines[0, i] * lines[3, j]
+            k += 1
+
+
+@helper
+def _face_form(slopes, masses, n, forms, face):
+    """Σ_q masses[q] y yᵀ with y = slopes[q] to ``forms[face]``: lower half, row by row, and trace."""
+    trace, place = 0.0, 0
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for q in range(len(masses)):
+                value += masses[q] * slopes[q, i] * slopes[q, j]
+            forms[face, place] = value
+            place += 1
+        trace += value
+    forms[face, place] = trace
+
+
+@helper(allocates=True)
+def _tracing(rules, degree, n):
+    """Where :func:`_trace` computes, and the recurrences of its polynomials."""
+    return (
+        recurrences(degree), np.empty((4, degree + 1)), np.empty((rules, n)), np.empty(rules),
+        np.empty((n, n)),
+    )  # fmt: skip
+
+
+@helper
+def _trace(
+    points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale, fill,
+    blocks, kappa, nodes, weights, n, rooms, forms, base, lengths, resolved,
+):  # fmt: skip
+    """Write the form of each face h of cells ``begin`` to ``end`` to ``forms[h - base]``.
+
+    ``lengths`` are those of the faces, counted from the first; 0 where there is no form.
+    """
+    table, lines, slopes, masses, factor = rooms
+    start = offsets[begin]
+    for c in range(begin, end):
+        for i in range(n):
+            for j in range(i + 1):
+                factor[i, j] = blocks[c, i + 1, j + 1]
+        resolved[c] = factorise(factor, n, RESOLVED / fill[c])
+        for h in range(offsets[c], offsets[c + 1]):
+            f, k = faces[h], h - start
+            lengths[k] = 0.0
+            if not (resolved[c] and held[f]):
+                continue
+            a, b = face_vertices[f, 0], face_vertices[f, 1]
+            ex, ey = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            length = np.sqrt(ex * ex + ey * ey)
+            if not length > 0.0:
+                continue
+            wide, high = 1.0 / boxes[c, 2], 1.0 / boxes[c, 3]
+            ex, ey = along_box(ex, ey, boxes[c])
+            ax, ay = along_box(points[a, 0] - boxes[c, 0], points[a, 1] - boxes[c, 1], boxes[c])
+            along_x, along_y = scale[c] * ey / length * wide, -scale[c] * ex / length * high
+            ax, ay = ax * wide, ay * high
+            side = 0 if face_cells[f, 0] == first_cell + c else 1
+            for q in range(len(nodes)):
+                at = min(q, kappa.shape[2] - 1)
+                own, across = kappa[f, side, at], kappa[f, 1 - side, at]
+                share = own if face_cells[f, 1] < 0 else 0.5 * own * (across / (own + across))
+                masses[q] = 0.5 * weights[q] * length * share
+                s = 0.5 * (1.0 + nodes[q])
+                x, y = ax + s * ex * wide, ay + s * ey * high
+                _normal_slopes(x, y, along_x, along_y, table, lines, slopes, q)
+                whiten(slopes, q, factor, n)
+            lengths[k] = length
+            _face_form(slopes, masses, n, forms, h - base)
+
+
+@kernel
+def side_penalties(
+    points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
+    nodes, weights, degree, asked,
+):  # fmt: skip
+    """Write to ``asked (F, 2)`` what cells ``first_cell``, ... ask of the penalty of their faces; who can.
+
+    With S the stiffness ``blocks (n, m, m)`` without the constant and T_F = ∫_F c ∂v/∂n ∂w/∂n, c = ωκ/2
+    inside and κ at the boundary, ω the weight of the cell in the average: Σ_F T_F / s_F <= S. The
+    result is False for cells whose S is singular to rounding: nothing is said of them. Faces that are not
+    ``held`` have no penalty. ``fill (n,)`` is the part of its bounding box a cell fills.
+    """
+    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
+    resolved, forms = np.ones(n_cells, np.bool_), np.zeros((most, (n * (n + 1)) // 2 + 1))
+    lengths, shares = np.empty(most), np.ones(most)
+    tracing, rooms = _tracing(len(nodes), degree, n), balancing(most, n)
+    for begin in range(0, n_cells, LANES):
+        end, start = min(begin + LANES, n_cells), offsets[begin]
+        _trace(
+            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale,
+            fill, blocks, kappa, nodes, weights, n, tracing, forms, start, lengths, resolved,
+        )  # fmt: skip
+        balance(
+            offsets, faces, face_cells, first_cell, begin, end, forms, start, shares, lengths, n, rooms,
+            asked,
+        )  # fmt: skip
+    return resolved
+
+
+@kernel
+def whitened_forms(
+    points, offsets, faces, face_vertices, face_cells, first_cell, held, boxes, scale, fill, blocks, kappa,
+    nodes, weights, degree, forms,
+):  # fmt: skip
+    """Write to ``forms (h, k)`` those :func:`side_penalties` makes, with the same result.
+
+    T_F of each face h of the list, whitened by the stiffness: the lower half, row by row, and its trace.
+    """
+    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
+    resolved, lengths, rooms = np.ones(n_cells, np.bool_), np.empty(most), _tracing(len(nodes), degree, n)
+    for begin in range(0, n_cells, LANES):
+        end = min(begin + LANES, n_cells)
+        _trace(
+            points, offsets, faces, face_vertices, face_cells, first_cell, begin, end, held, boxes, scale,
+            fill, blocks, kappa, nodes, weights, n, rooms, forms, 0, lengths, resolved,
+        )  # fmt: skip
+    return resolved
+
+
+@kernel
+def scaled_penalties(
+    offsets, faces, face_cells, first_cell, held, face_lengths, kappa, forms, resolved, degree, asked
+):  # fmt: skip
+    """As :func:`side_penalties`, of :func:`whitened_forms` for c = κ = 1, with ``kappa (n,)``."""
+    n, n_cells, most = (degree + 1) * (degree + 2) // 2 - 1, len(offsets) - 1, most_faces(offsets)
+    lengths, shares, rooms = np.empty(most), np.empty(most), balancing(most, n)
+    for begin in range(0, n_cells, LANES):
+        end, start = min(begin + LANES, n_cells), offsets[begin]
+        for c in range(begin, end):
+            cell = first_cell + c
+            for h in range(offsets[c], offsets[c + 1]):
+                f, k = faces[h], h - start
+                other = face_cells[f, 0] + face_cells[f, 1] - cell
+                lengths[k] = face_lengths[f] if resolved[cell] and held[f] else 0.0
+                shares[k] = 1.0
+                if other >= 0:
+                    shares[k] = 0.5 * kappa[other] / (kappa[cell] + kappa[other])
+        balance(
+            offsets, faces, face_cells, first_cell, begin, end, forms, 0, shares, lengths, n, rooms, asked
+        )

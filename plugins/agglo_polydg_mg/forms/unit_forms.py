@@ -1,0 +1,102 @@
+"""What a coefficient only scales: the parts of a matrix for κ = 1, kept from one problem to the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from agglo_core.authoring import Field, Float, frozen_float, over_ranges
+from agglo_polydg_mg.space.basis import Basis, stiffness
+from agglo_polydg_mg.space.gauss_points import gauss
+
+__all__ = ["UnitForms"]
+
+_FEW: Final = 2_000  # cells or faces one thread looks at in some milliseconds
+_MOST: Final = 2**31
+"""Bytes kept at most; a basis needs about twice those of its matrix, 2.5 kB for a triangle with p = 2."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitForms:
+    """Parts of the matrices of a basis that do not depend on κ, where it is one number in each cell.
+
+    Of a face, κ scales its block by the harmonic mean of both sides, and what its cells ask of its penalty by
+    the share κ of the other side has in their sum; of a cell, its stiffness. They are made when first asked
+    for; not for a basis so large that they do not ``fit``.
+    """
+
+    basis: Basis
+
+    @property
+    def fit(self) -> bool:
+        """Whether there are any, which is so in 2-D, and all together take 2 GiB or less."""
+        if self.basis.mesh.dim != 2:
+            return False
+        m, mesh = self.basis.n_local, self.basis.mesh
+        numbers = mesh.n_faces * 2 * m * (2 * m + 1) + mesh.n_cells * m * m
+        return 8 * (numbers + len(mesh.cell_faces[1]) * ((m - 1) * m // 2 + 1)) <= _MOST
+
+    @cached_property
+    def stiffness(self) -> Float:
+        """That of :func:`~agglo_polydg_mg.space.basis.stiffness` ``(n_cells, m, m)``."""
+        return frozen_float(stiffness(self.basis, 1.0))
+
+    @cached_property
+    def faces(self) -> Float:
+        """Blocks of the faces ``(n_faces, 2, m (2 m + 1))``: see ``unit_faces`` in ``face_kernels``."""
+        from agglo_polydg_mg.forms.face_kernels import unit_faces
+
+        basis, mesh = self.basis, self.basis.mesh
+        units = np.zeros((mesh.n_faces, 2, basis.n_local * (2 * basis.n_local + 1)))
+        of_faces = mesh.local_points, mesh.face_pairs, mesh.face_cells
+        given = mesh.face_measures, basis.boxes, basis.scale, *gauss(basis.degree + 1), basis.degree
+
+        def write(start: int, stop: int) -> None:
+            unit_faces(*of_faces, start, *given, units[start:stop])
+
+        over_ranges(write, mesh.n_faces, few=_FEW)
+        return frozen_float(units)
+
+    @cached_property
+    def _whitened(self) -> tuple[Float, np.ndarray]:
+        """Forms of normal derivatives, and which cells ``(n_cells,)`` have any: see ``whitened_forms``."""
+        from agglo_polydg_mg.forms.trace_kernels import whitened_forms
+
+        basis, mesh, m = self.basis, self.basis.mesh, self.basis.n_local
+        points, (offsets, faces), sides = (
+            mesh.local_points,
+            mesh.cell_faces,
+            (mesh.face_pairs, mesh.face_cells),
+        )
+        forms = np.zeros((len(faces), (m - 1) * m // 2 + 1))
+        of_cells, rule = (basis.boxes, basis.scale, basis.fill, self.stiffness), gauss(basis.degree)
+        held, ones = np.ones(mesh.n_faces, bool), np.where(mesh.face_cells[:, 1] < 0, 1.0, 4.0)
+        on_faces = frozen_float(np.stack((ones, ones), axis=1)[:, :, None])  # of which ωκ/2 = 1
+
+        def write(start: int, stop: int) -> np.ndarray:
+            own = [each[start:stop] for each in of_cells]
+            shape = points, offsets[start : stop + 1], faces, *sides, start
+            return np.asarray(whitened_forms(*shape, held, *own, on_faces, *rule, basis.degree, forms))
+
+        resolved = np.concatenate(over_ranges(write, mesh.n_cells, few=_FEW))
+        return frozen_float(forms), resolved
+
+    def asked(self, kappa: Field, held: np.ndarray) -> tuple[Float, np.ndarray]:
+        """What cells ask of the faces that are ``held``, for κ ``(n_cells,)``, and which of them can.
+
+        ``(n_faces, 2)`` and ``(n_cells,)``, as ``side_penalties`` in ``trace_kernels`` has them.
+        """
+        from agglo_polydg_mg.forms.trace_kernels import scaled_penalties
+
+        mesh, (forms, resolved), values = self.basis.mesh, self._whitened, frozen_float(kappa)
+        (offsets, faces), asked = mesh.cell_faces, np.zeros((mesh.n_faces, 2))
+
+        def ask(start: int, stop: int) -> None:
+            given = offsets[start : stop + 1], faces, mesh.face_cells, start, held, mesh.face_measures
+            scaled_penalties(*given, values, forms, resolved, self.basis.degree, asked)
+
+        over_ranges(ask, mesh.n_cells, few=_FEW)
+        return asked, resolved

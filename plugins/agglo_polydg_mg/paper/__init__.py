@@ -1,0 +1,1 @@
+"""The paper's multigrid, and multigrid composed by name."""

@@ -1,0 +1,212 @@
+"""Multigrid put together by the user, its parts, its cycle and the iteration around it by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.authoring import (
+    Hierarchy,
+    Int,
+    Listener,
+    OptionError,
+    Problem,
+    Registry,
+    Smoother,
+    Solution,
+    Tell,
+    multigrid,
+    phase,
+    to_nobody,
+)
+from agglo_polydg_mg.auxiliary.transfer import chosen_levels
+from agglo_polydg_mg.forms.penalty import Penalty
+from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name, require_truth
+from agglo_polydg_mg.paper.outer_iterations import (
+    CYCLES,
+    OUTER,
+    Cycle,
+    Outer,
+    iterate,
+    require_linear,
+    require_together,
+)
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.operators import LevelSpaces, level_spaces
+from agglo_polydg_mg.solver.stationary import unsolved
+from agglo_polydg_mg.stopwatch import Stopwatch
+
+__all__ = ["ComposedMultigrid"]
+
+
+class ComposedMultigrid:
+    """PolyDG, or a linear system, by a multigrid method whose parts are chosen one by one.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    transfer : str, object with ``prolongation``, or callable
+        ``smoothed``, ``injection``, ``aggregation`` or another component of kind ``transfer``; these parts
+        are those of :class:`agglo_core.multigrid.Composition`.
+    coarse_operator : str, object with ``coarse_matrix``, or callable
+        ``galerkin``, ``rediscretised`` or another component of kind ``coarse_operator``.
+    smoother : str, object with ``setup``, or callable
+        Component of kind ``smoother``: ``gauss_seidel``, ``chebyshev``, ``vertex_patches``, ``schwarz``, ….
+    coarse_solver : str, object with ``solver_for``, or callable
+        ``elimination``, ``dense``, ``lu`` or another component of kind ``coarse_solver``.
+    cycle : "V", "W", "F" or "K"
+        F is not symmetric and K not linear; see :func:`agglo_core.multigrid.cycle`.
+    outer : "cg", "flexible_cg" or "stationary"
+        Conjugate gradients, for a cycle that is linear and symmetric; such as bear with one that is not; or
+        the cycle alone, repeated.
+    smoothing_steps : int
+        Before and after each correction by the next level.
+    levels : int, optional
+        How many of mesh, level 0, 1, … to use; by default all. The last one is solved directly.
+    tolerance : float
+    max_iterations : int
+    penalty : float, "paper" or "sharp"
+        See :class:`~agglo_polydg_mg.polydg.PolyDG`.
+    scaled_basis : bool
+        Scale the basis by the size of each cell's bounding box.
+    corrections : bool
+        Whether smoothers that use it are given the correction by the next level. Its matrices are inherited,
+        Pᵀ A P from the mesh down, whatever the coarse operator.
+    registry : Registry, optional
+        Where names are looked up; by default that of the program.
+
+    Raises
+    ------
+    OptionError
+        For any other value, and for a cycle that the iteration cannot use.
+    """
+
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    tells_progress: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        degree: int = 1,
+        transfer: str | multigrid.Transfer = "smoothed",
+        coarse_operator: str | multigrid.CoarseOperator = "galerkin",
+        smoother: str | Smoother = "gauss_seidel",
+        coarse_solver: str | multigrid.CoarseSolver = "elimination",
+        cycle: Cycle = "V",
+        outer: Outer = "cg",
+        smoothing_steps: int = 1,
+        levels: int | None = None,
+        tolerance: float = 1e-6,
+        max_iterations: int = 1000,
+        penalty: Penalty = "sharp",
+        scaled_basis: bool = True,
+        corrections: bool = True,
+        *,
+        registry: Registry | None = None,
+    ) -> None:
+        require_count("smoothing_steps", smoothing_steps, 1)
+        require_count("max_iterations", max_iterations, 1)
+        if levels is not None:
+            require_count("levels", levels, 2)
+        require_fraction("tolerance", tolerance)
+        require_name("cycle", cycle, CYCLES)
+        require_name("outer", outer, OUTER)
+        require_truth("corrections", corrections)
+        require_together(cycle, outer)
+        self.discretisation = PolyDG(degree, penalty, scaled_basis)
+        self.composition = multigrid.Composition(
+            transfer, coarse_operator, smoother, coarse_solver, registry=registry
+        )
+        self.cycle, self.outer = cycle, outer
+        self.smoothing_steps, self.levels, self.corrections = smoothing_steps, levels, corrections
+        self.tolerance, self.max_iterations = tolerance, max_iterations
+
+    @property
+    def galerkin(self) -> bool:
+        """Whether coarse matrices are Pᵀ A P."""
+        return self.composition.galerkin
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` names the parts.
+
+        Raises
+        ------
+        OptionError
+            If problem, hierarchy and parts do not fit together, no level is coarser than the mesh, data are
+            not finite, or the cycle is not linear and symmetric where ``outer`` is ``cg``.
+        MeshError
+            For a mesh of cells that overlap themselves; for such agglomerates if rediscretised.
+        """
+        watch = Stopwatch()
+        labels = chosen_levels(hierarchy, self.levels)
+        with watch("assemble"), phase(progress, "assembling"):
+            spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
+        fine, parts = spaces.fine, self.parts_for(problem)
+        choice = f"{parts.title}, {self.cycle}-cycle, {self.outer}"
+        try:
+            with watch("setup"), phase(progress, "setting up the levels") as tell:
+                stack = self._stack(parts, spaces, labels, tell)
+                M = self._cycle(parts, stack)
+        except np.linalg.LinAlgError as failure:
+            watch.wall["solve"] = watch.cpu["solve"] = 0.0
+            history = unsolved(fine.b, str(failure))
+            nothing = fine.solution(history, [(fine.A, None)], watch, self.tolerance)
+            return replace(nothing, choice=choice)
+        with watch("solve"), phase(progress, "solving") as tell:
+            history = iterate(self.outer, fine, M, self.tolerance, self.max_iterations, tell)
+        return replace(
+            fine.solution(history, stack.operators, watch, self.tolerance),
+            operator_complexity=stack.operator_complexity,
+            grid_complexity=stack.grid_complexity,
+            parts=stack.parts,
+            memory=stack.memory,
+            choice=choice,
+        )
+
+    def parts_for(self, problem: Problem) -> multigrid.Composition:
+        """The parts for a problem."""
+        return self.composition
+
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
+        """One cycle ``(n, n)``; symmetric where ``outer`` is ``cg``.
+
+        Raises
+        ------
+        OptionError, MeshError
+            As :meth:`solve`; and if the matrix is not positive definite.
+        """
+        labels = chosen_levels(hierarchy, self.levels)
+        spaces = level_spaces(problem, hierarchy, labels, self.discretisation)
+        parts = self.parts_for(problem)
+        try:
+            M = self._cycle(parts, self._stack(parts, spaces, labels))
+        except np.linalg.LinAlgError as failure:
+            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+        return spaces.fine.preconditioner(M)
+
+    def _stack(
+        self,
+        parts: multigrid.Composition,
+        spaces: LevelSpaces,
+        labels: Sequence[Int],
+        tell: Tell = to_nobody,
+    ) -> multigrid.LevelStack:
+        return parts.stack(
+            spaces.system,
+            labels,
+            injected=spaces.injected,
+            rediscretised=spaces.rediscretised,
+            steps=self.smoothing_steps,
+            corrections=self.corrections,
+            tell=tell,
+        )
+
+    def _cycle(self, parts: multigrid.Composition, stack: multigrid.LevelStack) -> LinearOperator:
+        M = multigrid.cycle(stack, self.cycle)
+        if self.outer == "cg":
+            require_linear(M, parts.title)
+        return M

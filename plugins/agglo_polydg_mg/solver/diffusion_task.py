@@ -1,0 +1,235 @@
+"""Diffusion problems as the default solver takes them: the system, its levels, one right-hand side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.authoring import (
+    AggloError,
+    Diffusion,
+    Float,
+    Hierarchy,
+    History,
+    Int,
+    OptionError,
+    Solution,
+    Tell,
+    pcg,
+)
+from agglo_polydg_mg.forms.unit_forms import UnitForms
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.advice import advice_of_multigrid
+from agglo_polydg_mg.solver.numbering import Numbering, numbering_for
+from agglo_polydg_mg.solver.operators import FineSystem, fine_system
+from agglo_polydg_mg.solver.recipes import Plan, Wishes, levels_by_default, plan_for
+from agglo_polydg_mg.solver.stationary import unsolved
+from agglo_polydg_mg.space.basis import Basis
+from agglo_polydg_mg.stopwatch import Stopwatch
+
+__all__ = ["DiffusionTask"]
+
+_RAISED: Final = (0.0, 1e-12)
+_MOST: Final = 1e-10
+"""Parts of the diagonal that are added to it, one after the other, until levels can be made."""
+
+
+class DiffusionTask:
+    """A diffusion problem discretised on the mesh of a hierarchy, with ``units`` of an earlier one if given.
+
+    A ``plan`` is that of levels which are there already; without one it is made when first asked for. All
+    is in the ``numbering`` of the cells: that of an earlier problem, if given.
+
+    Raises
+    ------
+    OptionError, MeshError
+        As :func:`~agglo_polydg_mg.solver.operators.fine_system`.
+    """
+
+    def __init__(
+        self,
+        problem: Diffusion,
+        hierarchy: Hierarchy,
+        how: PolyDG,
+        wishes: Wishes,
+        count: int | None,
+        units: UnitForms | None = None,
+        plan: Plan | None = None,
+        numbering: Numbering | None = None,
+    ) -> None:
+        if hierarchy.fine is None:
+            raise OptionError("a diffusion problem needs a mesh; this hierarchy belongs to a bare graph")
+        self.numbering = numbering or numbering_for(hierarchy)
+        self.problem, self.hierarchy = self.numbering.problem(problem), self.numbering.hierarchy
+        self.count, self._penalty, self._wishes, self._plan = count, how.penalty, wishes, plan
+        try:
+            self.basis: Basis = how.basis(self.numbering.mesh) if units is None else units.basis
+            self.fine = fine_system(self.problem, self.hierarchy, how, self.basis, units)
+        except AggloError:
+            if self.numbering.cells is not None:
+                fine_system(problem, hierarchy, how)  # says the same with the user's numbers of cells
+            raise
+
+    @property
+    def plan(self) -> Plan:
+        """How the levels are made."""
+        if self._plan is None:
+            self._plan = plan_for(self.problem, self.fine, self.basis, self._wishes)
+        return self._plan
+
+    def forget_plan(self) -> None:
+        """Levels are made anew, for this problem."""
+        self._plan = None
+
+    @property
+    def A(self) -> Any:
+        """The matrix ``(n, n)``."""
+        return self.fine.A
+
+    @property
+    def columns(self) -> list[Float]:
+        """The right-hand side."""
+        return [self.fine.b]
+
+    @property
+    def choice(self) -> str:
+        """Which levels, and why."""
+        return self.plan.reason + self.numbering.remark
+
+    @property
+    def advice(self) -> str:
+        """Whether a direct solver would take less time."""
+        return advice_of_multigrid(self.fine.A, self.plan.kind, 1, self._penalty)
+
+    @property
+    def cycle(self) -> str:
+        """Kind of the cycle."""
+        return self.plan.cycle
+
+    @property
+    def single(self) -> bool:
+        """Whether cycles are in single precision."""
+        return bool(self.plan.dtype == np.float32)
+
+    def in_double(self) -> None:
+        """Go on in double precision."""
+        if self.single:
+            reason = f"{self.plan.reason}; double precision took over"
+            self._plan = replace(self.plan, dtype=np.float64, reason=reason)
+
+    def retreat(self) -> bool:
+        """Go on in double precision or, if that is what failed, by patches if the recipe was not fixed.
+
+        False if there is nothing left to try.
+        """
+        if self.single:
+            self.in_double()
+            return True
+        if self.plan.recipe == "patches" or self._wishes.recipe != "auto":
+            return False
+        failed = f"{self.plan.reason}, which failed"
+        other = Wishes("patches", self._wishes.cycle, "double")
+        plan = plan_for(self.problem, self.fine, self.basis, other)
+        self._plan = replace(plan, reason=f"{plan.reason} in place of: {failed}")
+        self.__dict__.pop("labels", None)  # levels that the recipe before did without
+        return True
+
+    @property
+    def makes_levels(self) -> bool:
+        """Whether agglomerates are made here: the hierarchy has none, and the recipe needs some.
+
+        Aggregates of vertices come as well from the graph of their matrix (a recipe with a continuous space).
+        """
+        return not self.hierarchy.levels and (self.plan.recipe != "conforming" or self.count is not None)
+
+    @cached_property
+    def labels(self) -> list[Int]:
+        """Labels of the levels, finest first."""
+        wanted = self.hierarchy.levels or self.makes_levels
+        first = self.plan.cells_per_part(self.basis.degree)
+        return levels_by_default(self.hierarchy, self.count, first) if wanted else []
+
+    def stack(self) -> Any:
+        """The levels; LinAlgError if a matrix is not positive definite.
+
+        Blocks of very flat cells may be indefinite by rounding; levels are then made, in double precision,
+        of a matrix whose diagonal is a little larger. It is only their own: what is solved stays as it is. If
+        that does not help either another recipe is taken, unless one was asked for.
+        """
+        for more in _RAISED:
+            try:
+                return self.plan.stack(self.problem, self._raised(more), self.basis, self.labels)
+            except np.linalg.LinAlgError:
+                self.in_double()
+        self._plan = replace(
+            self.plan, reason=f"{self.plan.reason}; levels of a diagonal larger by {_MOST:g}"
+        )
+        try:
+            return self.plan.stack(self.problem, self._raised(_MOST), self.basis, self.labels)
+        except np.linalg.LinAlgError:
+            if not self.retreat():
+                raise
+        return self.stack()
+
+    def _raised(self, part: float) -> FineSystem:
+        """The system with a part of the diagonal of its matrix added to it."""
+        A = self.fine.A
+        if part == 0.0:
+            return self.fine
+        larger = sparse.bsr_array(A + sparse.diags_array(part * A.diagonal()), blocksize=A.blocksize)
+        larger.sort_indices()
+        return self.fine._replace(A=larger)
+
+    def parts(self, stack: Any) -> tuple[int | None, ...]:
+        """Agglomerates of each level; None of a level with unknowns at vertices."""
+        below, cells = stack.levels[1:], self.hierarchy.graph.n
+        if self.plan.recipe == "conforming":
+            return cells, *(None for _ in below)
+        return cells, *(int(each.labels.max()) + 1 for each in below)
+
+    def iterate(
+        self,
+        M: LinearOperator,
+        tolerance: float,
+        most: int,
+        before: Sequence[History] | None,
+        tell: Tell,
+        pace: float | None = None,
+    ) -> list[History]:
+        """Conjugate gradients, from where others ended if there are any: the history of the only column."""
+        measure = self.fine.measure
+        found = pcg(
+            self.fine.A,
+            self.fine.b,
+            M,
+            before[0].x if before else None,
+            tolerance=tolerance,
+            most=most,
+            stop="both",
+            probe=False,
+            pace=pace,
+            measure=measure,
+            energy=measure.energy,
+            tell=tell,
+        )
+        return [found]
+
+    def unsolved(self, reason: str) -> list[History]:
+        """The history of an iteration that could not start."""
+        return [unsolved(self.fine.b, reason)]
+
+    def solution(
+        self,
+        histories: Sequence[History],
+        operators: list[tuple[Any, Any]],
+        watch: Stopwatch,
+        tolerance: float,
+    ) -> Solution:
+        """The solution that histories lead to."""
+        return self.fine.solution(histories[0], operators, watch, tolerance)

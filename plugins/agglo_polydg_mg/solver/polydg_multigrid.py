@@ -1,0 +1,131 @@
+"""The default solver: conjugate gradients preconditioned by multigrid on agglomerates."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.authoring import Hierarchy, Listener, OptionError, Problem, Solution, multigrid
+from agglo_polydg_mg.forms.penalty import Penalty
+from agglo_polydg_mg.option_checks import require_count, require_fraction, require_name
+from agglo_polydg_mg.polydg import PolyDG
+from agglo_polydg_mg.solver.diffusion_task import DiffusionTask
+from agglo_polydg_mg.solver.recipes import CYCLES, PRECISIONS, RECIPES, Wishes
+from agglo_polydg_mg.solver.repeated_solves import RepeatedSolves, task_for
+
+__all__ = ["PolyDGMultigrid"]
+
+
+class PolyDGMultigrid:
+    """Conjugate gradients preconditioned by one multigrid cycle, whose recipe mesh and coefficient choose.
+
+    Converged is said when both the residual and an estimate of the energy error are ``tolerance`` or less;
+    see :func:`agglo_core.multigrid.pcg`.
+
+    Parameters
+    ----------
+    degree : int
+        Of the polynomials, 1..6.
+    tolerance : float
+    max_iterations : int
+    recipe : "auto", "conforming", "patches" or "agglomerates"
+        A continuous space inside the discontinuous one, with its own multigrid on the graph of its matrix,
+        or on agglomerates if given (:mod:`~agglo_polydg_mg.auxiliary.conforming_stack`); or polynomials on
+        agglomerates, smoothed patch by patch (:mod:`~agglo_polydg_mg.auxiliary.patch_recipe`), or in 3-D cell
+        by cell ("agglomerates"). Linear systems take "auto", or "agglomerates" where the agglomerates are to
+        be the aggregates even of a matrix with one unknown in each cell.
+    cycle : "auto", "V", "W", "F" or "K"
+    precision : "auto", "single" or "double"
+        Of the cycle. Where single precision turns out not to suffice, double precision takes over.
+    penalty : float, "paper" or "sharp"
+        See :class:`~agglo_polydg_mg.polydg.PolyDG`.
+    levels : int, optional
+        How many of mesh, level 0, 1, … to use; by default all. For a diffusion problem without levels some
+        of 8 cells to an agglomerate are made if this is given, or for the recipe ``patches``.
+
+    Raises
+    ------
+    OptionError
+        For any other value.
+    """
+
+    accepts: ClassVar[tuple[str, ...]] = ("diffusion", "linear")
+    needs_levels: ClassVar[bool] = False
+    tells_progress: ClassVar[bool] = True
+    galerkin: ClassVar[bool] = False  # they are, but in single precision and without small entries
+
+    def __init__(
+        self,
+        degree: int = 1,
+        tolerance: float = 1e-6,
+        max_iterations: int = 300,
+        recipe: Literal["auto", "conforming", "patches", "agglomerates"] = "auto",
+        cycle: Literal["auto", "V", "W", "F", "K"] = "auto",
+        precision: Literal["auto", "single", "double"] = "auto",
+        penalty: Penalty = "sharp",
+        levels: int | None = None,
+    ) -> None:
+        require_fraction("tolerance", tolerance)
+        require_count("max_iterations", max_iterations, 1)
+        for name, value, known in (
+            ("recipe", recipe, RECIPES),
+            ("cycle", cycle, CYCLES),
+            ("precision", precision, PRECISIONS),
+        ):
+            require_name(name, value, known)
+        if levels is not None:
+            require_count("levels", levels, 2)
+        self.discretisation = PolyDG(degree, penalty, scaled_basis=True)
+        self.tolerance, self.max_iterations, self.levels = tolerance, max_iterations, levels
+        self.wishes = Wishes(recipe, cycle, precision)
+
+    def solve(self, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None) -> Solution:
+        """Solve; ``converged`` and ``reason`` say how it ended, ``choice`` which recipe was taken and why.
+
+        A linear system may have blocks of any sizes, near-null vectors, and several right-hand sides
+        ``b (n, k)``. With one unknown in each cell it is preconditioned by classical multigrid, otherwise
+        by smoothed aggregation with block Gauss–Seidel, on the agglomerates of the hierarchy or, if it has
+        none, on the graph of the matrix.
+
+        Raises
+        ------
+        OptionError
+            If problem and hierarchy do not fit, or data are not finite.
+        MeshError
+            Of cells that overlap themselves.
+        """
+        return self.repeated(hierarchy).solve(problem, progress)
+
+    def repeated(self, hierarchy: Hierarchy) -> RepeatedSolves:
+        """What solves problems on a hierarchy one after the other, as in time stepping, and keeps levels.
+
+        See :class:`~agglo_polydg_mg.solver.repeated_solves.RepeatedSolves`.
+        """
+        return RepeatedSolves(
+            hierarchy,
+            self.discretisation,
+            self.wishes,
+            self.levels,
+            self.tolerance,
+            self.max_iterations,
+        )
+
+    def aspreconditioner(self, problem: Problem, hierarchy: Hierarchy) -> LinearOperator:
+        """One cycle ``(n, n)`` in double precision: symmetric unless ``cycle`` is F or K.
+
+        Raises
+        ------
+        OptionError
+            As :meth:`solve`, or if the matrix is not positive definite.
+        MeshError
+            As :meth:`solve`.
+        """
+        task = task_for(problem, hierarchy, self.discretisation, self.wishes, self.levels)
+        task.in_double()
+        try:
+            M = multigrid.cycle(task.stack(), task.cycle)
+        except np.linalg.LinAlgError as failure:
+            raise OptionError(f"there is no preconditioner for this matrix: {failure}") from failure
+        return task.numbering.operator(M) if isinstance(task, DiffusionTask) else task.preconditioner(M)

@@ -1,0 +1,1 @@
+"""The discontinuous space: basis, quadrature, sampling."""

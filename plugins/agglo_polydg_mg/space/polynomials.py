@@ -1,0 +1,130 @@
+"""Polynomials of several variables: products of Legendre polynomials, by total degree."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import comb
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.authoring import Float, Int, frozen_float, frozen_int, over_ranges
+from agglo_polydg_mg.space.gauss_points import gauss
+
+__all__ = ["Monomials", "legendre", "monomials", "n_polynomials", "orders", "products", "slopes"]
+
+
+def n_polynomials(degree: int, dim: int = 2) -> int:
+    """Number of polynomials of a total degree, 3 in the plane and 4 in space for degree 1."""
+    return comb(degree + dim, dim)
+
+
+@cache
+def orders(degree: int, dim: int = 2) -> Int:
+    """Degrees ``(m, dim)`` along the axes of the polynomials of a cell, by total degree."""
+    return frozen_int([each for total in range(degree + 1) for each in _of_total(total, dim)])
+
+
+def _of_total(total: int, dim: int) -> list[tuple[int, ...]]:
+    if dim == 1:
+        return [(total,)]
+    return [(i, *rest) for i in range(total, -1, -1) for rest in _of_total(total - i, dim - 1)]
+
+
+def legendre(x: Float, degree: int) -> Float:
+    """Orthonormal Legendre polynomials 0..degree at ``x (q,)``, shape ``(degree + 1, q)``."""
+    values = np.empty((degree + 1, *np.shape(x)))
+    before, value = np.zeros_like(x), np.ones_like(x)
+    for k in range(degree + 1):
+        values[k] = value * np.sqrt(k + 0.5)
+        before, value = value, ((2 * k + 1) * x * value - k * before) / (k + 1)
+    return values
+
+
+def slopes(values: Float) -> Float:
+    """Derivatives of the polynomials ``values (degree + 1, q)``: P'_{k+1} = P'_{k−1} + (2k + 1) P_k."""
+    result = np.zeros_like(values)
+    for k in range(len(values) - 1):
+        below = result[k - 1] / np.sqrt(k - 0.5) if k else 0.0
+        result[k + 1] = (below + 2 * np.sqrt(k + 0.5) * values[k]) * np.sqrt(k + 1.5)
+    return result
+
+
+def products(integrals: list[Float], degree: int, derivatives: list[tuple[int, ...]]) -> Float:
+    """Blocks ``(n, m, m)`` of the integrals of products of derivatives of polynomials, summed over a list.
+
+    A product of two Legendre polynomials is a sum of Legendre polynomials, so what is needed of a cell
+    are the integrals ``(n, k)`` of polynomials up to the degree of the product; each of the list is taken
+    with one tuple of orders of differentiation along the axes.
+    """
+    from agglo_polydg_mg.space.legendre_kernels import sparse_products
+
+    size = n_polynomials(degree, len(derivatives[0]))
+    blocks = np.zeros((len(integrals[0]), size, size))
+    for weights, orders_of in zip(integrals, derivatives, strict=True):
+        given = frozen_float(weights)
+        terms = _expansion(degree, _degree_of(weights.shape[1], len(orders_of)), orders_of)
+        over_ranges(
+            lambda start, stop: sparse_products(given[start:stop], *terms, blocks[start:stop]),  # noqa: B023
+            len(blocks),
+        )
+    return blocks
+
+
+def _degree_of(count: int, dim: int) -> int:
+    """Degree of the polynomials that are ``count``."""
+    return next(degree for degree in range(count) if n_polynomials(degree, dim) >= count)
+
+
+@cache
+def _expansion(degree: int, most: int, derivatives: tuple[int, ...]) -> tuple[Int, Int, Float]:
+    """Products of derivatives of two polynomials as sums of polynomials of degree ``most`` or less.
+
+    Pairs of the two ``(t, 2)``, polynomials ``(t,)`` and factors ``(t,)`` of the terms that are not 0.
+    """
+    dim = len(derivatives)
+    own, sums = orders(degree, dim), orders(most, dim)
+    first, second = np.tril_indices(len(own))
+    table = np.ones((len(sums), len(first)))
+    for axis, derivative in enumerate(derivatives):
+        along = _triple(degree, derivative)
+        table *= along[own[first, axis], own[second, axis], sums[:, axis, None]]
+    pairs, columns = np.nonzero(np.abs(table.T) > 1e-13 * np.abs(table).max())
+    places = np.stack((first[pairs], second[pairs]), axis=1)
+    return frozen_int(places), frozen_int(columns), frozen_float(table[columns, pairs])
+
+
+@cache
+def _triple(degree: int, derivative: int) -> Float:
+    """Integrals of L_i⁽ᵈ⁾ L_k⁽ᵈ⁾ L_a over [−1, 1], a <= 2 degree."""
+    nodes, weights = gauss(2 * degree + 1)
+    values = legendre(nodes, 2 * degree)
+    low = slopes(values[: degree + 1]) if derivative else values[: degree + 1]
+    return np.asarray(np.einsum("iq,kq,aq,q->ika", low, low, values, weights))
+
+
+class Monomials(NamedTuple):
+    """Products of powers of three coordinates, and where sums of exponents are among them.
+
+    ``powers (k, 3)`` up to twice a degree; ``sums (n, n)`` the product of two of the ``n`` up to the degree;
+    ``lowered (n, n, 3)`` the product of the first and the derivative of the second along an axis, 0 where
+    that is none; ``terms (t, 2)`` pairs of the ``n`` whose second exponents are nowhere the larger ones.
+    """
+
+    powers: Int
+    sums: Int
+    lowered: Int
+    terms: Int
+
+
+@cache
+def monomials(degree: int) -> Monomials:
+    """The tables of a degree, in the order of :func:`orders`."""
+    powers, own = orders(2 * degree, 3), orders(degree, 3)
+    number = {tuple(each): k for k, each in enumerate(powers.tolist())}
+    both = own[:, None] + own[None]
+    sums = [[number[tuple(each)] for each in row] for row in both.tolist()]
+    less = both[:, :, None] - np.eye(3, dtype=int)
+    lowered = [[[number.get(tuple(each), 0) for each in part] for part in row] for row in less.tolist()]
+    terms = np.argwhere((own[:, None] >= own[None]).all(axis=2))
+    return Monomials(powers, frozen_int(sums), frozen_int(lowered), frozen_int(terms))

@@ -1,0 +1,227 @@
+"""Integrals over polygons and polyhedra of any shape: exactly over their boundary, or with points inside.
+
+A polynomial is integrated by the divergence theorem, for which corners and holes make no difference. Anything
+else must be sampled inside the cell: cells are cut into triangles (a fan where it fits, constrained
+Delaunay triangles otherwise), which carry Gauss points. Polyhedra are sums of signed tetrahedra: points of
+those that are not star-shaped may lie outside, where what is integrated goes on as it is inside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from agglo_core.authoring import (
+    AggloError,
+    Field,
+    Float,
+    Int,
+    Mesh,
+    MeshError,
+    OptionError,
+    frozen_float,
+    frozen_int,
+    over_ranges,
+)
+from agglo_polydg_mg.space.gauss_points import gauss, simplex_rule
+from agglo_polydg_mg.space.polynomials import n_polynomials, orders
+from agglo_polydg_mg.space.solid_geometry import tetrahedra_of_solids
+from agglo_polydg_mg.space.triangulation import triangulate
+from agglo_polydg_mg.space.walk import Walk
+
+__all__ = [
+    "Batch",
+    "inside",
+    "moments",
+    "per_cell",
+    "sample",
+    "weighted_moments",
+]
+
+_FEW = 4_000  # cells one thread integrates over in some milliseconds
+_POINTS = 200_000  # in a batch: it stays in the cache of a processor
+
+
+class Batch(NamedTuple):
+    """Quadrature points of the cells ``first … first + n``.
+
+    ``offsets (n + 1,)`` into the points; ``points (q, d)`` relative to the mesh's origin;
+    ``weights (q,)`` sum to areas or volumes.
+    """
+
+    first: int
+    offsets: Int
+    points: Float
+    weights: Float
+
+    @property
+    def cells(self) -> Int:
+        """Cell of each point ``(q,)``."""
+        sizes = np.diff(self.offsets)
+        return frozen_int(self.first + np.repeat(np.arange(len(sizes)), sizes))
+
+
+def moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None = None) -> Float:
+    """Integrals ``(n, m)`` of the polynomials up to a degree, each on its cell: exact for any shape.
+
+    In 3-D cells may be visited in the order of a ``walk``.
+    """
+    if mesh.dim == 3:
+        return _solid_moments(mesh, boxes, degree, walk)
+    from agglo_polydg_mg.space.legendre_kernels import boundary_moments
+
+    rule = gauss((degree + 3) // 2)  # the antiderivative has one degree more
+    points, (offsets, faces), boxes = mesh.local_points, mesh.cell_faces, frozen_float(boxes)
+    sides = mesh.face_pairs, mesh.face_cells
+
+    def integrals(start: int, stop: int) -> Float:
+        own = offsets[start : stop + 1]
+        found: Float = boundary_moments(points, own, faces, *sides, start, boxes[start:stop], *rule, degree)
+        return found
+
+    return np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
+
+
+def _solid_moments(mesh: Mesh, boxes: Float, degree: int, walk: Walk | None) -> Float:
+    from agglo_polydg_mg.space.solid_kernels import solid_moments
+
+    rule = simplex_rule(2, (degree + 3) // 2)
+    (offsets, faces), of_faces = mesh.cell_faces, mesh.face_cells
+    if walk is not None:
+        (offsets, faces), boxes = walk.rows(offsets, faces), boxes[walk.cells]
+        of_faces = frozen_int(walk.turns[of_faces])
+    boxes, shape = frozen_float(boxes), (mesh.face_offsets, mesh.face_vertices, of_faces)
+
+    def integrals(start: int, stop: int) -> Float:
+        own = mesh.local_points, offsets[start : stop + 1], faces, *shape, start, boxes[start:stop]
+        return np.asarray(solid_moments(*own, *rule, orders(degree, 3)))
+
+    found = np.concatenate(over_ranges(integrals, mesh.n_cells, few=_FEW))
+    return found if walk is None else walk.back(found)
+
+
+def weighted_moments(mesh: Mesh, field: Field, boxes: Float, degree: int, name: str) -> Float:
+    """Integrals ``(n, m)`` of a field times the polynomials up to a degree.
+
+    A number or one value per cell is integrated exactly; a callable is sampled inside the cells, at
+    points exact for degree + 5.
+
+    Raises
+    ------
+    OptionError
+        Naming the field: wrong shape, not finite.
+    """
+    if not callable(field):
+        values = per_cell(field, mesh.n_cells, name)
+        return moments(mesh, boxes, degree) * values[:, None] if values.any() else _zeros(mesh, degree)
+    boxes, result = frozen_float(boxes), _zeros(mesh, degree)
+    for batch in inside(mesh, degree + 5):
+        values = frozen_float(sample(field, batch.points + mesh.origin, name) * batch.weights)
+        part = slice(batch.first, batch.first + len(batch.offsets) - 1)
+        own, offsets, points = boxes[part], batch.offsets, batch.points
+
+        def integrals(start: int, stop: int) -> Float:
+            ends = offsets[start : stop + 1]  # noqa: B023
+            return _at_points(points, values, ends, own[start:stop], degree)  # noqa: B023
+
+        result[part] = np.concatenate(over_ranges(integrals, len(own), few=_FEW))
+    return result
+
+
+def _at_points(points: Float, values: Float, ends: Int, boxes: Float, degree: int) -> Float:
+    """Sums ``(n, m)`` of values times polynomials over the points of each cell."""
+    if points.shape[1] == 3:
+        from agglo_polydg_mg.space.solid_kernels import solid_point_moments
+
+        return np.asarray(solid_point_moments(points, values, ends, boxes, orders(degree, 3)))
+    from agglo_polydg_mg.space.legendre_kernels import point_moments
+
+    return np.asarray(point_moments(points, values, ends, boxes, degree))
+
+
+def _zeros(mesh: Mesh, degree: int) -> Float:
+    return np.zeros((mesh.n_cells, n_polynomials(degree, mesh.dim)))
+
+
+def per_cell(field: float | Float, n: int, name: str) -> Float:
+    """A number or ``(n,)`` values as ``(n,)`` values; OptionError, naming the field, for anything else."""
+    try:
+        values = frozen_float(field)
+    except MeshError as error:
+        raise OptionError(
+            f"{name} must be a number, ({n},) values or a callable; given {field!r:.60} ({error})"
+        ) from None
+    if values.shape not in ((), (n,)):
+        raise OptionError(f"{name} has shape {values.shape}: expected a number, ({n},) values or a callable")
+    _require_finite(values, name)
+    return np.broadcast_to(values, (n,))
+
+
+def sample(field: Callable[[Float], Float], points: Float, name: str) -> Float:
+    """Values ``(q,)`` of a callable at ``points (q, d)`` in user coordinates.
+
+    Raises
+    ------
+    OptionError
+        If the callable fails, or its values are not numbers, have another shape, or are not finite.
+    """
+    try:
+        returned = field(points)
+    except AggloError:
+        raise
+    except Exception as error:  # whatever a user's callable raises
+        raise OptionError(
+            f"{name} failed for {len(points)} points of shape {points.shape}: {type(error).__name__}: {error}"
+        ) from error
+    try:
+        values = frozen_float(returned)
+    except MeshError as error:
+        raise OptionError(f"{name} returned no real numbers for {len(points)} points: {error}") from None
+    if values.shape not in ((), (len(points),)):
+        raise OptionError(f"{name} returned the shape {values.shape} for {len(points)} points")
+    _require_finite(values, name)
+    return np.broadcast_to(values, (len(points),))
+
+
+def _require_finite(values: Float, name: str) -> None:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        raise OptionError(f"{name} is {values.flat[bad[0]]} (value {bad[0]} of {values.size}), not finite")
+
+
+def inside(mesh: Mesh, degree: int) -> Iterator[Batch]:
+    """Quadrature points inside the cells, exact up to a degree, a batch of cells at a time.
+
+    Raises
+    ------
+    MeshError
+        As :func:`~agglo_polydg_mg.space.triangulation.triangulate`.
+    """
+    offsets, corners = triangulate(mesh) if mesh.dim == 2 else tetrahedra_of_solids(mesh)
+    reference, weights = simplex_rule(mesh.dim, degree // 2 + 1)
+    ends = offsets * len(weights)
+    first = 0
+    while first < mesh.n_cells:
+        stop = max(first + 1, int(np.searchsorted(ends, ends[first] + _POINTS, "right")) - 1)
+        chosen = corners[offsets[first] : offsets[stop]]
+        edges = chosen[:, 1:] - chosen[:, :1]
+        points = chosen[:, None, 0]
+        for axis in range(mesh.dim):
+            points = points + reference[:, axis : axis + 1] * edges[:, axis : axis + 1]
+        yield Batch(
+            first,
+            frozen_int(ends[first : stop + 1] - ends[first]),
+            frozen_float(points.reshape(-1, mesh.dim)),
+            frozen_float((_determinants(edges)[:, None] * weights).ravel()),
+        )
+        first = stop
+
+
+def _determinants(edges: Float) -> Float:
+    """Determinants ``(t,)`` of the edges ``(t, d, d)`` of simplices from their first corners."""
+    u, v = edges[:, 0], edges[:, 1]
+    if edges.shape[1] == 2:
+        return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return np.asarray((np.cross(u, v) * edges[:, 2]).sum(axis=1))

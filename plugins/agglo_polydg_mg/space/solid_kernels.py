@@ -1,0 +1,124 @@
+"""Kernels of polyhedra: integrals of polynomials over them, and how far their vertices are from their faces.
+
+Polynomials are products L_i(x̂) L_j(ŷ) L_k(ẑ) of orthonormal Legendre polynomials on the bounding box of a
+cell, a box being its centre and its half sides; ``orders (m, 3)`` are i, j, k. Faces are fans of triangles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.authoring import helper, kernel
+from agglo_polydg_mg.space.legendre_kernels import legendre_at, recurrences
+
+__all__ = ["farthest_vertices", "in_box", "solid_moments", "solid_point_moments"]
+
+_FLAT = 1e-9
+"""A vertex is beyond a face if it is so by more than this part of the height of the cell there."""
+
+
+@helper
+def in_box(point, box, axis):
+    """Coordinate of a point along an axis of a box, −1..1 inside."""
+    return (point[axis] - box[axis]) / box[3 + axis]
+
+
+@helper
+def _primitives(lx, upper, degree, out):
+    """Antiderivatives of the polynomials 0..degree, from polynomials up to degree + 1."""
+    out[0] = lx[1] * upper[0]
+    for i in range(1, degree + 1):
+        out[i] = lx[i + 1] * upper[i] - lx[i - 1] * upper[i - 1]
+
+
+@helper
+def _add_triangle(box, a, b, c, turned, rule, weights, orders, degree, table, lines, out):
+    """Add ∫ X n_x over a triangle, X being the antiderivatives in x of the polynomials."""
+    upper, lx, ly, lz, primitive = lines[0], lines[1], lines[2], lines[3], lines[4]
+    across = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
+    if across == 0.0:
+        return
+    factor = -across * box[3] if turned else across * box[3]
+    ax, ay, az = in_box(a, box, 0), in_box(a, box, 1), in_box(a, box, 2)
+    bx, by, bz = in_box(b, box, 0) - ax, in_box(b, box, 1) - ay, in_box(b, box, 2) - az
+    cx, cy, cz = in_box(c, box, 0) - ax, in_box(c, box, 1) - ay, in_box(c, box, 2) - az
+    for q in range(len(weights)):
+        s, t = rule[q, 0], rule[q, 1]
+        legendre_at(ax + s * bx + t * cx, degree + 1, table, lx)
+        legendre_at(ay + s * by + t * cy, degree, table, ly)
+        legendre_at(az + s * bz + t * cz, degree, table, lz)
+        _primitives(lx, upper, degree, primitive)
+        weight = factor * weights[q]
+        for k in range(len(orders)):
+            out[k] += weight * primitive[orders[k, 0]] * ly[orders[k, 1]] * lz[orders[k, 2]]
+
+
+@kernel
+def solid_moments(
+    points, offsets, faces, face_offsets, face_vertices, face_cells, first_cell, boxes, rule, weights, orders,
+):  # fmt: skip
+    """Integrals ``(n, m)`` of polynomials over cells ``first_cell``, ... by the divergence theorem.
+
+    ``rule (q, 2)`` and ``weights`` must integrate one degree more on the triangle (0,0) (1,0) (0,1).
+    """
+    n, degree = len(offsets) - 1, orders[len(orders) - 1, 2]
+    moments, table, lines = np.zeros((n, len(orders))), recurrences(degree + 1), np.empty((5, degree + 2))
+    for k in range(degree + 1):
+        lines[0, k] = 1.0 / table[3, k]
+    for c in range(n):
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            turned, first = face_cells[f, 0] != first_cell + c, face_offsets[f]
+            a = points[face_vertices[first]]
+            for k in range(first + 1, face_offsets[f + 1] - 1):
+                _add_triangle(
+                    boxes[c], a, points[face_vertices[k]], points[face_vertices[k + 1]], turned, rule,
+                    weights, orders, degree, table, lines, moments[c],
+                )  # fmt: skip
+    return moments
+
+
+@kernel
+def solid_point_moments(points, values, offsets, boxes, orders):
+    """Sums ``(n, m)`` of values times polynomials over each cell's points ``offsets[c]:offsets[c + 1]``."""
+    n, degree = len(offsets) - 1, orders[len(orders) - 1, 2]
+    moments, table = np.zeros((n, len(orders))), recurrences(degree)
+    lx, ly, lz = np.empty(degree + 1), np.empty(degree + 1), np.empty(degree + 1)
+    for c in range(n):
+        for q in range(offsets[c], offsets[c + 1]):
+            legendre_at(in_box(points[q], boxes[c], 0), degree, table, lx)
+            legendre_at(in_box(points[q], boxes[c], 1), degree, table, ly)
+            legendre_at(in_box(points[q], boxes[c], 2), degree, table, lz)
+            for k in range(len(orders)):
+                moments[c, k] += values[q] * lx[orders[k, 0]] * ly[orders[k, 1]] * lz[orders[k, 2]]
+    return moments
+
+
+@kernel
+def farthest_vertices(
+    points, offsets, faces, starts, vertices, face_cells, normals, centres, first_cell, heights
+):  # fmt: skip
+    """Write to ``heights (F, 2)`` how far a vertex of cells ``first_cell``, ... is at most from each face.
+
+    The result says which cells are convex: none of their vertices is beyond a face.
+    """
+    n = len(offsets) - 1
+    convex = np.ones(n, np.bool_)
+    for c in range(n):
+        for h in range(offsets[c], offsets[c + 1]):
+            f = faces[h]
+            side = 0 if face_cells[f, 0] == first_cell + c else 1
+            inward, most, least = 2.0 * side - 1.0, 0.0, 0.0
+            x, y, z = inward * normals[f, 0], inward * normals[f, 1], inward * normals[f, 2]
+            if x == 0.0 and y == 0.0 and z == 0.0:
+                continue
+            for k in range(starts[c], starts[c + 1]):
+                p = points[vertices[k]]
+                distance = (
+                    x * (p[0] - centres[f, 0]) + y * (p[1] - centres[f, 1]) + z * (p[2] - centres[f, 2])
+                )
+                most, least = max(most, distance), min(least, distance)
+            heights[f, side] = most
+            if -least > _FLAT * most:
+                convex[c] = False
+    return convex
