@@ -35,10 +35,12 @@ from agglo_core.io import (
 )
 from agglo_core.measure import quality as quality
 from agglo_core.mesh import Mesh as Mesh
+from agglo_core.multigrid.system_levels import build_levels as build_levels
 from agglo_core.problems import (
     Diffusion as Diffusion,
     Linear as Linear,
     Solution as Solution,
+    solve as solve,
 )
 from agglo_core.progress import Progress as Progress
 from agglo_core.protocols import Target as Target

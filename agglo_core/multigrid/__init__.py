@@ -28,6 +28,7 @@ from agglo_core.multigrid.smoothers.patches import vertex_patches
 from agglo_core.multigrid.smoothers.scalar_gauss_seidel import ScalarGaussSeidel
 from agglo_core.multigrid.smoothers.spectrum import largest_eigenvalue
 from agglo_core.multigrid.stack import Level, LevelSmoother, LevelStack
+from agglo_core.multigrid.system_levels import SystemLevels, build_levels, is_classical, stack_of_system
 from agglo_core.problems.row_scales import lifted, row_measure
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "LevelSmoother",
     "LevelStack",
     "ScalarGaussSeidel",
+    "SystemLevels",
     "Transfer",
     "VertexPatches",
     "adapted",
@@ -56,6 +58,7 @@ __all__ = [
     "block_matrix",
     "block_scaled",
     "blockwise",
+    "build_levels",
     "build_stack",
     "classical_stack",
     "coarse_solver",
@@ -63,6 +66,7 @@ __all__ = [
     "direct_solver",
     "galerkin",
     "injection",
+    "is_classical",
     "joined_patches",
     "largest_eigenvalue",
     "lifted",
@@ -75,6 +79,7 @@ __all__ = [
     "smoothed_near_null",
     "smoothed_prolongation",
     "smoother_setup",
+    "stack_of_system",
     "symmetric_lu",
     "vertex_patches",
 ]

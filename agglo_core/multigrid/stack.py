@@ -14,6 +14,7 @@ from scipy import sparse
 from agglo_core.arrays import FieldState, Int, frozen
 from agglo_core.multigrid.kernels.column_blocks import column_products
 from agglo_core.problems import Patches
+from agglo_core.problems.level_table import LevelTable
 
 __all__ = ["Level", "LevelSmoother", "LevelStack", "Real", "Solve"]
 
@@ -137,7 +138,7 @@ class Level(FieldState):
         return column_products(width if width <= _UNROLLED else 0), arrays
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LevelStack:
     """The levels of a multigrid method, finest first, and the solver of the coarsest.
 
@@ -191,6 +192,16 @@ class LevelStack:
         """Unknowns of all levels over those of the finest."""
         unknowns = [level.A.shape[0] for level in self.levels]
         return float(sum(unknowns) / unknowns[0])
+
+    @property
+    def table(self) -> LevelTable:
+        """Unknowns, entries and smoother of each level."""
+        smoothers = [type(level.smoother).__name__ if level.smoother else "direct" for level in self.levels]
+        matrices = [level.A for level in self.levels]
+        return LevelTable([A.shape[0] for A in matrices], [A.nnz for A in matrices], smoothers)
+
+    def __repr__(self) -> str:
+        return repr(self.table)
 
     @property
     def memory(self) -> int:

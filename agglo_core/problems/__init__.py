@@ -7,6 +7,7 @@ from agglo_core.problems.linear import Linear
 from agglo_core.problems.multigrid_level import Coarsening, CoarseSpace, MultigridLevel, Patches
 from agglo_core.problems.problem import Field, Problem
 from agglo_core.problems.solution import Lifting, Solution
+from agglo_core.problems.solving import solve
 from agglo_core.problems.system import System
 
 __all__ = [
@@ -27,4 +28,5 @@ __all__ = [
     "named_problem",
     "read_problem",
     "require_accepted",
+    "solve",
 ]

@@ -13,6 +13,7 @@ from agglo_core.mesh.elsewhere import made_by
 from agglo_core.problems.deferred import deferrable
 from agglo_core.problems.discretisation import Discretisation, Samples
 from agglo_core.problems.iteration_history import mean_contraction, untold
+from agglo_core.problems.level_table import LevelTable
 
 __all__ = ["Lifting", "Solution"]
 
@@ -39,7 +40,7 @@ class Lifting:
 
 
 @deferrable("A", "operators")
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """A solution ``x`` of ``A x = b`` and how it was reached.
 
@@ -181,6 +182,29 @@ class Solution:
             return made_by("agglo_core.draw.on_axes:plot_convergence")(self, ax)
         return made_by("agglo_core.draw.on_axes:plot_solution")(self, ax, across=across, cmap=cmap)
 
+    @property
+    def levels(self) -> LevelTable:
+        """Unknowns and entries of each level, printed as a table; one level if the solver has no others."""
+        matrices = [A for A, _ in self.operators] or [self.A]
+        return LevelTable([A.shape[0] for A in matrices], [_entries(A) for A in matrices])
+
+    def __repr__(self) -> str:
+        """Name the size, the outcome and what it cost in one line."""
+        steps = f"{self.iterations} iteration{'' if self.iterations == 1 else 's'}"
+        told = [f"{self.x.shape[0]} unknowns", f"{self.outcome} after {steps}"]
+        if len(self.residuals) > 1 and self.residuals[0] > 0.0:
+            told.append(f"residual {self.residuals[-1] / self.residuals[0]:.1e}")
+        if self.energy_error is not None:
+            told.append(f"energy error {self.energy_error:.1e}")
+        if self.seconds:
+            told.append(f"{sum(self.seconds.values()):.2g} s")
+        return f"Solution({', '.join(told)})"
+
     def _repr_html_(self) -> str:
         html: str = made_by("agglo_core.draw.notebook:solution_html")(self)
         return html
+
+
+def _entries(A: Any) -> int:
+    """Number of entries of a matrix, of all if it has no sparse form."""
+    return int(A.nnz) if hasattr(A, "nnz") else int(A.shape[0]) * int(A.shape[1])

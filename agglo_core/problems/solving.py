@@ -1,22 +1,110 @@
-"""Solving with somebody's solver: whatever it raises or returns, errors say whose it is."""
+"""Solve a problem with a solver of the registry or an object of one's own."""
 
 from __future__ import annotations
 
-from agglo_core.errors import AggloError, PluginError
+from collections.abc import Mapping
+from typing import Any
+
+from agglo_core.errors import AggloError, OptionError, PluginError
 from agglo_core.hierarchy import Hierarchy
+from agglo_core.mesh import Mesh
+from agglo_core.problems.choosing import require_accepted
+from agglo_core.problems.diffusion import Diffusion
 from agglo_core.problems.problem import Problem
 from agglo_core.problems.solution import Solution
-from agglo_core.progress import Listener, phase, unwrapped
+from agglo_core.progress import Listener, followed, phase, unwrapped
+from agglo_core.registry import Registry, default, describe
 from agglo_core.registry.attribution import Member, attributed
 from agglo_core.registry.containment import shown
+from agglo_core.registry.options import name_and_options
 
-__all__ = ["solved_by"]
+__all__ = ["solve", "solved_by"]
+
+
+def solve(
+    on: Mesh | Hierarchy,
+    problem: Problem | None = None,
+    solver: str | tuple[str, Mapping[str, Any]] | Any = "polydg_mg",
+    *,
+    registry: Registry | None = None,
+    progress: Listener | None = None,
+    verbose: bool = False,
+    **options: Any,
+) -> Solution:
+    """Solve a problem on a mesh or on the levels of a hierarchy.
+
+    Parameters
+    ----------
+    on : Mesh or Hierarchy
+        On a mesh the solver makes the levels it needs, if it can.
+    problem : Problem, optional
+        By default −Δu = 1 with u = 0 on the boundary, ``Diffusion()``.
+    solver : str, tuple or object
+        The name of a solver, a name with options, or an object with ``solve(problem, hierarchy)``.
+    registry : Registry, optional
+        Where names are looked up; by default the installed plugins.
+    progress, verbose : optional
+        As of :func:`agglo_core.agglomerate`.
+    **options
+        Options of the solver, such as ``degree=2`` or ``tolerance=1e-8``.
+
+    Returns
+    -------
+    Solution
+        See ``converged`` and ``reason``: a solver that stops early raises no error.
+
+    Raises
+    ------
+    OptionError
+        If the solver does not accept the problem or an option, or needs a hierarchy and is given a mesh.
+    PluginError
+        If the solver cannot be used, or fails.
+
+    Examples
+    --------
+    >>> mesh = agglo.samples.voronoi(120, seed=1)
+    >>> solution = agglo.solve(mesh, agglo.Diffusion(source=8.0), degree=1)
+    >>> solution.converged, solution.x.shape
+    (True, (360,))
+    >>> solution.levels
+    level  unknowns  entries
+        0       360     6822
+        1       192     3926
+    """
+    hierarchy = on if isinstance(on, Hierarchy) else None
+    if hierarchy is None:
+        if not isinstance(on, Mesh):
+            raise OptionError(f"solve expects a Mesh or a Hierarchy first, given {shown(on)}")
+        hierarchy = Hierarchy(on, on.graph, [], [], nested=True)
+    problem = Diffusion() if problem is None else problem
+    member = _member(solver, options, registry)
+    require_accepted(member.tool, problem, member.title)
+    if hierarchy is not on and getattr(member.tool, "needs_levels", True):
+        raise OptionError(
+            f"{member.title} needs levels: give agglo.agglomerate(mesh, n_parts=…) in place of the mesh"
+        )
+    with followed(progress, verbose) as listen:
+        return solved_by(member, problem, hierarchy, listen)
+
+
+def _member(solver: Any, options: Mapping[str, Any], registry: Registry | None) -> Member:
+    """Build a solver by name, or accept an object that has the method ``solve``."""
+    if isinstance(solver, str | tuple):
+        name, given = (solver, {}) if isinstance(solver, str) else name_and_options("solver", solver)
+        known = default() if registry is None else registry
+        record = known.record("solver", name)
+        return Member(known.assemble(record, {**given, **options}), describe(record))
+    if isinstance(solver, type) or not callable(getattr(solver, "solve", None)):
+        raise OptionError(f"{solver!r} is not a solver: expected a name or an object with solve")
+    if options:
+        raise OptionError(f"options are for solvers by name; given {', '.join(options)} beside an object")
+    return Member(solver, f"solver {type(solver).__name__}")
 
 
 def solved_by(
     solver: Member, problem: Problem, hierarchy: Hierarchy, progress: Listener | None = None
 ) -> Solution:
-    """The solution of a solver, which may tell its progress (``tells_progress``).
+    """Solve with a solver, which may report its progress (``tells_progress``).
 
     Raises
     ------

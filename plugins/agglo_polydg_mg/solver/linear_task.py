@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse.linalg import LinearOperator
 
 from agglo_core.authoring import (
@@ -74,7 +73,7 @@ class LinearTask:
             self.system = System.trusted(self._matrix_factor * given.A, *parts)
         if wishes.recipe == "agglomerates" and not hierarchy.levels:
             raise OptionError("recipe 'agglomerates' needs a hierarchy with levels; this one has none")
-        self._classical = self.system.width == 1 and _positive(self.system.near_null)
+        self._classical = multigrid.is_classical(self.system)
         labelled = wishes.recipe == "agglomerates" or not self._classical
         self._labels = [_numbered(each[used]) for each in _levels(hierarchy, count)] if labelled else []
         self.cycle: Any = "V" if wishes.cycle == "auto" else wishes.cycle
@@ -130,22 +129,8 @@ class LinearTask:
         return single
 
     def stack(self) -> Any:
-        """The levels; LinAlgError if a block is not positive definite."""
-        A, offsets, near_null = self.system.A, self.system.block_offsets, self.system.near_null
-        if self._classical:
-            return multigrid.classical_stack(
-                sparse.csr_array(A), labels=self._labels or None, near_null=near_null, dtype=self.dtype
-            )
-        if near_null is not None or self.system.width != 1:
-            near_null = multigrid.smoothed_near_null(A, offsets, near_null)
-        return multigrid.aggregation_stack(
-            sparse.csr_array(A),
-            labels=self._labels or None,
-            near_null=near_null,
-            block_offsets=offsets,
-            dtype=self.dtype,
-            smoother=multigrid.blockwise,
-        )
+        """Build the levels; LinAlgError if a block is not positive definite."""
+        return multigrid.stack_of_system(self.system, self._labels, self.dtype)
 
     def preconditioner(self, M: LinearOperator) -> LinearOperator:
         """The preconditioner for the matrix of the problem that a cycle is."""
@@ -234,11 +219,6 @@ def _badness(history: History) -> tuple[bool, int, float]:
 
 def _columns(near_null: Any) -> Any:
     return near_null if near_null is None or np.ndim(near_null) != 1 else np.asarray(near_null)[:, None]
-
-
-def _positive(near_null: Any) -> bool:
-    """Whether classical coarsening can keep the near-null vectors."""
-    return near_null is None or (near_null.shape[1] == 1 and bool((near_null > 0.0).all()))
 
 
 def _levels(hierarchy: Hierarchy, count: int | None) -> list[Int]:

@@ -1,0 +1,209 @@
+"""Multigrid for a matrix: levels made once, then solves and preconditioning with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
+
+from agglo_core.arrays import Float, Int, frozen_float
+from agglo_core.errors import OptionError
+from agglo_core.hierarchy import Hierarchy
+from agglo_core.multigrid.coarsening.aggregation import aggregation_stack, blockwise
+from agglo_core.multigrid.coarsening.classical import classical_stack
+from agglo_core.multigrid.coarsening.near_null import smoothed_near_null
+from agglo_core.multigrid.cycle import cycle
+from agglo_core.multigrid.krylov.pcg import pcg
+from agglo_core.multigrid.stack import LevelStack
+from agglo_core.problems import Solution, System
+from agglo_core.problems.level_table import LevelTable
+
+__all__ = ["SystemLevels", "build_levels", "is_classical", "stack_of_system"]
+
+
+def build_levels(
+    A: Any,
+    hierarchy: Hierarchy | None = None,
+    *,
+    block_offsets: ArrayLike | None = None,
+    near_null: ArrayLike | None = None,
+) -> SystemLevels:
+    """Build the levels of algebraic multigrid for a symmetric positive definite matrix.
+
+    With one unknown in each block, and no near-null vector other than a positive one, levels are classical
+    (Ruge and Stüben); otherwise they come from smoothed aggregation.
+
+    Parameters
+    ----------
+    A : (n, n) sparse
+    hierarchy : Hierarchy, optional
+        Its agglomerates become the aggregates; block c holds the unknowns of cell c. By default aggregates
+        come from the graph of the matrix.
+    block_offsets : (blocks + 1,) int, optional
+        The unknowns of block c are ``block_offsets[c]:block_offsets[c + 1]``; by default each unknown is a
+        block, or with a hierarchy n / n_cells unknowns are.
+    near_null : (n, m) float, optional
+        Vectors that A takes to nearly nothing, such as rigid motions; by default constants.
+
+    Raises
+    ------
+    OptionError
+        If A is not square, symmetric and finite with a positive diagonal, or the other arguments do not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from scipy import sparse
+    >>> A = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(2000, 2000))
+    >>> levels = agglo.build_levels(A)
+    >>> levels
+    level  unknowns  entries  smoother
+        0      2000     5998  CoarseFirst
+        1      1000     2998  CoarseFirst
+        2       500     1498  direct
+    >>> solution = levels.solve(np.ones(2000), tolerance=1e-10)
+    >>> solution.converged, bool(np.allclose(A @ solution.x, 1.0))
+    (True, True)
+    """
+    n = np.shape(A)[0] if np.ndim(A) == 2 else 0
+    if hierarchy is not None and block_offsets is None:
+        cells = hierarchy.graph.n
+        if n % cells:
+            raise OptionError(f"block_offsets are needed: {n} unknowns in {cells} cells")
+        block_offsets = np.arange(cells + 1) * (n // cells)
+    offsets: Any = None if block_offsets is None else np.asarray(block_offsets)
+    near: Any = None if near_null is None else np.asarray(near_null)
+    near = near[:, None] if near is not None and near.ndim == 1 else near
+    system = System(A, np.zeros(n), offsets, None if hierarchy is None else hierarchy.fine, near)
+    try:
+        return SystemLevels(system, stack_of_system(system, () if hierarchy is None else hierarchy.levels))
+    except np.linalg.LinAlgError as failure:
+        raise OptionError(f"no levels for this matrix: {failure}") from failure
+
+
+def is_classical(system: System) -> bool:
+    """Return whether classical coarsening can keep the near-null vectors of a system."""
+    near = system.near_null
+    positive = near is None or (near.shape[1] == 1 and bool((near > 0.0).all()))
+    return system.width == 1 and positive
+
+
+def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.float64) -> LevelStack:
+    """Build levels for a system: classical ones or, for blocks and near-null vectors, of aggregation.
+
+    Parameters
+    ----------
+    system : System
+    labels : sequence of (blocks,) int
+        Agglomerates, finest first, which become aggregates.
+    dtype : numpy dtype
+        Precision of the cycles.
+
+    Raises
+    ------
+    LinAlgError
+        If a block is not positive definite.
+    """
+    A, near_null = sparse.csr_array(system.A), system.near_null
+    if is_classical(system):
+        return classical_stack(A, labels=labels or None, near_null=near_null, dtype=dtype)
+    if near_null is not None or system.width != 1:
+        near_null = smoothed_near_null(system.A, system.block_offsets, near_null)
+    return aggregation_stack(
+        A,
+        labels=labels or None,
+        near_null=near_null,
+        block_offsets=system.block_offsets,
+        dtype=dtype,
+        smoother=blockwise,
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SystemLevels:
+    """Levels of a matrix, for solves with several right-hand sides and as a preconditioner.
+
+    Attributes
+    ----------
+    system : System
+        The matrix, its blocks and near-null vectors; the right-hand side is 0.
+    stack : LevelStack
+
+    Examples
+    --------
+    >>> from scipy.sparse.linalg import cg
+    >>> mesh = agglo.samples.squares(32)
+    >>> A = agglo.Linear.example(mesh).A
+    >>> levels = agglo.build_levels(A, agglo.agglomerate(mesh, n_parts=(256, 64)))
+    >>> x, failed = cg(A, np.ones(mesh.n_cells), M=levels.aspreconditioner(), rtol=1e-8)
+    >>> failed
+    0
+    """
+
+    system: System
+    stack: LevelStack
+
+    @property
+    def table(self) -> LevelTable:
+        """Unknowns, entries and smoother of each level."""
+        return self.stack.table
+
+    def __repr__(self) -> str:
+        return repr(self.table)
+
+    def aspreconditioner(self, kind: str = "V") -> LinearOperator:
+        """Return one cycle ``(n, n)`` of the kind "V", "W", "F" or "K"; V and W are symmetric."""
+        return cycle(self.stack, kind)  # type: ignore[arg-type]
+
+    def solve(
+        self, b: ArrayLike, x0: Float | None = None, *, tolerance: float = 1e-8, max_iterations: int = 300
+    ) -> Solution:
+        """Solve A x = b by conjugate gradients, preconditioned by a V-cycle.
+
+        Parameters
+        ----------
+        b : (n,) float
+        x0 : (n,) float, optional
+            To start from; by default 0.
+        tolerance : float
+            Of residual and energy error; see :func:`agglo_core.multigrid.pcg`.
+        max_iterations : int
+
+        Returns
+        -------
+        Solution
+            With the last iterate, converged or not.
+
+        Raises
+        ------
+        OptionError
+            For a right-hand side or a start that does not fit or is not finite.
+        """
+        A, right = self.system.A, frozen_float(np.array(b, np.float64))
+        history = pcg(
+            A, right, self.aspreconditioner(), x0, tolerance=tolerance, most=max_iterations, stop="both"
+        )
+        return Solution(
+            x=frozen_float(history.x),
+            A=A,
+            b=right,
+            operators=self.stack.operators,
+            residuals=history.residuals,
+            converged=history.converged,
+            reason=history.reason,
+            iterations=history.iterations,
+            seconds={},
+            energy_error=history.energy_error,
+            tests=history.tests,
+            operator_complexity=self.stack.operator_complexity,
+            grid_complexity=self.stack.grid_complexity,
+            tolerance=tolerance,
+            energy_errors=history.energy_errors,
+            backward_error=history.backward_error,
+            rounding_limited=not history.converged and history.final,
+        )

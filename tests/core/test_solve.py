@@ -1,0 +1,124 @@
+"""One call to solve a problem, or to make levels for a matrix."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import cg, spsolve
+
+import agglo_core as agglo
+from agglo_core import Diffusion, OptionError
+from agglo_core.problems import Solution
+
+MESH = agglo.samples.voronoi(120, seed=1)
+PROBLEM = Diffusion(kappa=2.0, source=lambda x: x[:, 0])
+
+
+def test_a_mesh_and_a_hierarchy_give_the_solution_of_the_built_solver() -> None:
+    hierarchy = agglo.agglomerate(MESH, n_parts=(30, 8))
+    built = agglo.registry.default().build("solver", "polydg_mg", degree=2, tolerance=1e-10)
+    expected = built.solve(PROBLEM, hierarchy)
+    found = agglo.solve(hierarchy, PROBLEM, degree=2, tolerance=1e-10)
+    assert np.array_equal(found.x, expected.x)
+    on_mesh = agglo.solve(MESH, PROBLEM, degree=2, tolerance=1e-10)
+    assert on_mesh.converged
+    assert on_mesh.x == pytest.approx(expected.x, abs=1e-8 * np.abs(expected.x).max())
+
+
+def test_solvers_by_name_with_options_and_as_objects_are_the_same() -> None:
+    by_name = agglo.solve(MESH, solver="direct", degree=2)
+    with_options = agglo.solve(MESH, solver=("direct", {"degree": 2}))
+    built = agglo.solve(MESH, solver=agglo.registry.default().build("solver", "direct", degree=2))
+    exact = spsolve(sparse.csc_array(by_name.A), by_name.b)
+    for solution in (by_name, with_options, built):
+        assert solution.x == pytest.approx(exact, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ((3,), {}, "expects a Mesh or a Hierarchy first, given 3"),
+        ((MESH,), {"solver": "polydg_mg_paper"}, r"needs levels: give agglo.agglomerate\(mesh"),
+        ((MESH,), {"degree": 99}, "degree must be a whole number, 1..6"),
+        ((MESH,), {"solver": Diffusion}, "is not a solver: expected a name or an object with solve"),
+    ],
+)
+def test_what_does_not_fit_is_refused(arguments: Any, options: Any, message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        agglo.solve(*arguments, **options)
+
+
+def test_options_beside_an_object_are_refused() -> None:
+    solver = agglo.registry.default().build("solver", "direct")
+    with pytest.raises(OptionError, match="options are for solvers by name; given degree"):
+        agglo.solve(MESH, solver=solver, degree=2)
+
+
+def test_a_solution_prints_its_outcome_and_its_levels() -> None:
+    solution = agglo.solve(MESH, degree=1)
+    shown = repr(solution)
+    assert shown.startswith(
+        f"Solution(360 unknowns, converged after {solution.iterations} iterations, residual "
+    )
+    assert "\n" not in shown
+    rows = repr(solution.levels).splitlines()
+    assert rows[0].split() == ["level", "unknowns", "entries"]
+    assert [row.split()[1] for row in rows[1:]] == [str(A.shape[0]) for A, _ in solution.operators]
+
+
+def of_blocks() -> tuple[Any, Any, Any]:
+    """A graph Laplacian with a shift, in blocks of two coupled unknowns, and a hierarchy of its cells."""
+    mesh = agglo.samples.squares(24)
+    hierarchy = agglo.agglomerate(mesh, n_parts=(144, 36))
+    A = sparse.csr_array(sparse.kron(agglo.Linear.example(mesh).A, [[2.0, 0.5], [0.5, 1.0]]))
+    return A, hierarchy, np.random.default_rng(3).normal(size=A.shape[0])
+
+
+@pytest.mark.parametrize("on_agglomerates", [False, True])
+def test_levels_of_a_matrix_of_blocks_solve_it(on_agglomerates: bool) -> None:
+    A, hierarchy, b = of_blocks()
+    offsets = np.arange(0, A.shape[0] + 1, 2)
+    levels = agglo.build_levels(A, hierarchy if on_agglomerates else None, block_offsets=offsets)
+    solution = levels.solve(b, tolerance=1e-10)
+    assert isinstance(solution, Solution)
+    assert solution.converged
+    assert solution.iterations < 25
+    assert solution.x == pytest.approx(spsolve(sparse.csc_array(A), b), abs=1e-8)
+    assert len(levels.table) == len(solution.operators) >= 2
+    assert repr(levels).splitlines()[-1].split()[-1] == "direct"
+
+
+def test_levels_of_a_hierarchy_take_equal_blocks_without_offsets() -> None:
+    A, hierarchy, b = of_blocks()
+    given = agglo.build_levels(A, hierarchy, block_offsets=np.arange(0, A.shape[0] + 1, 2)).solve(b)
+    assert np.array_equal(agglo.build_levels(A, hierarchy).solve(b).x, given.x)
+    with pytest.raises(OptionError, match="block_offsets are needed: 1151 unknowns in 576 cells"):
+        agglo.build_levels(A[:-1, :-1], hierarchy)
+
+
+@pytest.mark.parametrize("kind", ["V", "W"])
+def test_a_cycle_is_a_symmetric_preconditioner(kind: str) -> None:
+    A, _, b = of_blocks()
+    M = agglo.build_levels(A).aspreconditioner(kind)
+    x, failed = cg(A, b, M=M, rtol=1e-10)
+    assert not failed
+    assert x == pytest.approx(spsolve(sparse.csc_array(A), b), abs=1e-7)
+    y = np.cos(np.arange(A.shape[0]))
+    assert (M @ b) @ y == pytest.approx(b @ (M @ y), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        (np.ones(3), "A must be a sparse or dense matrix"),
+        ([[1.0, 2.0], [0.0, 1.0]], "A must be symmetric"),
+        ([[-1.0, 0.0], [0.0, 1.0]], "diagonal of the matrix must be positive; row 0 has -1"),
+        ([[np.nan, 0.0], [0.0, 1.0]], "not finite"),
+    ],
+)
+def test_matrices_that_are_not_definite_are_refused(matrix: Any, message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        agglo.build_levels(matrix if np.ndim(matrix) == 1 else sparse.csr_array(matrix))
