@@ -75,13 +75,14 @@ def check_points(points: ArrayLike) -> Float:
     return array
 
 
-def check_finite(points: Float, vertices: Int) -> None:
-    """Raise MeshError if a point that a cell uses is not finite; unused points are dropped later."""
+def check_finite(points: Float, vertices: Int | None = None) -> None:
+    """Raise MeshError if a point is not finite, of those in ``vertices`` if given, else of all."""
     finite = np.isfinite(points)
     if finite.all():
         return
-    used = np.zeros(len(points), bool)
-    used[vertices] = True
+    used = np.full(len(points), vertices is None)
+    if vertices is not None:
+        used[vertices] = True
     bad = np.flatnonzero(used & ~finite.all(axis=1))
     if len(bad):
         raise MeshError(f"point {bad[0]} is not finite: {points[bad[0]].tolist()} ({len(bad)} such points)")
@@ -91,7 +92,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
     """Raise MeshError unless the arrays of a mesh have shapes and ranges that fit together."""
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise MeshError(f"points must have shape (n_points, 2) or (n_points, 3), not {points.shape}")
-    check_finite(points, frozen_int(np.arange(len(points))))
+    check_finite(points)
     if cells.ndim != 2 or cells.shape[1] != 2:
         raise MeshError(f"face_cells must have shape (n_faces, 2), not {cells.shape}")
     if not len(cells):
@@ -106,7 +107,7 @@ def check_faces(points: Float, offsets: Int, vertices: Int, cells: Int) -> None:
     if len(wrong):
         wanted = "two vertices in 2-D" if dim == 2 else "at least three vertices in 3-D"
         raise MeshError(f"face_offsets: a face has {wanted}, face {wrong[0]} has {sizes[wrong[0]]}")
-    if vertices.min() < 0 or vertices.max() >= len(points):
+    if vertices.view(np.uint64).max() >= len(points):  # in one pass: numbers below 0 become large ones
         raise MeshError(f"face_vertices must lie in 0..{len(points) - 1}")
     if cells[:, 0].min() < 0 or cells[:, 1].min() < -1:
         raise MeshError("face_cells: every face needs an owner cell, and a neighbour cell or -1")

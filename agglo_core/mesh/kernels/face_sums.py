@@ -1,0 +1,68 @@
+"""Sums over the faces of plane cells, in one pass: all that the check of closed cells needs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agglo_core.compiled.compiling import helper, kernel
+
+__all__ = ["add_faces"]
+
+_STEP, _MIX, _LAST = (np.uint64(c) for c in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_SHIFT_1, _SHIFT_2, _SHIFT_3 = np.uint64(30), np.uint64(27), np.uint64(31)
+
+
+@helper
+def _random_number(vertex):
+    """Hash of a vertex number, as :func:`agglo_core.arrays.splitmix`."""
+    z = np.uint64(vertex) + _STEP
+    z = (z ^ (z >> _SHIFT_1)) * _MIX
+    z = (z ^ (z >> _SHIFT_2)) * _LAST
+    return z ^ (z >> _SHIFT_3)
+
+
+@kernel
+def add_faces(points, face_vertices, face_cells, gap, area, size):
+    """Add the faces of a 2-D mesh to the sums of their cells and return the box of their vertices.
+
+    Parameters
+    ----------
+    points : (n_points, 2) float
+    face_vertices : (2 * n_faces,) int
+    face_cells : (n_faces, 2) int
+    gap : (n_cells,) uint64
+        Receives hashes of heads minus hashes of tails along the boundary, modulo 2^64: 0 where it closes.
+    area : (n_cells,) float
+        Receives twice the area.
+    size : (n_cells,) float
+        Receives the absolute values of the products that were added to ``area``.
+
+    Returns
+    -------
+    low_x, low_y, high_x, high_y : float
+        Relative to the first vertex.
+    """
+    x0, y0 = points[face_vertices[0], 0], points[face_vertices[0], 1]
+    low_x, low_y, high_x, high_y = 0.0, 0.0, 0.0, 0.0
+    for f in range(len(face_cells)):
+        # Ends of the face, relative to the first vertex so that meshes far from 0 lose no digits.
+        tail, head = np.uint64(face_vertices[2 * f]), np.uint64(face_vertices[2 * f + 1])
+        px, py = points[tail, 0] - x0, points[tail, 1] - y0
+        qx, qy = points[head, 0] - x0, points[head, 1] - y0
+        # Extend the box.
+        low_x, low_y = min(low_x, px, qx), min(low_y, py, qy)
+        high_x, high_y = max(high_x, px, qx), max(high_y, py, qy)
+        # Terms of the closed-boundary test and of the shoelace formula.
+        step = _random_number(head) - _random_number(tail)
+        positive, negative = px * qy, qx * py
+        cross, magnitude = positive - negative, abs(positive) + abs(negative)
+        # The owner has the face on its left, the neighbour traverses it from head to tail.
+        owner, neighbour = np.uint64(face_cells[f, 0]), face_cells[f, 1]
+        gap[owner] += step
+        area[owner] += cross
+        size[owner] += magnitude
+        if neighbour >= 0:
+            gap[neighbour] -= step
+            area[neighbour] -= cross
+            size[neighbour] += magnitude
+    return low_x, low_y, high_x, high_y
