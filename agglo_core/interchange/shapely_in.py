@@ -19,6 +19,7 @@ from agglo_core.mesh.checks import (
     note_repairs,
     warn_of_overlaps,
 )
+from agglo_core.mesh.double_cover import warn_of_double_cover
 
 if TYPE_CHECKING:
     from shapely import MultiPolygon, Polygon
@@ -122,6 +123,8 @@ def mesh_from_shapely(
         name=name,
     )
     _check_result(mesh, strict)
+    if not strict:
+        warn_of_double_cover(mesh)
     return mesh
 
 

@@ -24,6 +24,7 @@ __all__ = [
     "check_tags",
     "compact_points",
     "last_place",
+    "merge_equal",
     "name_cells",
     "note_repairs",
     "warn_of_overlaps",
@@ -147,7 +148,7 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
     """Numbers of the points in use (equal ones merged if asked), vertices renumbered to them, repairs."""
     merged = 0
     if merge:
-        vertices, merged = _merge_equal(points, vertices)
+        vertices, merged = merge_equal(points, vertices)
     used = np.zeros(len(points), bool)
     used[vertices] = True
     kept = int(used.sum())
@@ -157,8 +158,8 @@ def compact_points(points: Float, vertices: Int, merge: bool) -> tuple[Int, Int,
     return frozen_int(np.flatnonzero(used)), renumbered, repairs
 
 
-def _merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
-    """Vertices renumbered so that exactly equal points are one; and how many points that makes unused."""
+def merge_equal(points: Float, vertices: Int) -> tuple[Int, int]:
+    """Vertices renumbered so that exactly equal points are one, and the number of points left unused."""
     points = points + 0.0  # -0.0 equals 0.0
     some = _perhaps_equal(points)
     if not len(some):

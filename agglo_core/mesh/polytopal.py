@@ -15,6 +15,7 @@ from agglo_core.mesh.closed_cells import check_cells
 from agglo_core.mesh.coarsening import coarse_faces, surviving_tags
 from agglo_core.mesh.conforming import TOLERANCE, join_outer_faces
 from agglo_core.mesh.derived import Derived
+from agglo_core.mesh.double_cover import warn_of_double_cover
 from agglo_core.mesh.elsewhere import Interchange
 from agglo_core.mesh.polygons import Faces, build_polygons
 from agglo_core.mesh.polyhedra import build_polyhedra
@@ -101,6 +102,9 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
     ) -> Mesh:
         """Mesh from polygons given as vertex loops.
 
+        Overlapping cells are left as they are, with a warning: by how much their total measure exceeds the
+        measure of their union. It costs some per cent of the construction, as only outer faces are examined.
+
         Parameters
         ----------
         points : (n_points, 2) float
@@ -133,7 +137,10 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
         """
         built = build_polygons(points, cells, bool(merge_points), weak, strict, drop_flat)
         mesh = cls._of(*built, cell_tags, name)
-        return mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
+        mesh = mesh if allow_gaps else mesh.conforming(merge_points=merge_points is not False)
+        if not strict:
+            warn_of_double_cover(mesh)
+        return mesh
 
     @classmethod
     def from_polyhedra(
@@ -148,6 +155,8 @@ class Mesh(FieldState, Derived, Interchange, Tagged):
         name: str = "",
     ) -> Mesh:
         """Mesh from polyhedra given as lists of faces (vertex loops).
+
+        Cells that overlap without sharing a face are not found, other than by :meth:`from_polygons`.
 
         Parameters
         ----------
