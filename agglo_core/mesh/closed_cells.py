@@ -42,11 +42,10 @@ def _plane(mesh: Derived) -> tuple[Int, Int]:
     """
     from agglo_core.mesh.kernels.face_sums import add_faces
 
-    gap = np.zeros(mesh.n_cells, np.uint64)
-    area, size = np.zeros(mesh.n_cells), np.zeros(mesh.n_cells)
-    box = add_faces(mesh.points, mesh.face_vertices, mesh.face_cells, gap, area, size)
+    gap, area = np.zeros(mesh.n_cells, np.uint64), np.zeros((mesh.n_cells, 2))
+    box = add_faces(mesh.points, mesh.face_vertices, mesh.face_cells, gap, area)
     check_extent(frozen_float(box).reshape(2, 2))
-    return frozen_int(np.flatnonzero(gap)), frozen_int(np.flatnonzero(~(area > _CERTAIN * size)))
+    return frozen_int(np.flatnonzero(gap)), frozen_int(np.flatnonzero(~(area[:, 0] > _CERTAIN * area[:, 1])))
 
 
 def _solid(mesh: Derived) -> tuple[Int, Int]:

@@ -22,7 +22,7 @@ def _random_number(vertex):
 
 
 @kernel
-def add_faces(points, face_vertices, face_cells, gap, area, size):
+def add_faces(points, face_vertices, face_cells, gap, area):
     """Add the faces of a 2-D mesh to the sums of their cells and return the box of their vertices.
 
     Parameters
@@ -32,10 +32,8 @@ def add_faces(points, face_vertices, face_cells, gap, area, size):
     face_cells : (n_faces, 2) int
     gap : (n_cells,) uint64
         Receives hashes of heads minus hashes of tails along the boundary, modulo 2^64: 0 where it closes.
-    area : (n_cells,) float
-        Receives twice the area.
-    size : (n_cells,) float
-        Receives the absolute values of the products that were added to ``area``.
+    area : (n_cells, 2) float
+        Receives twice the area, and the absolute values of the products that were added to it.
 
     Returns
     -------
@@ -59,10 +57,11 @@ def add_faces(points, face_vertices, face_cells, gap, area, size):
         # The owner has the face on its left, the neighbour traverses it from head to tail.
         owner, neighbour = np.uint64(face_cells[f, 0]), face_cells[f, 1]
         gap[owner] += step
-        area[owner] += cross
-        size[owner] += magnitude
+        area[owner, 0] += cross
+        area[owner, 1] += magnitude
         if neighbour >= 0:
-            gap[neighbour] -= step
-            area[neighbour] -= cross
-            size[neighbour] += magnitude
+            other = np.uint64(neighbour)
+            gap[other] -= step
+            area[other, 0] -= cross
+            area[other, 1] += magnitude
     return low_x, low_y, high_x, high_y
