@@ -11,8 +11,9 @@ from scipy import sparse
 from agglo_core.arrays import Float
 from agglo_core.problems.iteration_history import History
 from agglo_core.problems.sizes import size_ratio, two_norm
+from agglo_core.problems.stiff_springs import stiffest_joint
 
-__all__ = ["LIMIT", "backward_error", "is_known", "limit_told", "magnitudes"]
+__all__ = ["LIMIT", "backward_error", "is_known", "joints_told", "limit_told", "magnitudes"]
 
 LIMIT = 2.0 * float(np.finfo(float).eps)
 """Backward error of what rounding keeps from being better: direct solvers reach a tenth to a half of it."""
@@ -70,11 +71,33 @@ def magnitudes(A: Any, x: Float) -> Float:
     return found
 
 
+def joints_told(A: Any) -> str:
+    """Return the end of a reason that names two unknowns whose stiff spring hides what else holds them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> A = np.eye(9)
+    >>> A[:2, :2] += 1e12 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    >>> joints_told(A)
+    '; unknowns 0 and 1 are joined so stiffly (entry -1.0e+12) that rounding hides what else holds them'
+    >>> joints_told(np.eye(9))
+    ''
+    """
+    joint = stiffest_joint(A) if is_known(A) else None
+    if joint is None:
+        return ""
+    i, j = joint
+    entry = f"entry {float(sparse.csr_array(A)[i, j]):.1e}"
+    return f"; unknowns {i} and {j} are joined so stiffly ({entry}) that rounding hides what else holds them"
+
+
 def limit_told(history: History, A: Any, b: Float) -> History:
     """The history of a method whose residual fell no further, with the backward error of its iterate.
 
-    It ended by ``"rounding"`` if that is :data:`LIMIT` or less and the energy error leaves two digits; other
-    histories are given back as they are.
+    It ended by ``"rounding"`` if that is :data:`LIMIT` or less and the energy error leaves two digits. The
+    reason of any history that did not converge names two stiffly joined unknowns, if there are such
+    (:func:`joints_told`).
 
     Examples
     --------
@@ -87,6 +110,8 @@ def limit_told(history: History, A: Any, b: Float) -> History:
     >>> told.ended, told.reason
     ('rounding', 'as accurate as double precision allows (backward error 0e+00): 1e-9')
     """
+    if not history.converged:
+        history = replace(history, reason=history.reason + joints_told(A))
     error = backward_error(A, history.x, b) if history.ended == "stagnation" else None
     if error is None:
         return history

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agglo_core.arrays import Float, frozen_float
-from agglo_core.problems.backward_error import magnitudes
+from agglo_core.problems.backward_error import joints_told, magnitudes
 from agglo_core.problems.curvatures import Curvatures, failure
 from agglo_core.problems.iteration_history import MET, TESTS, Ended, History, iterated
 from agglo_core.problems.ritz import RitzValue
@@ -118,7 +118,7 @@ def conjugate_gradients(
         )
     true = b - A @ best  # which rounding may keep from what the recursion has
     size = max(sizes[smallest], claim.measure(true))
-    reason = claim.failed(size, smallest, len(sizes) - 1)
+    reason = claim.failed(size, smallest, len(sizes) - 1) + joints_told(A)
     kept = frozen_float([*residuals[:smallest], max(residuals[smallest], float(np.linalg.norm(true)))])
     passed = TESTS[: size <= tolerance]
     return History(frozen_float(best), kept, False, reason, None, passed, _ENDED[claim.why])

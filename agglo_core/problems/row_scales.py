@@ -10,6 +10,7 @@ from scipy import sparse
 from agglo_core.arrays import Float, Int, frozen_float, frozen_int
 from agglo_core.problems.backward_error import is_known
 from agglo_core.problems.sizes import Measure, relative_to
+from agglo_core.problems.stiff_springs import imposed_differences
 
 __all__ = ["lifted", "penalised_rows", "row_measure", "row_sizes"]
 
@@ -106,6 +107,9 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
     residuals and energies of y are those of the other unknowns. In the given rows the load is computed from
     the other entries alone: b_i − a_ii offset_i is 0 but for rounding of b_i.
 
+    Loads across stiff springs are then taken out in the same way
+    (:func:`~agglo_core.problems.stiff_springs.imposed_differences`).
+
     Parameters
     ----------
     A : (n, n) sparse or array
@@ -126,16 +130,41 @@ def lifted(A: Any, b: Float, rows: Int | None = None) -> tuple[Float, Float]:
     """
     rows = penalised_rows(A) if rows is None else rows
     offset = np.zeros(b.shape)
-    if not b[rows].any():
+    if not is_known(A):
         return frozen_float(offset), b
+    if not b[rows].any():
+        return _without_spring_loads(A, frozen_float(offset), b)
     offset[rows] = (b[rows].T / A.diagonal()[rows]).T
     load = b - A @ offset
     load[rows] = 0.0 - _rows_without_diagonal(A, rows) @ offset
-    return frozen_float(offset), frozen_float(load)
+    return _without_spring_loads(A, frozen_float(offset), frozen_float(load))
+
+
+def _without_spring_loads(A: Any, offset: Float, b: Float) -> tuple[Float, Float]:
+    """Add to an offset what loads across springs impose; returns it and the load that is left."""
+    sizes = row_sizes(A)
+    imposed = [imposed_differences(A, each, sizes) for each in np.atleast_2d(b.T)]
+    if all(each is None for each in imposed):
+        return offset, b
+    offsets, loads = np.atleast_2d(offset.T).copy(), np.atleast_2d(b.T).copy()
+    for own, load, each in zip(offsets, loads, imposed, strict=True):
+        if each is not None:
+            own[each.members] += each.values
+            added = np.zeros(len(load))
+            added[each.members] = each.values
+            load -= A @ added
+            load[each.members] = 0.0 - _rows_without(A, each.members, each.label) @ added
+    return frozen_float(offsets.T.reshape(b.shape)), frozen_float(loads.T.reshape(b.shape))
 
 
 def _rows_without_diagonal(A: Any, rows: Int) -> Any:
     """Some rows ``(m, n)`` of a matrix with zeros in place of its diagonal entries."""
+    return _rows_without(A, rows, frozen_int(np.arange(A.shape[0])))
+
+
+def _rows_without(A: Any, rows: Int, label: Int) -> Any:
+    """Some rows ``(m, n)`` of a matrix with zeros in place of entries between unknowns of equal label."""
     some = sparse.csr_array(sparse.csr_array(A)[rows])
-    data = np.where(some.indices == np.repeat(rows, np.diff(some.indptr)), 0.0, some.data)
+    own = np.repeat(label[rows], np.diff(some.indptr))
+    data = np.where(label[some.indices] == own, 0.0, some.data)
     return sparse.csr_array((data, some.indices, some.indptr), shape=some.shape)

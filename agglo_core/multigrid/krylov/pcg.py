@@ -175,7 +175,7 @@ def _lifted_columns(A: Any, b: Float, M: Any, x0: Float, rules: Rules, tell: Tel
     ]
     _iterate(A, M, columns, tell)
     histories = [limit_told(column.history(), A, column.b) for column in columns]
-    if not len(rows):
+    if not offset.any():
         return tuple(histories)
     return tuple(
         replace(each, x=frozen_float(own + each.x)) for each, own in zip(histories, offset.T, strict=True)

@@ -163,7 +163,10 @@ def _refined(fine: FineSystem, solves: Solves, tolerance: float, most: int) -> H
     sizes = f"relative residual {size:.1e}, error about {error:.1e} after {len(residuals) - 1} iterations"
     sizes = f"{sizes}, wanted {tolerance:.1e}"
     told = limit_told(History(*known, False, sizes, estimate, met, "stagnation"), fine.A, b)
-    return told if told.final else replace(told, reason=f"{sizes}: the matrix is singular, or nearly so")
+    if told.final:
+        return told
+    joints = told.reason.removeprefix(sizes)
+    return replace(told, reason=f"{sizes}: the matrix is singular, or nearly so{joints}")
 
 
 def _error(fine: FineSystem, x: Float, r: Float, correction: Any) -> tuple[float, bool]:
