@@ -7,8 +7,7 @@ import logging
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from agglo_core import Mesh, MeshError, samples
 from agglo_core.arrays import frozen_int
