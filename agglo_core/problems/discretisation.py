@@ -82,7 +82,7 @@ class Discretisation(Protocol):
 
     Examples
     --------
-    >>> polydg = agglo.registry.default().build("solver", "direct", degree=1).discretisation
+    >>> polydg = agglo.registry.default().build("discretisation", "polydg", degree=1)
     >>> mesh = agglo.samples.squares(2)
     >>> system = polydg.assemble(agglo.Diffusion(), mesh)
     >>> system.n, polydg.evaluate(mesh, polydg.project(mesh, 3.0), mesh.cell_centroids[:1]).round(12)

@@ -149,6 +149,14 @@ _RECORDS = (
         ("general", "problem_kind", "whole", "history", "promises"),
     ),
     Kind(
+        "discretisation",
+        "turns a problem on a mesh into a linear system, and says what its unknowns mean",
+        ("assemble",),
+        ("deterministic", "3d", "pickles"),
+        ("general", "discretisation", "history", "without_trace", "promises"),
+        {"accepts": tuple},
+    ),
+    Kind(
         "smoother",
         "damps the rough part of the error on one level of a multigrid method",
         ("setup",),

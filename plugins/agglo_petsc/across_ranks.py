@@ -139,7 +139,7 @@ def solve_across(
         For what fails on another rank.
     """
     known = default() if registry is None else registry
-    how = known.build("solver", "polydg_mg", degree=degree).discretisation
+    how = known.build("discretisation", "polydg", degree=degree)
     options: Any = {"smoother": smoother, "petsc_options": petsc_options}
     return solved_across(
         problem, hierarchy, how, degree, tolerance=tolerance, max_iterations=max_iterations, options=options

@@ -133,8 +133,7 @@ class PetscMultigrid:
         if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0.0 < tolerance < 1.0:
             raise OptionError(f"tolerance must be a number between 0 and 1; given {tolerance!r}")
         registry = default() if registry is None else registry
-        other = registry.build("solver", "polydg_mg", degree=degree, penalty=penalty)
-        self.discretisation = other.discretisation
+        self.discretisation = registry.build("discretisation", "polydg", degree=degree, penalty=penalty)
         self.degree, self.tolerance, self.max_iterations = degree, float(tolerance), max_iterations
         self.coarsening, self.levels, self.ranks = coarsening, levels, ranks
         self.smoother, self.coarse_solver, self.cycle = smoother, coarse_solver, cycle

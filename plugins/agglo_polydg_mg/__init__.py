@@ -1,12 +1,19 @@
-"""Declaration of PolyDG, its multigrid solvers and their smoothers."""
+"""Declaration of the discretisation PolyDG, its solvers and smoothers."""
 
 from agglo_core.authoring import Component, hookimpl
 
 
 @hookimpl
 def agglo_components() -> list[Component]:
-    """The paper's solver, the one it is compared with, and smoothers."""
+    """Return the discretisation, its solvers and a smoother."""
     return [
+        Component(
+            kind="discretisation",
+            name="polydg",
+            target="agglo_polydg_mg.polydg:PolyDG",
+            promises={"deterministic": True, "3d": True, "pickles": True},
+            summary="Discontinuous polynomials on polygons and polyhedra (paper, §5).",
+        ),
         Component(
             kind="solver",
             name="polydg_mg",

@@ -62,9 +62,9 @@ class PolyDG:
 
     accepts: ClassVar[tuple[str, ...]] = (Diffusion.kind,)
 
-    degree: int
-    penalty: Penalty
-    scaled_basis: bool
+    degree: int = 1
+    penalty: Penalty = "sharp"
+    scaled_basis: bool = True
 
     def __post_init__(self) -> None:
         require_count("degree", self.degree, 1, 6)

@@ -46,7 +46,7 @@ def main() -> None:
     kappa = 10 ** rng.uniform(-given.jumps, given.jumps, mesh.n_cells)
     problem = agglo.Diffusion(kappa=kappa if given.jumps else 1.0)
     hierarchy = agglo.agglomerate(mesh, cells_per_part=(8, 64, 512), seed=given.seed)
-    how = default().build("solver", "polydg_mg", degree=given.degree).discretisation
+    how = default().build("discretisation", "polydg", degree=given.degree)
     system = posed(problem, hierarchy, how, given.degree, None)
     rivals: dict[str, Callable[[], Any]] = {
         f"petsc_mg {name}": lambda name=name: _ours(system, comm, name) for name in OURS

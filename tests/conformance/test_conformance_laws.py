@@ -34,7 +34,7 @@ def first_failure(subject: Subject) -> tuple[str, str]:
 
 def test_the_number_of_laws() -> None:
     laws = all_laws()
-    assert len(laws) == len({law.name for law in laws}) == 137
+    assert len(laws) == len({law.name for law in laws}) == 140
     assert {kind: sum(kind in law.kinds for law in laws) for kind in KINDS} == {
         "bisector": 36,
         "refiner": 32,
@@ -44,6 +44,7 @@ def test_the_number_of_laws() -> None:
         "format": 18,
         "sample": 8,
         "problem": 18,
+        "discretisation": 17,
         "smoother": 32,
         "transfer": 16,
         "coarse_operator": 15,

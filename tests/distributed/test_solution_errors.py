@@ -46,7 +46,7 @@ def compare() -> None:
         assert wide.n_cells == mesh.n_cells or (wide.face_cells[:, 1] < 0).sum() > at_end.sum()
         assert not (whole.local.outer_faces & whole.hidden).any()
         for penalty, problem in (("sharp", named_problem("sine", wide)), ("paper", WAVE)):
-            how = default().build("solver", "polydg_mg", degree=2, penalty=penalty).discretisation
+            how = default().build("discretisation", "polydg", degree=2, penalty=penalty)
             x = how.project(mesh, lambda points: np.exp(points[:, 0]) + points[:, 1] ** 3)
             told = how.errors(problem, mesh, x)
             mine = x.reshape(mesh.n_cells, -1)[whole.global_ids[whole.own]]

@@ -28,7 +28,7 @@ def coarse(name: str) -> Mesh:
 
 def energy(mesh: Mesh, problem: Diffusion, degree: int) -> float:
     """u · b of the discrete solution."""
-    system = default().build("solver", "polydg_mg", degree=degree).discretisation.assemble(problem, mesh)
+    system = default().build("discretisation", "polydg", degree=degree).assemble(problem, mesh)
     return float(np.linalg.solve(system.A.toarray(), system.b) @ system.b)
 
 

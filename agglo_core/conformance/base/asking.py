@@ -32,6 +32,7 @@ def ask(kind: str, tool: Any, case: Case) -> Any:
         "coarse_solver": _solved_exactly,
         "constraint": _masks,
         "solver": _solved,
+        "discretisation": _assembled,
     }
     if kind in special:
         return special[kind](tool, *case.given)
@@ -96,6 +97,11 @@ def _solved(tool: Any, problem: Problem, hierarchy: Hierarchy) -> Any:
     """As in ``agglo solve``, a solver that says what it accepts is asked for nothing else."""
     require_accepted(tool, problem)
     return tool.solve(problem, hierarchy)
+
+
+def _assembled(tool: Any, problem: Problem, mesh: Mesh) -> Any:
+    require_accepted(tool, problem)
+    return tool.assemble(problem, mesh)
 
 
 def _masks(tool: Any, mesh: Mesh, labels: Any) -> dict[str, Any]:

@@ -20,9 +20,10 @@ class Case:
 
     A bisector is given ``(graph, seeds)``, for a direct partition ``(graph, seeds, target)``, a refiner
     ``(graph, labels, seeds, target)``, a fixer ``(graph, labels)``, a metric ``(mesh, labels)``, a solver
-    ``(problem, hierarchy)``, a format ``(mesh, suffix)``, a problem ``(mesh,)``, a smoother
-    ``(level, b, x)``, a constraint ``(graph, labels)``, a section ``(mesh, runs)``, a sample nothing; a
-    transfer ``(coarsening,)``, a coarse operator ``(coarsening, P)``, a coarse solver ``(A, b)``.
+    ``(problem, hierarchy)``, a discretisation ``(problem, mesh)``, a format ``(mesh, suffix)``, a problem
+    ``(mesh,)``, a smoother ``(level, b, x)``, a constraint ``(graph, labels)``, a section ``(mesh, runs)``, a
+    sample nothing; a transfer ``(coarsening,)``, a coarse operator ``(coarsening, P)``, a coarse solver ``(A,
+    b)``.
     """
 
     name: str

@@ -36,7 +36,7 @@ __all__ = [
     "with_problem",
 ]
 
-_ABOUT_MESHES = ("format", "problem", "constraint", "section")
+_ABOUT_MESHES = ("format", "problem", "discretisation", "constraint", "section")
 
 
 def cases(kind: str, seed: int = 0) -> list[Case]:

@@ -1,4 +1,4 @@
-"""Questions about whole meshes: to formats, problems, constraints and sections of the report."""
+"""Questions about whole meshes, to formats, problems, discretisations, constraints and report sections."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from agglo_core.conformance.inputs import small_meshes
 from agglo_core.hierarchy import Hierarchy
 from agglo_core.measure import RunResult, measure_levels
 from agglo_core.mesh import Mesh
+from agglo_core.problems import Diffusion
 
 __all__ = ["TAG", "UNSAFE", "bands", "in_space", "marked", "of_one_cell", "on_meshes", "tagged"]
 
@@ -27,6 +28,8 @@ UNSAFE = '<b id="it\'s">R&D</b>'
 
 def on_meshes(kind: str) -> list[Case]:
     """Questions on 2-D meshes."""
+    if kind == "discretisation":
+        return [_about(kind, mesh) for mesh in small_meshes.plane_meshes()]
     if kind == "problem":
         return [Case(mesh.name, (mesh,)) for mesh in small_meshes.plane_meshes()]
     if kind == "constraint":
@@ -83,6 +86,8 @@ def _about(kind: str, mesh: Mesh) -> Case:
         given = (mesh, "")
     elif kind == "constraint":
         given = (marked(mesh), bands(mesh, 3))
+    elif kind == "discretisation":
+        given = (Diffusion(source=lambda x: 1.0 + x[:, 0]), mesh)
     elif kind == "section":
         return _reported(mesh)
     return Case(mesh.name, tuple(given))

@@ -54,7 +54,7 @@ __all__ = [
     "with_suffix",
 ]
 
-_CHOOSY = ("solver", "format", "constraint")
+_CHOOSY = ("solver", "discretisation", "format", "constraint")
 _IN_ARRAYS = ("bisector", "refiner", "fixer", "metric", "solver", "smoother", "coarse_solver")
 _OWN_PROBLEMS = ("diffusion", "linear")
 
@@ -126,7 +126,8 @@ def taken(subject: Subject, asked: list[Case]) -> list[Case]:
     if subject.kind == "format":
         asked = with_suffix(subject, asked)
     first: dict[str, Case] = {}
-    by_sort = [*cases("solver"), *_further_problems(subject)] if subject.kind == "solver" else asked
+    posed = subject.kind in ("solver", "discretisation")
+    by_sort = [*cases(subject.kind), *_further_problems(subject)] if posed else asked
     for case in by_sort:
         first.setdefault(case.sort, case)
     refused = {sort for sort, case in first.items() if refuses(subject, case)}
@@ -149,8 +150,8 @@ def _as(case: Case, suffix: str) -> Case:
 
 
 def _further_problems(subject: Subject) -> list[Case]:
-    """Examples of the kinds of problem a solver accepts besides those of the suite."""
-    if subject.kind != "solver":
+    """Examples of the kinds of problem that a solver or discretisation accepts besides those of the suite."""
+    if subject.kind not in ("solver", "discretisation"):
         return []
     accepts = getattr(subject.build(), "accepts", ())
     if isinstance(accepts, str):
@@ -158,9 +159,10 @@ def _further_problems(subject: Subject) -> list[Case]:
     kinds = [kind for kind in accepts if kind not in _OWN_PROBLEMS]
     if not kinds:
         return []
-    hierarchy = cases("solver")[0].given[1]
-    examples = {kind: subject.problem(kind).example(hierarchy.fine) for kind in kinds}
-    return [Case(f"the example of problem {kind!r}", (it, hierarchy)) for kind, it in examples.items()]
+    on = cases(subject.kind)[0].given[1]
+    mesh = on if subject.kind == "discretisation" else on.fine
+    examples = {kind: subject.problem(kind).example(mesh) for kind in kinds}
+    return [Case(f"the example of problem {kind!r}", (it, on)) for kind, it in examples.items()]
 
 
 def refuses(subject: Subject, case: Case) -> bool:

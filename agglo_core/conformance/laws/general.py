@@ -19,6 +19,8 @@ _NO_OPTION = "no_such_option"
 _REFUSING = {
     "solver": "it refuses every problem: a solver takes Diffusion or Linear problems, or those its attribute "
     "accepts names",
+    "discretisation": "it refuses every problem: it takes Diffusion problems, or those its attribute accepts "
+    "names",
     "format": "it refuses to write every mesh, plain triangles too: an AggloError is for what it cannot hold",
     "constraint": f"it refuses every graph: those it is tried on have the cell tag {TAG!r} (graph.data), so "
     "check it with the option that names a tag set to that",
@@ -89,7 +91,7 @@ def surroundings_kept(subject: Subject) -> None:
 
 @law(*ASKED)
 def answers(subject: Subject) -> None:
-    """It answers on every test mesh without raising; solvers, formats and constraints may refuse some."""
+    """It answers on every test mesh; solvers, discretisations, formats and constraints may refuse some."""
     asked = questions(subject)
     require(asked or subject.kind not in _REFUSING or _only_reads(subject), _REFUSING.get(subject.kind, ""))
     for case in asked:

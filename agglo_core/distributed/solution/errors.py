@@ -50,7 +50,7 @@ def error_norms(
     >>> from agglo_core.distributed import DistributedMesh, error_norms
     >>> squares = agglo.samples.squares(2)
     >>> sine = agglo.problems.named_problem("sine", squares)
-    >>> how = agglo.registry.default().build("solver", "direct", degree=1).discretisation
+    >>> how = agglo.registry.default().build("discretisation", "polydg", degree=1)
     >>> x, mesh = how.project(squares, 0.0), DistributedMesh.scatter(squares)
     >>> round(error_norms(mesh, sine, how, x)["l2"], 6)  # ‖u‖ is 1/2
     0.5

@@ -60,7 +60,7 @@ def write_solution(
     >>> import agglo_core as agglo
     >>> from agglo_core.distributed import DistributedMesh, write_solution
     >>> squares = agglo.samples.squares(2)
-    >>> how = agglo.registry.default().build("solver", "direct", degree=1).discretisation
+    >>> how = agglo.registry.default().build("discretisation", "polydg", degree=1)
     >>> mesh = DistributedMesh.scatter(squares)
     >>> write_solution("u.pvtu", mesh, how, how.project(squares, 3.0))
     >>> sorted(set(agglo.read("u.pvtu").cell_tags["cell"].tolist()))

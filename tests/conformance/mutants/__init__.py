@@ -3,6 +3,7 @@
 from conformance.mutants import (
     bisectors,
     constraints,
+    discretisations,
     elsewhere,
     forgetful,
     formats,
@@ -34,6 +35,7 @@ _KINDS = (
     formats,
     samples,
     problems,
+    discretisations,
     smoothers,
     touching,
     two_sided,
