@@ -87,7 +87,17 @@ def build_levels(
 
 
 def is_classical(system: System) -> bool:
-    """Return whether classical coarsening can keep the near-null vectors of a system."""
+    """Return whether classical coarsening can keep the near-null vectors of a system.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import is_classical
+    >>> from agglo_core.problems import System
+    >>> A = np.diag([2.0, 2.0])
+    >>> is_classical(System(A, np.zeros(2))), is_classical(System(A, np.zeros(2), np.array([0, 2])))
+    (True, False)
+    """
     near = system.near_null
     positive = near is None or (near.shape[1] == 1 and bool((near > 0.0).all()))
     return system.width == 1 and positive
@@ -108,6 +118,15 @@ def stack_of_system(system: System, labels: Sequence[Int] = (), dtype: Any = np.
     ------
     LinAlgError
         If a block is not positive definite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from agglo_core.multigrid import stack_of_system
+    >>> from agglo_core.problems import System
+    >>> stack_of_system(System(np.diag(np.full(4, 2.0)), np.zeros(4)))
+    level  unknowns  entries  smoother
+        0         4        4  direct
     """
     A, near_null = sparse.csr_array(system.A), system.near_null
     if is_classical(system):
